@@ -1,0 +1,9 @@
+"""msdwarp: elastic bodies as particles joined by springs and dampers, on the GPU."""
+
+from .colliders import Plane
+from .integrators import RK4, Integrator, Leapfrog, SymplecticEuler
+from .shapes import box, chain, sheet
+from .simulation import Frame, Simulation, SimulationDiverged
+from .system import Surface, System
+
+__version__ = "0.1.0"

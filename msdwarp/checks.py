@@ -1,0 +1,73 @@
+"""Checks of what users pass in: each error names the argument, what it was and what is allowed."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as a new float64 array; raise ValueError if it is not one of numbers."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, not {value!r}") from error
+
+
+def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return `value` as a read-only float64 array of `shape`; what is the same everywhere is stored once."""
+    given = array(name, value)
+    try:
+        result = np.broadcast_to(given, shape)
+    except ValueError as error:
+        raise ValueError(f"{name} has shape {given.shape}; it must be broadcastable to {shape}") from error
+    result.flags.writeable = False
+    return result
+
+
+def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
+    """Raise ValueError that names the first entry of `values` for which `holds` is False."""
+    if not np.all(holds):
+        index = tuple(int(k) for k in np.argwhere(~holds)[0])
+        where = name + (f"[{', '.join(map(str, index))}]" if index else "")
+        raise ValueError(f"{where} is {values[index]}; it must be {allowed}")
+
+
+def positive(name: str, value: float) -> float:
+    """Return `value` as a float; raise ValueError unless it is finite and above zero."""
+    return _number(name, value, value_above=0.0, inclusive=False)
+
+
+def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
+    """Return `value` as a float; raise ValueError if it is negative, NaN or (unless allowed) infinite."""
+    return _number(name, value, value_above=0.0, inclusive=True, infinite=infinite)
+
+
+def _number(
+    name: str, value: float, *, value_above: float, inclusive: bool, infinite: bool = False
+) -> float:
+    allowed = f"a number {'of at least' if inclusive else 'above'} {value_above:g}"
+    allowed += "" if infinite else ", and finite"
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is {value!r}; it must be {allowed}") from error
+    high_enough = number >= value_above if inclusive else number > value_above
+    if not high_enough or (math.isinf(number) and not infinite):
+        raise ValueError(f"{name} is {number:g}; it must be {allowed}")
+    return number
+
+
+def count(name: str, value: int, least: int) -> int:
+    """Return `value` as an int; raise ValueError unless it is a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} is {value!r}; it must be a whole number of at least {least}")
+    return int(value)
+
+
+def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
+    """Raise ValueError unless `value` is among `allowed`."""
+    allowed = list(allowed)
+    if value not in allowed:
+        raise ValueError(f"{name} is {value!r}; it must be one of {', '.join(map(repr, allowed))}")

@@ -1,0 +1,344 @@
+"""System: what is simulated, as NumPy arrays on the host."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import checks
+
+
+def _indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.int32]:
+    """Return `value` as a read-only int32 array of shape (any, width) with 0 <= entries < below."""
+    given = np.asarray(value)
+    if given.size == 0:
+        given = given.reshape(0, width).astype(np.int32)
+    if given.ndim != 2 or given.shape[1] != width or given.dtype.kind not in "iu":
+        raise ValueError(
+            f"{name} has shape {given.shape} and type {given.dtype}; "
+            f"it must hold whole numbers in the shape (any, {width})"
+        )
+    if given.size and (given.min() < 0 or given.max() >= below):
+        checks.every(name, given, (given >= 0) & (given < below), f"an index from 0 to {below - 1}")
+    result = np.array(given, dtype=np.int32)
+    result.flags.writeable = False
+    return result
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Surface:
+    """The triangles that are drawn, with vertices of their own, so that edges and textures can be sharp.
+
+    Parameters
+    ----------
+    particle
+        The particle that each vertex moves with, shape [vertex_count].
+    uv
+        Texture coordinates in 0 … 1, shape [vertex_count, 2].
+    triangles
+        Vertices of each triangle, counter-clockwise seen from outside, shape [triangle_count, 3].
+    """
+
+    particle: NDArray[np.int32]
+    uv: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+
+    def __init__(self, *, particle: ArrayLike, uv: ArrayLike, triangles: ArrayLike) -> None:
+        particle = np.array(particle, dtype=np.int32)
+        if particle.ndim != 1:
+            raise ValueError(f"particle has shape {particle.shape}; it must be (vertex_count,)")
+        particle.flags.writeable = False
+        object.__setattr__(self, "particle", particle)
+        object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(particle), 2)))
+        object.__setattr__(self, "triangles", _indices("triangles", triangles, 3, len(particle)))
+
+    def shifted(self, particles: int, vertices: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Return (particle, uv, triangles) as they are behind so many other particles and vertices."""
+        return self.particle + particles, self.uv, self.triangles + vertices
+
+
+def _join(a: NDArray, b: NDArray) -> NDArray:
+    """Concatenate; where both hold one and the same constant, that constant stays stored once."""
+    if a.ndim == 1 and a.strides == b.strides == (0,) and len(a) and len(b) and a[0] == b[0]:
+        return np.broadcast_to(a[0], len(a) + len(b))
+    return np.concatenate([a, b])
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class System:
+    """Particles joined by connections, each a spring and a damper along its axis. It never changes.
+
+    Scalars broadcast: `mass=0.1` is a tenth of a kilogram for every particle. All arrays are read-only;
+    the methods return a new System.
+
+    Parameters
+    ----------
+    position
+        Particle positions [m], shape [particle_count, d] with d = 1, 2 or 3 coordinates. The last one
+        points up.
+    velocity
+        Particle velocities [m/s], shape [particle_count, d].
+    mass
+        Particle masses [kg], shape [particle_count]; inf pins a particle where it is.
+    connections
+        The two particles of each connection, shape [connection_count, 2].
+    rest_length
+        Length at which a spring exerts no force [m], shape [connection_count]; by default as placed.
+    stiffness
+        Spring constants k [N/m], shape [connection_count].
+    damping
+        Damper constants b [N s/m], shape [connection_count].
+    surface
+        The triangles that are drawn, if there are any.
+    directions
+        For each body in the system, the slice of connections of each lattice direction, by name.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape, is not finite, or holds a mass that is not positive, a negative
+        stiffness or damping, a rest length that is not positive, an index that is out of range, a
+        connection of a particle with itself, or a pinned particle that moves.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    connections: NDArray[np.int32]
+    rest_length: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    surface: Surface | None
+    directions: tuple[Mapping[str, slice], ...]
+
+    def __init__(
+        self,
+        *,
+        position: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        mass: ArrayLike = 1.0,
+        connections: ArrayLike = (),
+        rest_length: ArrayLike | None = None,
+        stiffness: ArrayLike = 1000.0,
+        damping: ArrayLike = 0.0,
+        surface: Surface | None = None,
+        directions: tuple[Mapping[str, slice], ...] = ({},),
+    ) -> None:
+        position = checks.array("position", position)
+        if position.ndim != 2 or position.shape[1] not in (1, 2, 3) or len(position) == 0:
+            raise ValueError(
+                f"position has shape {position.shape}; it must be (particle_count, d) with at least "
+                "one particle and d = 1, 2 or 3"
+            )
+        position.flags.writeable = False
+        n = len(position)
+        checks.every("position", position, np.isfinite(position), "finite")
+        velocity = checks.broadcast("velocity", velocity, position.shape)
+        checks.every("velocity", velocity, np.isfinite(velocity), "finite")
+        mass = checks.broadcast("mass", mass, (n,))
+        checks.every("mass", mass, mass > 0, "above 0 (inf pins the particle)")
+        still = np.isfinite(mass) | (velocity == 0).all(axis=1)
+        checks.every("velocity", velocity, np.broadcast_to(still[:, None], velocity.shape), "0: it is pinned")
+
+        connections = _indices("connections", connections, 2, n)
+        itself = connections[:, 0] == connections[:, 1]
+        if itself.any():
+            c = int(np.argmax(itself))
+            raise ValueError(f"connections[{c}] joins particle {connections[c, 0]} with itself")
+        if rest_length is None:
+            rest_length = np.linalg.norm(position[connections[:, 0]] - position[connections[:, 1]], axis=1)
+        numbers = {}
+        for name, value in {"rest_length": rest_length, "stiffness": stiffness, "damping": damping}.items():
+            numbers[name] = checks.broadcast(name, value, (len(connections),))
+            checks.every(name, numbers[name], np.isfinite(numbers[name]), "finite")
+        checks.every("rest_length", numbers["rest_length"], numbers["rest_length"] > 0, "above 0")
+        for name in ("stiffness", "damping"):
+            checks.every(name, numbers[name], numbers[name] >= 0, "at least 0")
+        if surface is not None and len(surface.particle):
+            inside = (surface.particle >= 0) & (surface.particle < n)
+            checks.every("surface.particle", surface.particle, inside, f"an index from 0 to {n - 1}")
+
+        fields = {"position": position, "velocity": velocity, "mass": mass, "connections": connections}
+        fields |= {**numbers, "surface": surface, "directions": directions}
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def particle_count(self) -> int:
+        """Number of particles."""
+        return len(self.position)
+
+    @property
+    def connection_count(self) -> int:
+        """Number of connections."""
+        return len(self.connections)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a particle: 1, 2 or 3."""
+        return self.position.shape[1]
+
+    @property
+    def pinned(self) -> NDArray[np.bool_]:
+        """Which particles are pinned, shape [particle_count]."""
+        return np.isinf(self.mass)
+
+    @property
+    def length(self) -> NDArray[np.float64]:
+        """Present length of each connection [m], shape [connection_count]."""
+        return np.linalg.norm(
+            self.position[self.connections[:, 0]] - self.position[self.connections[:, 1]], axis=1
+        )
+
+    @property
+    def strain(self) -> NDArray[np.float64]:
+        """Strain of each connection, length / rest_length − 1, shape [connection_count]."""
+        return self.length / self.rest_length - 1
+
+    @property
+    def centre_of_mass(self) -> NDArray[np.float64]:
+        """Centre of mass of the particles that are not pinned (of all, if all are) [m], shape [d]."""
+        weights = np.where(self.pinned, 0.0, self.mass)
+        return np.average(self.position, axis=0, weights=weights if weights.any() else None)
+
+    def direction(self, name: str, body: int = 0) -> slice:
+        """Return the slice of a body's connections in one lattice direction, such as "x" or "x+y".
+
+        Raises
+        ------
+        KeyError
+            If the body has no direction of that name; the message lists those that it has.
+        """
+        if name not in self.directions[body]:
+            known = ", ".join(self.directions[body]) or "none"
+            raise KeyError(f"direction {name!r} is unknown; body {body} has: {known}")
+        return self.directions[body][name]
+
+    def replace(self, **changes: Any) -> Self:
+        """Return this system with some of its fields changed, validated anew."""
+        return dataclasses.replace(self, **changes)
+
+    def translate(self, displacement: ArrayLike) -> Self:
+        """Return this system moved by `displacement` [m], shape [d]."""
+        shift = checks.broadcast("displacement", displacement, (self.dim,))
+        return self.replace(position=self.position + shift)
+
+    def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
+        """Return this system turned by `angle` [rad] about an axis, velocities turned with it.
+
+        Parameters
+        ----------
+        angle
+            Turn [rad], counter-clockwise seen from the tip of the axis.
+        axis
+            Direction of the axis in three dimensions, any length, shape [3]; without meaning in two.
+        about
+            A point of the axis [m], shape [d]; by default the centre of mass.
+
+        Raises
+        ------
+        ValueError
+            If the system is one-dimensional, or the axis is zero.
+        """
+        centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
+        turn = _rotation_matrix(self.dim, angle, axis)
+        return self.replace(
+            position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T
+        )
+
+    def spin(self, angular_velocity: ArrayLike) -> Self:
+        """Return this system with a rotation about its centre of mass added to its velocities.
+
+        Parameters
+        ----------
+        angular_velocity
+            Angular velocity [rad/s], shape [3] in three dimensions, a scalar in two. Pinned particles
+            stay still.
+
+        Raises
+        ------
+        ValueError
+            If the system is one-dimensional.
+        """
+        arm = self.position - self.centre_of_mass
+        if self.dim == 3:
+            added = np.cross(checks.broadcast("angular_velocity", angular_velocity, (3,)), arm)
+        elif self.dim == 2:
+            omega = checks.broadcast("angular_velocity", angular_velocity, ())
+            added = omega * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        else:
+            raise ValueError("a one-dimensional system cannot spin")
+        return self.with_velocity(self.velocity + added)
+
+    def with_velocity(self, velocity: ArrayLike) -> Self:
+        """Return this system with these velocities [m/s], shape [d] or [particle_count, d].
+
+        Pinned particles stay still.
+        """
+        velocity = checks.broadcast("velocity", velocity, self.position.shape)
+        return self.replace(velocity=np.where(self.pinned[:, None], 0.0, velocity))
+
+    def pin(self, selection: Any) -> Self:
+        """Return this system with the selected particles pinned where they are.
+
+        Parameters
+        ----------
+        selection
+            Whatever indexes an array of particles: indices, a slice, or a mask of shape [particle_count].
+        """
+        mass, velocity = np.array(self.mass), np.array(self.velocity)
+        try:
+            mass[selection] = np.inf
+        except IndexError as error:
+            raise ValueError(f"selection does not index {self.particle_count} particles: {error}") from error
+        velocity[selection] = 0.0
+        return self.replace(mass=mass, velocity=velocity)
+
+    def freeze(self) -> Self:
+        """Return this system with every rest length set to the present length: a body keeps its shape."""
+        return self.replace(rest_length=self.length)
+
+    def __add__(self, other: "System") -> Self:
+        """Return one system that holds both, with the particles and connections of `other` behind."""
+        if not isinstance(other, System):
+            return NotImplemented
+        if other.dim != self.dim:
+            raise ValueError(f"cannot add a system of {other.dim} coordinates to one of {self.dim}")
+        n, c = self.particle_count, self.connection_count
+        surface = self.surface or other.surface
+        if self.surface and other.surface:
+            behind = other.surface.shifted(n, len(self.surface.particle))
+            joined = (np.concatenate(pair) for pair in zip(self.surface.shifted(0, 0), behind, strict=True))
+            surface = Surface(**dict(zip(("particle", "uv", "triangles"), joined, strict=True)))
+        elif other.surface:
+            particle, uv, triangles = other.surface.shifted(n, 0)
+            surface = Surface(particle=particle, uv=uv, triangles=triangles)
+        shifted = tuple(
+            {name: slice(part.start + c, part.stop + c) for name, part in body.items()}
+            for body in other.directions
+        )
+        same = ("position", "velocity", "mass", "rest_length", "stiffness", "damping")
+        return self.replace(
+            **{name: _join(getattr(self, name), getattr(other, name)) for name in same},
+            connections=np.concatenate([self.connections, other.connections + n]),
+            surface=surface,
+            directions=self.directions + shifted,
+        )
+
+
+def _rotation_matrix(dim: int, angle: float, axis: ArrayLike) -> NDArray[np.float64]:
+    """Return the matrix of a turn by `angle` [rad]; in three dimensions by Rodrigues' formula."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    if dim == 2:
+        return np.array([[cosine, -sine], [sine, cosine]])
+    if dim == 1:
+        raise ValueError("a one-dimensional system cannot be rotated")
+    u = np.array(checks.broadcast("axis", axis, (3,)))
+    if not np.isfinite(u).all() or not u.any():
+        raise ValueError(f"axis is {axis!r}; it must be a finite direction other than zero")
+    u /= np.linalg.norm(u)
+    cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+    return cosine * np.eye(3) + sine * cross + (1 - cosine) * np.outer(u, u)
