@@ -44,9 +44,7 @@ def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
     return _number(name, value, value_above=0.0, inclusive=True, infinite=infinite)
 
 
-def _number(
-    name: str, value: float, *, value_above: float, inclusive: bool, infinite: bool = False
-) -> float:
+def _number(name: str, value: float, *, value_above: float, inclusive: bool, infinite: bool = False) -> float:
     allowed = f"a number {'of at least' if inclusive else 'above'} {value_above:g}"
     allowed += "" if infinite else ", and finite"
     try:

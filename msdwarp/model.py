@@ -43,7 +43,7 @@ def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.ar
         view = wp.array(
             ptr=one.ptr, dtype=scalar, shape=len(values), strides=(0,), device=device, capacity=one.capacity
         )
-        view._keeps_alive = one
+        view._ref = one  # a view does not own its memory
         return view
     return wp.array(values, dtype=scalar, device=device)
 

@@ -78,15 +78,12 @@ def _lattice(
     )
 
 
-def _counts(shape: Sequence[int], axes: int) -> tuple[int, ...]:
+def _check_shape(shape: Sequence[int], axes: int) -> None:
     """Check the number of particles along each axis."""
-    try:
-        shape = tuple(shape)
-    except TypeError:
-        shape = (shape,)
-    if len(shape) != axes:
-        raise ValueError(f"shape is {shape}; it must be {axes} numbers of particles")
-    return tuple(checks.count(f"shape[{k}]", n, 2) for k, n in enumerate(shape))
+    if not isinstance(shape, Sequence) or len(shape) != axes:
+        raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
+    for k, n in enumerate(shape):
+        checks.count(f"shape[{k}]", n, 2)
 
 
 def chain(
@@ -154,7 +151,7 @@ def sheet(
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
-    shape = _counts(shape, 2)
+    _check_shape(shape, 2)
     index = np.arange(np.prod(shape)).reshape(shape[::-1])
     particle, uv, triangles = _grid_face(index.T)
     surface = Surface(particle=particle, uv=uv, triangles=triangles)
@@ -193,7 +190,7 @@ def box(
         If an argument is out of its range.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
-    shape = _counts(shape, 3)
+    _check_shape(shape, 3)
     return _lattice(shape, spacing, neighbours == 26, 3, _box_surface(shape), mass, stiffness, damping)
 
 
@@ -227,7 +224,7 @@ def _box_surface(shape: tuple[int, int, int]) -> Surface:
     for k, face in enumerate(faces):
         particle, uv, triangle = _grid_face(face)
         particles.append(particle)
-        uvs.append((uv + (k % 3, k // 3)) / (3, 2))
+        uvs.append((uv + np.array([k % 3, k // 3])) / (3, 2))
         triangles.append(triangle + vertices)
         vertices += len(particle)
     return Surface(

@@ -24,16 +24,16 @@ class Integrator(ABC):
         """Return the arrays that the method needs beside the state."""
         return ()
 
-    def start(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
+        self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float
+    ) -> None:
         """Bring a state given at one instant to the instants at which the method keeps it."""
 
     @abstractmethod
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
 
-    def velocity(
-        self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float
-    ) -> wp.array:
+    def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
         return state.v
 

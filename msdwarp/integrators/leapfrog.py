@@ -32,9 +32,7 @@ class Leapfrog(SymplecticEuler):
         dynamics.evaluate(state.x, state.v)
         dynamics.launch(kick, -0.5 * h, state.x, state.v, state.v)
 
-    def velocity(
-        self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float
-    ) -> wp.array:
+    def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
         (v_now,) = work
         dynamics.evaluate(state.x, state.v)

@@ -1,0 +1,122 @@
+"""What is drawn: points, normals and colours that follow the particles (float32, three coordinates)."""
+
+import warp as wp
+
+from .basis import kernel
+
+
+@kernel
+def place_vertices(
+    x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)
+):
+    """Put every surface vertex where its particle is."""
+    i = wp.tid()
+    points[i] = x[particle[i]]
+
+
+@kernel
+def add_face_normals(
+    points: wp.array(dtype=wp.vec3), triangles: wp.array(dtype=wp.vec3i), normals: wp.array(dtype=wp.vec3)
+):
+    """Add each triangle's normal, weighted by its area, to its three vertices."""
+    t = wp.tid()
+    a = triangles[t][0]
+    b = triangles[t][1]
+    c = triangles[t][2]
+    normal = wp.cross(points[b] - points[a], points[c] - points[a])
+    wp.atomic_add(normals, a, normal)
+    wp.atomic_add(normals, b, normal)
+    wp.atomic_add(normals, c, normal)
+
+
+@kernel
+def normalise(normals: wp.array(dtype=wp.vec3)):
+    """Give every normal unit length."""
+    i = wp.tid()
+    normals[i] = wp.normalize(normals[i])
+
+
+@wp.func
+def strain_colour(strain: float) -> wp.vec3:
+    """Return green at rest, through yellow, to red at a strain of 1 in either direction."""
+    s = wp.min(wp.abs(strain), 1.0)
+    green = wp.vec3(0.13, 0.62, 0.33)
+    yellow = wp.vec3(0.96, 0.80, 0.23)
+    red = wp.vec3(0.85, 0.15, 0.14)
+    if s < 0.5:
+        return green + 2.0 * s * (yellow - green)
+    return yellow + (2.0 * s - 1.0) * (red - yellow)
+
+
+@kernel
+def place_tubes(
+    x: wp.array(dtype=wp.vec3),
+    connections: wp.array(dtype=wp.vec2i),
+    rest_length: wp.array(dtype=float),
+    radius: float,
+    full_strain: float,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    colours: wp.array(dtype=wp.vec3),
+):
+    """Lay a three-sided tube along every connection, six vertices each, coloured by strain / full_strain."""
+    c = wp.tid()
+    start = x[connections[c][0]]
+    end = x[connections[c][1]]
+    axis = end - start
+    strain = wp.length(axis) / rest_length[c] - 1.0
+    axis = wp.normalize(axis)
+    aside = wp.vec3(0.0, 0.0, 1.0)
+    if wp.abs(axis[2]) > 0.9:
+        aside = wp.vec3(1.0, 0.0, 0.0)
+    e1 = wp.normalize(wp.cross(axis, aside))
+    e2 = wp.cross(axis, e1)
+    colour = strain_colour(strain / full_strain)
+    for k in range(3):
+        angle = float(k) * 2.0943951
+        outwards = wp.cos(angle) * e1 + wp.sin(angle) * e2
+        near = 6 * c + 2 * k
+        points[near] = start + radius * outwards
+        points[near + 1] = end + radius * outwards
+        normals[near] = outwards
+        normals[near + 1] = outwards
+        colours[near] = colour
+        colours[near + 1] = colour
+
+
+@wp.func
+def byte(pixel: wp.uint32, k: int) -> int:
+    """Return byte k of a pixel: red, green, blue, coverage."""
+    return int((pixel >> wp.uint32(8 * k)) & wp.uint32(255))
+
+
+@kernel
+def halve_over(
+    fine: wp.array2d(dtype=wp.uint32),
+    backdrop: wp.array2d(dtype=wp.uint32),
+    pixels: wp.array2d(dtype=wp.uint32),
+):
+    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over the backdrop.
+
+    A pixel is four bytes. Where nothing was drawn `fine` is 0, so an average is weighted by coverage already.
+    """
+    row, column = wp.tid()
+    y = fine.shape[0] - 1 - 2 * row
+    x = 2 * column
+    a = fine[y, x]
+    b = fine[y, x + 1]
+    c = fine[y - 1, x]
+    d = fine[y - 1, x + 1]
+    below = backdrop[row, column]
+    if (a | b | c | d) == wp.uint32(0):
+        pixels[row, column] = below
+    elif a == b and a == c and a == d:
+        pixels[row, column] = a
+    else:
+        bare = 4 * 255 - byte(a, 3) - byte(b, 3) - byte(c, 3) - byte(d, 3)
+        pixel = wp.uint32(255) << wp.uint32(24)
+        for k in range(3):
+            total = byte(a, k) + byte(b, k) + byte(c, k) + byte(d, k)
+            mean = (255 * total + bare * byte(below, k) + 510) / 1020
+            pixel = pixel | (wp.uint32(mean) << wp.uint32(8 * k))
+        pixels[row, column] = pixel

@@ -1,0 +1,153 @@
+"""The `msdwarp` command, and what a scene script runs when it is started by itself."""
+
+import ast
+import contextlib
+import importlib
+import importlib.util
+import inspect
+import os
+import pkgutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import warp as wp
+from cyclopts import App, Parameter
+
+from . import scenes
+from .run import Options, run_scene
+from .scene import Scene
+from .simulation import SimulationDiverged
+
+Build = Callable[..., Scene]
+
+app = App(name="msdwarp", help="Elastic bodies as particles joined by springs and dampers, on the GPU.")
+
+
+def main() -> NoReturn:
+    """Run the `msdwarp` command."""
+    _finish(lambda: app(sys.argv[1:], result_action="return_value"))
+
+
+def scene_main(build: Build) -> NoReturn:
+    """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
+    name = Path(inspect.getfile(build)).stem
+    _finish(lambda: _scene_app(name, f"{name}.py", build)(sys.argv[1:], result_action="return_value"))
+
+
+@app.command(name="list")
+def list_scenes() -> None:
+    """List the scenes that come with msdwarp."""
+    for module in sorted(pkgutil.iter_modules(scenes.__path__), key=lambda m: m.name):
+        source = Path(scenes.__path__[0], module.name + ".py").read_text(encoding="utf-8")
+        summary = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+        print(f"{module.name:12} {summary}")
+
+
+@app.command(help_flags=())
+def run(
+    scene: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    /,
+    *flags: Annotated[str, Parameter(allow_leading_hyphen=True)],
+) -> None:
+    """Simulate a scene and draw it.
+
+    `msdwarp run SCENE --help` shows the flags of a scene.
+
+    Parameters
+    ----------
+    scene
+        A name that `msdwarp list` shows, or the path of a scene script.
+    flags
+        The scene's own flags, and those of every run.
+    """
+    if scene in ("--help", "-h"):
+        app.help_print(["run"])
+        return
+    name, build = find_scene(scene)
+    _scene_app(name, f"msdwarp run {scene}", build)(list(flags), result_action="return_value")
+
+
+def find_scene(scene: str) -> tuple[str, Build]:
+    """Return the name and the `build` function of a scene, given by name or by the path of its script.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scene, or its script has no `build`.
+    """
+    known = sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
+    path = Path(scene)
+    if scene in known:
+        name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
+    elif path.suffix == ".py" and path.is_file():
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec is not None
+        assert spec.loader is not None
+        name, module = path.stem, importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    else:
+        raise ValueError(f"scene is {scene!r}; it must be a script's path or one of {', '.join(known)}")
+    if not callable(getattr(module, "build", None)):
+        raise ValueError(f"scene is {scene!r}, whose script has no function `build`")
+    return name, module.build
+
+
+def _scene_app(name: str, command: str, build: Build) -> App:
+    """Return the command whose flags are the parameters of `build` and the options of every run."""
+
+    def simulate(*, options: Options, **parameters: Any) -> None:
+        with _quiet_start(options.verbose):
+            wp.init()
+        run_scene(name, build(**parameters), options)
+
+    own = inspect.signature(build, eval_str=True).parameters.values()
+    own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
+    common = inspect.Parameter(
+        "options", inspect.Parameter.KEYWORD_ONLY, annotation=Options, default=Options()
+    )
+    clash = {parameter.name for parameter in own} & set(Options.__dataclass_fields__)
+    if clash:
+        raise ValueError(f"build of scene {name!r} has parameters that every run has: {sorted(clash)}")
+    simulate.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
+    simulate.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
+    simulate.__doc__ = build.__doc__
+    scene_app = App(name=command, version_flags=())
+    scene_app.default(simulate)
+    return scene_app
+
+
+@contextlib.contextmanager
+def _quiet_start(verbose: bool) -> Iterator[None]:
+    """Keep what libraries say at their start, some of it from C++, off the terminal unless `verbose`."""
+    if verbose:
+        yield
+        return
+    wp.config.log_level = 30  # warnings; what is compiled and loaded is not of interest
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _finish(command: Callable[[], Any]) -> NoReturn:
+    """Run a command and exit: 0, or one line that says what was wrong."""
+    try:
+        command()
+    except (ValueError, OSError, SimulationDiverged) as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+    sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Finds out whether, and by which window class, VTK can draw off-screen on this machine."""
+
+import ctypes
+import functools
+import os
+import sys
+from typing import Any
+
+ADVICE = "for faster pictures install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
+
+
+@functools.cache
+def opengl_window() -> str | None:
+    """Return the VTK window class that can draw off-screen here, or None where no OpenGL library is found.
+
+    VTK's own search ends in a crash where there is none, so it is not asked. A window class that the user
+    chose (VTK_DEFAULT_OPENGL_WINDOW) is respected; on systems other than Linux OpenGL is always there.
+    """
+    chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW")
+    if chosen or not sys.platform.startswith("linux"):
+        return chosen or ""
+    if _egl_works():
+        return "vtkEGLRenderWindow"
+    for name in ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return "vtkOSOpenGLRenderWindow"
+    return None
+
+
+def _egl_works() -> bool:
+    """Tell whether libEGL is here and one of its devices can be initialised, as VTK will do."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+        ctypes.CDLL("libGL.so.1")
+    except OSError:
+        return False
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+
+    def extension(name: bytes, result: Any, *arguments: Any) -> Any:
+        address = egl.eglGetProcAddress(name)
+        return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
+
+    integer, pointer = ctypes.c_int, ctypes.c_void_p
+    query = extension(b"eglQueryDevicesEXT", integer, integer, pointer, pointer)
+    display_of = extension(b"eglGetPlatformDisplayEXT", pointer, integer, pointer, pointer)
+    if query is None or display_of is None:
+        return False
+    devices, found = (pointer * 16)(), integer(0)
+    if not query(16, devices, ctypes.byref(found)):
+        return False
+    egl.eglInitialize.argtypes = [pointer, pointer, pointer]
+    egl.eglTerminate.argtypes = [pointer]
+    for device in devices[: found.value]:
+        display = display_of(0x313F, device, None)  # EGL_PLATFORM_DEVICE_EXT
+        if display and egl.eglInitialize(display, None, None):
+            egl.eglTerminate(display)
+            return True
+    return False

@@ -1,0 +1,207 @@
+"""Pictures by PyVista, off-screen; where no OpenGL library exists, by the ray caster.
+
+This is the only importer of PyVista, and imports it when the first picture is drawn.
+"""
+
+import os
+import warnings
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from . import checks
+from .kernels.drawing import halve_over
+from .opengl import ADVICE, opengl_window
+from .overlay import with_strain_bar
+from .picture import AMBIENT, HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, in_space
+from .raycast import RayCaster
+from .scene import Scene, rgb
+
+
+class Backend(Protocol):
+    """Draws one picture of a drawing as it stands."""
+
+    def draw(self) -> NDArray[np.uint8]:
+        """Return the picture, uint8 of shape [height, width, 3]."""
+        ...
+
+
+class Renderer:
+    """Draws the frames of a scene, all with one camera.
+
+    Parameters
+    ----------
+    scene
+        What is drawn.
+    positions
+        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many.
+    resolution
+        Width and height in pixels.
+    colouring
+        "texture" for the scene's look, "strain" for connections from green (rest) to red (strained).
+    backend
+        "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or there is nothing to draw.
+    RuntimeError
+        If OpenGL is asked for where there is none.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        positions: NDArray,
+        *,
+        resolution: tuple[int, int] = (1280, 720),
+        colouring: str = "texture",
+        backend: str = "auto",
+    ) -> None:
+        checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
+        self.width, self.height = (checks.count("resolution", n, 16) for n in resolution)
+        self.drawing = Drawing(scene, colouring)
+        self.look = scene.look
+        points = in_space(positions, np.float64).reshape(-1, 3)
+        self.camera = Camera.that_sees(points, scene.look, self.width / self.height)
+        self.ground = Ground(scene, points) if scene.ground else None
+        window = opengl_window()
+        if backend == "opengl" and window is None:
+            raise RuntimeError(f"no OpenGL library was found; {ADVICE}")
+        self.uses_opengl = backend != "raycast" and window is not None
+        if self.uses_opengl:
+            if window:
+                os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
+            self._backend: Backend = OpenGL(self)
+        else:
+            self._backend = RayCaster(
+                self.drawing, self.camera, self.ground, self.look, (self.width, self.height)
+            )
+
+    def image(self, position: NDArray) -> NDArray[np.uint8]:
+        """Return the picture of a frame, uint8 of shape [height, width, 3]."""
+        self.drawing.follow(position)
+        image = self._backend.draw()
+        return with_strain_bar(image, self.look) if self.drawing.strained else image
+
+
+class OpenGL:
+    """Draws with PyVista: one plotter for all pictures, whose points are updated in place.
+
+    Pictures are drawn twice as fine in either direction and averaged: smooth edges on any OpenGL. The camera
+    stands still, so the ground is drawn once, and every picture laid over it.
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of VTK's and PyVista's own making, at import
+            import pyvista as pv
+
+        self.drawing, self.ground, self.camera = renderer.drawing, renderer.ground, renderer.camera
+        shape = (renderer.height, renderer.width)
+        height, width = (2 * n for n in shape)
+        self._plotter = self._stage(pv, (width, height))
+        # What OpenGL draws is read back into memory that Warp sees too.
+        self._read = pv.convert_array(np.zeros((width * height, 4), np.uint8))
+        fine = pv.convert_array(self._read).reshape(height, width, 4)
+        self._fine = wp.array(fine.view(np.uint32)[..., 0], dtype=wp.uint32, device="cpu", copy=False)
+        red, green, blue = (round(255 * c) for c in rgb("background", renderer.look.background))
+        self._backdrop = wp.full(shape, red + (green << 8) + (blue << 16), dtype=wp.uint32, device="cpu")
+        self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
+        self._shadow = None
+        self._plotter.show(auto_close=False)
+        if self.ground is not None:
+            texture = pv.Texture(np.ascontiguousarray(self.ground.texture[::-1]))
+            texture.InterpolateOn()
+            bare = self._add_ground(pv, texture)
+            self._picture()
+            wp.copy(self._backdrop, self._pixels)
+            self._plotter.remove_actor(bare, render=False)
+            self._shadow = self._add_shadow(pv, texture)
+        self._body = self._add_body(pv)
+
+    def _stage(self, pv: Any, size: tuple[int, int]) -> Any:
+        """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
+        plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+        plotter.render_window.SetMultiSamples(0)
+        plotter.render_window.SetAlphaBitPlanes(1)
+        plotter.disable_anti_aliasing()
+        plotter.set_background("black")
+        plotter.renderer.SetBackgroundAlpha(0.0)
+        key = pv.Light(position=self.camera.light, intensity=KEY, light_type="scene light")
+        key.positional = False
+        plotter.add_light(key)
+        plotter.add_light(pv.Light(intensity=HEAD, light_type="headlight"))
+        plotter.camera.position, plotter.camera.focal_point = self.camera.eye, self.camera.target
+        plotter.camera.up, plotter.camera.view_angle = self.camera.up, VIEW_ANGLE
+        return plotter
+
+    def _add_ground(self, pv: Any, texture: Any) -> Any:
+        assert self.ground is not None
+        u, v = self.ground.half * self.ground.u, self.ground.half * self.ground.v
+        corners = np.array([-u - v, u - v, u + v, v - u]) + self.ground.centre
+        square = pv.PolyData.from_regular_faces(corners.astype(np.float32), [[0, 1, 2, 3]])
+        square.active_texture_coordinates = self.ground.uv(corners).astype(np.float32)
+        return self._plotter.add_mesh(square, texture=texture, lighting=False)
+
+    def _add_shadow(self, pv: Any, texture: Any) -> Any:
+        """Add the body's triangles a second time, to lie on the ground: its own texture, darkened."""
+        assert self.ground is not None
+        shadow = self._triangles(pv)
+        shadow.active_texture_coordinates = np.zeros((shadow.n_points, 2), np.float32)
+        self._plotter.add_mesh(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
+        self._along_light = self.camera.light / (self.camera.light @ self.ground.normal)
+        self._lift = 3e-5 * self.ground.half * self.ground.normal
+        return shadow
+
+    def _add_body(self, pv: Any) -> Any:
+        drawing, body = self.drawing, self._triangles(pv)
+        # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
+        body.points = drawing.points.numpy()
+        body.point_data["Normals"] = drawing.normals.numpy()
+        body.GetPointData().SetActiveNormals("Normals")
+        style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
+        style |= {"ambient": AMBIENT, "diffuse": 1.0, "specular": drawing.gloss, "specular_power": 30.0}
+        if drawing.texture is not None:
+            body.active_texture_coordinates = drawing.uv
+            style["texture"] = pv.Texture(np.ascontiguousarray(drawing.texture))
+        else:
+            body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
+            style |= {"scalars": "colours", "rgb": True}
+        actor = self._plotter.add_mesh(body, **style)
+        actor.prop.interpolation = "Phong" if drawing.smooth else "Flat"
+        return body
+
+    def _triangles(self, pv: Any) -> Any:
+        points = np.zeros((len(self.drawing.points), 3), np.float32)
+        return pv.PolyData.from_regular_faces(points, self.drawing.triangles)
+
+    def draw(self) -> NDArray[np.uint8]:
+        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        drawing, body = self.drawing, self._body
+        body.GetPoints().Modified()
+        body.GetPointData().GetNormals().Modified()
+        if drawing.strained:
+            body.point_data["colours"][:] = 255 * drawing.colours.numpy()
+        if self._shadow is not None and self.ground is not None:
+            points = drawing.points.numpy()
+            height = (points - self.ground.centre) @ self.ground.normal
+            landed = points - np.maximum(height, 0.0)[:, None] * self._along_light + self._lift
+            self._shadow.points[:] = landed
+            self._shadow.GetPoints().Modified()
+            self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)
+            self._shadow.GetPointData().GetTCoords().Modified()
+        return self._picture()
+
+    def _picture(self) -> NDArray[np.uint8]:
+        """Render, read back, and average the fine picture down over what does not move."""
+        plotter, (height, width) = self._plotter, self._fine.shape
+        plotter.renderer.ResetCameraClippingRange()
+        plotter.render()
+        plotter.render_window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, self._read)
+        wp.launch(halve_over, self._pixels.shape, [self._fine, self._backdrop], [self._pixels], device="cpu")
+        rgbx = self._pixels.numpy().view(np.uint8).reshape(*self._pixels.shape, 4)
+        return np.ascontiguousarray(rgbx[..., :3])

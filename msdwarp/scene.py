@@ -1,0 +1,108 @@
+"""Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import checks
+from .colliders import Plane
+from .system import System
+
+
+def rgb(name: str, colour: str) -> tuple[float, float, float]:
+    """Return a colour "#rrggbb" as three numbers in 0 … 1; raise ValueError that names it if it is none."""
+    if not isinstance(colour, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
+        raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """How a scene is drawn.
+
+    Parameters
+    ----------
+    colour
+        Colour of the body, "#rrggbb"; without effect where there is a texture.
+    texture
+        An image laid over the surface by its texture coordinates, uint8 of shape [height, width, 3].
+    smooth
+        Shade across triangles of one face (True) or show each triangle flat (False).
+    gloss
+        Strength of highlights, 0 … 1.
+    azimuth, elevation
+        Direction from the body to the camera [degrees]: anticlockwise from x seen from above, and above
+        the horizon.
+    background, ground
+        Colours of the backdrop and of the ground beneath the body, "#rrggbb".
+    full_strain
+        The strain at which a connection is drawn red.
+
+    Raises
+    ------
+    ValueError
+        If a colour, the texture or the full strain is none.
+    """
+
+    colour: str = "#d9603b"
+    texture: NDArray[np.uint8] | None = None
+    smooth: bool = True
+    gloss: float = 0.25
+    azimuth: float = -60.0
+    elevation: float = 16.0
+    background: str = "#eef1f4"
+    ground: str = "#cfd6dc"
+    full_strain: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        for name in ("colour", "background", "ground"):
+            rgb(name, getattr(self, name))
+        checks.positive("full_strain", self.full_strain)
+        texture = self.texture
+        if texture is not None and (texture.dtype != np.uint8 or texture.ndim != 3 or texture.shape[2] != 3):
+            raise ValueError(
+                f"texture has shape {texture.shape} and type {texture.dtype}; "
+                "it must be uint8 of shape (height, width, 3)"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """A system in its surroundings, how long it is watched, and how it looks.
+
+    Parameters
+    ----------
+    system
+        What is simulated.
+    colliders
+        Obstacles; the one that faces most upwards is drawn as the ground.
+    gravity
+        Acceleration of free fall [m/s²]; see `Simulation`.
+    duration
+        Simulated time [s].
+    look
+        How it is drawn.
+    """
+
+    system: System
+    colliders: Sequence[Plane] = ()
+    gravity: ArrayLike = 9.82
+    duration: float = 4.0
+    look: Look = field(default_factory=Look)
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.positive("duration", self.duration)
+        if self.system.surface is None and not self.system.connection_count:
+            raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+
+    @property
+    def ground(self) -> Plane | None:
+        """The collider that faces most upwards, if one does."""
+        upwards = [plane for plane in self.colliders if plane.normal[-1] > 0]
+        return max(upwards, key=lambda plane: plane.normal[-1], default=None)

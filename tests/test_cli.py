@@ -1,0 +1,169 @@
+"""The command, and scene scripts: what they write, say and refuse."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from msdwarp import cli
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
+
+
+@pytest.fixture
+def msdwarp(tmp_path, monkeypatch, capsys):
+    """Run the command in an empty folder; return (exit code, standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["msdwarp", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--size", "4", "--stiffness", "300", *SMALL)
+    assert (code, err) == (0, "")
+    folder = tmp_path / "out" / "cube"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "cube.webp",
+        *(f"frame_{k:04d}.png" for k in range(7)),
+    ]
+    with Image.open(folder / "cube.webp") as film:
+        assert (film.n_frames, film.size) == (7, (128, 72))
+    what, speed, where = out.splitlines()
+    # 4³ particles; 3·4²·3 + 6·4·3² + 4·3³ connections
+    assert what.startswith("64 particles and 468 connections by symplectic-euler")
+    assert "simulated 0.1 s" in speed
+    assert "out/cube/cube.webp" in where
+
+
+def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
+    for _ in range(3):
+        assert msdwarp("run", "cube", "--size", "3", "--frames", "none", *SMALL)[0] == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["cube", "cube-2", "cube-3"]
+
+
+def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("years of work")
+    arguments = ("run", "cube", "--size", "3", "--out", str(folder), *SMALL)
+    code, out, err = msdwarp(*arguments)
+    assert (code, out) == (1, "")
+    assert err.startswith("error: out is")
+    assert err.count("\n") == 1
+    assert "--force" in err
+    assert [p.name for p in folder.iterdir()] == ["thesis.txt"]
+
+    (folder / "frame_0099.png").write_text("of an earlier, longer run")
+    assert msdwarp(*arguments, "--force")[0] == 0
+    assert (folder / "thesis.txt").read_text() == "years of work"
+    assert not (folder / "frame_0099.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "message"),
+    [
+        (["--stiffness", "-1"], 1, "stiffness[0] is -1.0; it must be at least 0"),
+        (["--stiffness", "nan"], 1, "stiffness[0] is nan; it must be finite"),
+        (["--mass", "0"], 1, "mass[0] is 0.0; it must be above 0"),
+        (["--size", "1"], 1, "size is 1; it must be a whole number of at least 2"),
+        (["--size", "many"], 2, "--size"),
+        (["--device", "tpu"], 1, "device 'tpu' is not available"),
+        (["--duration", "0"], 1, "duration is 0"),
+        (["--duration", "-2"], 1, "duration is -2"),
+        (["--duration", "nan"], 1, "duration is nan"),
+        (["--fps", "0"], 1, "fps is 0"),
+        (["--substeps", "0"], 1, "substeps is 0"),
+        (["--precision", "float16"], 2, "--precision"),
+        (["--integrator", "euler"], 2, "--integrator"),
+        (["--resolution", "huge"], 1, "resolution is 'huge'"),
+        (["--resolution", "101x100"], 1, "resolution is '101x100'"),
+        (["--video", "none", "--frames", "none"], 1, "nothing would be written"),
+        (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
+        (["--colour", "plaid"], 2, "--colour"),
+        (["--colour-blind"], 2, "--colour-blind"),
+    ],
+)
+def test_bad_input_is_named_and_writes_nothing(msdwarp, tmp_path, flags, code, message):
+    arguments = [*SMALL, *flags]
+    for flag in flags[::2]:  # the last of two equal flags would win only by luck
+        if flag in SMALL:
+            place = arguments.index(flag)
+            del arguments[place : place + 2]
+    got, out, err = msdwarp("run", "cube", *arguments)
+    assert (got, out) == (code, "")
+    assert message in err
+    if code == 1:
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_too_few_substeps_end_in_one_line_that_says_how_many_would_do(msdwarp):
+    code, _, err = msdwarp("run", "cube", "--stiffness", "1e6", "--substeps", "1", "--duration", "3")
+    assert code == 1
+    assert "no longer finite" in err
+    assert "substeps per frame are too few" in err
+
+
+def test_quiet_prints_nothing(msdwarp):
+    assert msdwarp("run", "cube", "--size", "3", "--quiet", *SMALL) == (0, "", "")
+
+
+def test_list_names_every_scene_with_its_first_line(msdwarp):
+    code, out, _ = msdwarp("list")
+    assert code == 0
+    scenes = {p.stem for p in (ROOT / "scenes").glob("[!_]*.py")}
+    assert {line.split()[0] for line in out.splitlines()} == scenes
+    assert all(len(line.split()) > 4 for line in out.splitlines())
+
+
+def test_help_shows_the_scene_s_own_flags_and_the_common_ones(msdwarp):
+    code, out, _ = msdwarp("run", "worm", "--help")
+    assert code == 0
+    for flag in ("--length", "--stiffness", "--device", "--colour", "--out"):
+        assert flag in out
+
+
+def test_unknown_scenes_are_named(msdwarp, tmp_path):
+    code, _, err = msdwarp("run", "dragon")
+    assert code == 1
+    assert "scene is 'dragon'" in err
+    assert "cube" in err
+    (tmp_path / "empty.py").write_text("x = 1\n")
+    assert "no function `build`" in msdwarp("run", "empty.py")[2]
+
+
+def test_a_scene_of_one_s_own_runs_by_its_path(msdwarp, tmp_path):
+    (tmp_path / "swing.py").write_text(
+        "from msdwarp import Scene, chain\n"
+        "def build(*, links: int = 5, bob: float = 2.0) -> Scene:\n"
+        "    return Scene(system=chain(links + 1, 0.2).pin(0))\n"
+    )
+    code, out, _ = msdwarp("run", "swing.py", "--links", "7", *SMALL)
+    assert code == 0
+    assert "8 particles and 7 connections" in out
+    assert (tmp_path / "out" / "swing" / "swing.webp").exists()
+
+
+def test_a_scene_may_not_hide_a_common_flag(msdwarp, tmp_path):
+    (tmp_path / "clash.py").write_text("def build(*, duration: float = 1.0):\n    pass\n")
+    assert "['duration']" in msdwarp("run", "clash.py")[2]
+
+
+def test_a_script_runs_by_itself_and_keeps_libraries_silent(tmp_path):
+    script = ROOT / "scenes" / "cloth.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--size", "6", *SMALL], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == 3
+    assert (tmp_path / "out" / "cloth" / "cloth.webp").stat().st_size > 0

@@ -1,0 +1,37 @@
+"""The README: its example runs, its commands and paths exist."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_example_runs_and_is_short(tmp_path, monkeypatch, capsys):
+    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    lines = [line for line in example.splitlines() if line.strip() and not line.startswith("#")]
+    assert len(lines) <= 20
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "README.md", "exec"), {})
+    assert "substeps a frame" in capsys.readouterr().out
+    assert np.asarray(Image.open(tmp_path / "block.png")).std() > 5  # not blank
+
+
+def test_every_path_it_names_exists():
+    links = re.findall(r"\]\(([^)h][^)]*)\)", README)
+    (layout,) = re.findall(r"## Layout\n\n```\n(.*?)```", README, flags=re.DOTALL)
+    assert len(links) > 5
+    paths = [*links]
+    folder = ""
+    for line in layout.splitlines():
+        for word in re.findall(r"[\w/]+(?:\.py|/)(?=\s|$)", line):
+            if not line.startswith(" ") and word.endswith("/"):
+                folder = word
+                paths.append(word)
+            else:
+                paths.append(folder + word)
+    missing = [path for path in paths if not (ROOT / path).exists()]
+    assert not missing
