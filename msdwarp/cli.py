@@ -21,6 +21,7 @@ from .scene import Scene
 from .simulation import SimulationDiverged
 
 Build = Callable[..., Scene]
+DEFAULTS = Options()
 
 app = App(name="msdwarp", help="Elastic bodies as particles joined by springs and dampers, on the GPU.")
 
@@ -97,7 +98,7 @@ def find_scene(scene: str) -> tuple[str, Build]:
 def _scene_app(name: str, command: str, build: Build) -> App:
     """Return the command whose flags are the parameters of `build` and the options of every run."""
 
-    def simulate(*, options: Options, **parameters: Any) -> None:
+    def simulate(*, options: Options = DEFAULTS, **parameters: Any) -> None:
         with _quiet_start(options.verbose):
             wp.init()
         run_scene(name, build(**parameters), options)
@@ -105,7 +106,7 @@ def _scene_app(name: str, command: str, build: Build) -> App:
     own = inspect.signature(build, eval_str=True).parameters.values()
     own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
     common = inspect.Parameter(
-        "options", inspect.Parameter.KEYWORD_ONLY, annotation=Options, default=Options()
+        "options", inspect.Parameter.KEYWORD_ONLY, annotation=Options, default=DEFAULTS
     )
     clash = {parameter.name for parameter in own} & set(Options.__dataclass_fields__)
     if clash:

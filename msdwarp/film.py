@@ -128,7 +128,7 @@ def _write_film(images: Iterator[NDArray[np.uint8]], count: int, path: Path, vid
         every = math.ceil(fps * 0.02)
         images = (image for k, image in enumerate(images) if k % every == 0)
     reel = _Reel(images, math.ceil(count / every))
-    options: dict[str, Any] = {"quality": 82, "method": 0} if video == "webp" else {}
+    options: dict[str, Any] = {"quality": 75, "method": 2} if video == "webp" else {}
     reel.save(path, save_all=True, duration=1000 * every / fps, loop=0, **options)
     for _ in images:  # those behind the last one shown
         pass

@@ -39,9 +39,8 @@ def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray
 def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
     """Return a woven check: bands of `colour` both ways on `ground`, darkest where they cross."""
     u, v = _grid(size)
-    thread = 0.04 * np.sin(2 * np.pi * 160 * u) * np.sin(2 * np.pi * 160 * v)
     bands = [((count * w) % 1.0 < 0.5).astype(float) for w in (u, v)]
-    return _mix(1 - np.clip(0.46 * (bands[0] + bands[1]) + thread, 0, 1), colour, ground)
+    return _mix(1 - 0.46 * (bands[0] + bands[1]), colour, ground)
 
 
 def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:

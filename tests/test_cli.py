@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from msdwarp import cli
+from msdwarp.run import Options
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
@@ -42,6 +43,14 @@ def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
     assert what.startswith("64 particles and 468 connections by symplectic-euler")
     assert "simulated 0.1 s" in speed
     assert "out/cube/cube.webp" in where
+
+
+def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
+    runs = []
+    monkeypatch.setattr(cli, "run_scene", lambda *arguments: runs.append(arguments))
+    assert msdwarp("run", "cube")[0] == 0
+    ((name, scene, options),) = runs
+    assert (name, scene.system.particle_count, options) == ("cube", 1000, Options())
 
 
 def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
