@@ -14,9 +14,10 @@ class NoColliders:
 
 @functools.cache
 def contact_response(dim: int, scalar: type, rule: str):
-    """Compose the velocity after a contact with surface normal n, for a particle approaching (v·n < 0).
+    """Compose (velocity after, share) for a contact with surface normal n of a particle approaching it.
 
-    Rule "coulomb": with v_old the velocity before the force of this substep,
+    The share is |v_t'| / |v_t|, what is left of the tangential velocity. Rule "coulomb": with v_old the
+    velocity before the force of this substep,
 
         v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
         j    = v_n' − v_n                       normal impulse per mass, support of the load included
@@ -38,7 +39,7 @@ def contact_response(dim: int, scalar: type, rule: str):
         friction: scalar,
         tangential_factor: scalar,
         rest_speed: scalar,
-    ) -> V:
+    ):
         v_n = wp.dot(v, normal)
         v_t = v - v_n * normal
         v_n_after = -restitution * v_n
@@ -47,21 +48,26 @@ def contact_response(dim: int, scalar: type, rule: str):
             v_n_after = scalar(0.0)
             if v_n_old < -rest_speed:
                 v_n_after = -restitution * v_n_old
-        speed = wp.length(v_t)
-        if speed > scalar(0.0):
-            loss = (scalar(1.0) - tangential_factor) * speed
-            if wp.static(coulomb):
-                loss = wp.min(loss, friction * (v_n_after - v_n))
-            v_t = v_t * (scalar(1.0) - loss / speed)
-        return v_t + v_n_after * normal
+        share = tangential_factor
+        if wp.static(coulomb):
+            speed = wp.length(v_t)
+            loss = friction * (v_n_after - v_n)
+            if loss < (scalar(1.0) - tangential_factor) * speed:
+                share = scalar(1.0) - loss / speed
+        return share * v_t + v_n_after * normal, share
 
     return respond
 
 
 @functools.cache
 def plane_contact(dim: int, scalar: type, rule: str):
-    """Compose (Planes, collide): half-spaces n·x < offset that particles are kept out of."""
+    """Compose (Planes, collide): half-spaces n·x < offset that particles are kept out of.
+
+    A particle found inside and approaching is put back on the surface. By rule "coulomb" friction also takes
+    back its share of this substep's way along the surface, so that what sticks does not creep.
+    """
     V = vector(dim, scalar)
+    coulomb = rule == "coulomb"
     respond = contact_response(dim, scalar, rule)
 
     @wp.struct
@@ -74,13 +80,13 @@ def plane_contact(dim: int, scalar: type, rule: str):
         rest_speed: wp.array(dtype=scalar)
 
     @wp.func
-    def collide(planes: Planes, x: V, v: V, v_old: V):
+    def collide(planes: Planes, x: V, v: V, x_old: V, v_old: V):
         for p in range(planes.normal.shape[0]):
             normal = planes.normal[p]
             distance = wp.dot(x, normal) - planes.offset[p]
             # A particle already on its way out is left alone.
             if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
-                v = respond(
+                v, share = respond(
                     v,
                     v_old,
                     normal,
@@ -90,6 +96,10 @@ def plane_contact(dim: int, scalar: type, rule: str):
                     planes.rest_speed[p],
                 )
                 x = x - distance * normal
+                if wp.static(coulomb):
+                    way = x - x_old
+                    along = way - wp.dot(way, normal) * normal
+                    x = x - (scalar(1.0) - share) * along
         return x, v
 
     return Planes, collide

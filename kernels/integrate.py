@@ -39,9 +39,10 @@ def symplectic_euler(motion: Motion):
         i = wp.tid()
         v_old = v[i]
         v_new = v_old + h * acceleration(forces, inverse_mass, gravity, x, v, i)
-        x_new = x[i] + h * v_new
+        x_old = x[i]
+        x_new = x_old + h * v_new
         if wp.static(has_colliders):
-            x_new, v_new = collide(colliders, x_new, v_new, v_old)
+            x_new, v_new = collide(colliders, x_new, v_new, x_old, v_old)
         x_out[i] = x_new
         v_out[i] = v_new
 
@@ -143,11 +144,12 @@ def rk4_finish(motion: Motion):
         v_sum: wp.array(dtype=V),
     ):
         i = wp.tid()
+        x_old = x0[i]
         v_old = v0[i]
-        x_new = x0[i] + x_sum[i] + weight * v[i]
+        x_new = x_old + x_sum[i] + weight * v[i]
         v_new = v_old + v_sum[i] + weight * acceleration(forces, inverse_mass, gravity, x, v, i)
         if wp.static(has_colliders):
-            x_new, v_new = collide(colliders, x_new, v_new, v_old)
+            x_new, v_new = collide(colliders, x_new, v_new, x_old, v_old)
         x0[i] = x_new
         v0[i] = v_new
         x_sum[i] = V()

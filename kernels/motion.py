@@ -20,7 +20,7 @@ class Motion(NamedTuple):
     Colliders: Any
     """Struct type of the colliders."""
     collide: Any
-    """wp.func (colliders, x, v, v_old) -> (x, v) after contact; None where there are no colliders."""
+    """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no colliders."""
 
 
 @functools.cache

@@ -17,6 +17,8 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return `value` as a read-only float64 array of `shape`; what is the same everywhere is stored once."""
+    if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides == (0,):
+        value = value[0]  # one constant already, seen many times
     given = array(name, value)
     try:
         result = np.broadcast_to(given, shape)
@@ -54,6 +56,17 @@ def _number(name: str, value: float, *, value_above: float, inclusive: bool, inf
     high_enough = number >= value_above if inclusive else number > value_above
     if not high_enough or (math.isinf(number) and not infinite):
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
+    return number
+
+
+def between(name: str, value: float, low: float, high: float) -> float:
+    """Return `value` as a float; raise ValueError unless it is from `low` to `high`."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}") from error
+    if not low <= number <= high:
+        raise ValueError(f"{name} is {number}; it must be from {low:g} to {high:g}")
     return number
 
 

@@ -1,5 +1,6 @@
 """Colliders: fixed obstacles, as frozen dataclasses."""
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,11 +48,8 @@ class Plane:
             raise ValueError(f"normal is {self.normal!r}; it must be a finite direction other than zero")
         unit = normal / np.linalg.norm(normal)
         object.__setattr__(self, "normal", tuple(float(c) for c in unit))
-        if not np.isfinite(checks.array("offset", self.offset)):
-            raise ValueError(f"offset is {self.offset}; it must be finite")
-        for name in ("restitution", "tangential_factor"):
-            value = getattr(self, name)
-            if not 0 <= value <= 1:
-                raise ValueError(f"{name} is {value}; it must be from 0 to 1")
+        checks.between("offset", self.offset, -sys.float_info.max, sys.float_info.max)
+        checks.between("restitution", self.restitution, 0, 1)
+        checks.between("tangential_factor", self.tangential_factor, 0, 1)
         checks.non_negative("friction", self.friction, infinite=True)
         checks.non_negative("rest_speed", self.rest_speed)

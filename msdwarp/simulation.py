@@ -1,6 +1,6 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,6 +93,10 @@ class Simulation:
     ) -> None:
         self.fps = checks.positive("fps", fps)
         self.integrator = SymplecticEuler() if integrator is None else integrator
+        if not isinstance(self.integrator, Integrator):
+            raise ValueError(f"integrator is {integrator!r}; it must be an instance of one, such as RK4()")
+        if not isinstance(colliders, Iterable):
+            raise ValueError(f"colliders is {colliders!r}; it must be a sequence of colliders")
         self.auto_substeps = substeps == "auto"
         if not self.auto_substeps:
             if isinstance(substeps, str):
@@ -212,6 +216,7 @@ class Simulation:
     def change(self, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
+        A mass of inf pins a particle where it is.
         Kernels are composed for the effects a scene has, so only a first damper or a first pinned particle
         needs another one. Substeps that were chosen automatically are chosen anew.
 
@@ -222,8 +227,12 @@ class Simulation:
         """
         for name in parameters:
             checks.one_of("parameter", name, ("mass", "stiffness", "damping", "rest_length"))
-        now = self.snapshot().replace(**parameters)
-        self._load(now)
+        now = self.snapshot()
+        velocity = now.velocity
+        if "mass" in parameters:  # what is pinned stops where it is
+            pinned = np.isinf(checks.broadcast("mass", parameters["mass"], now.mass.shape))
+            velocity = np.where(pinned[:, None], 0.0, velocity)
+        self._load(now.replace(velocity=velocity, **parameters))
 
 
 def _to_host(array: wp.array) -> NDArray:

@@ -47,13 +47,17 @@ class Surface:
     triangles: NDArray[np.int32]
 
     def __init__(self, *, particle: ArrayLike, uv: ArrayLike, triangles: ArrayLike) -> None:
-        particle = np.array(particle, dtype=np.int32)
-        if particle.ndim != 1:
-            raise ValueError(f"particle has shape {particle.shape}; it must be (vertex_count,)")
-        particle.flags.writeable = False
-        object.__setattr__(self, "particle", particle)
-        object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(particle), 2)))
-        object.__setattr__(self, "triangles", _indices("triangles", triangles, 3, len(particle)))
+        given = np.asarray(particle)
+        if given.ndim != 1 or given.dtype.kind not in "iu":
+            raise ValueError(
+                f"particle has shape {given.shape} and type {given.dtype}; "
+                "it must hold whole numbers in the shape (vertex_count,)"
+            )
+        own = given.astype(np.int32)
+        own.flags.writeable = False
+        object.__setattr__(self, "particle", own)
+        object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
+        object.__setattr__(self, "triangles", _indices("triangles", triangles, 3, len(own)))
 
     def shifted(self, particles: int, vertices: int) -> tuple[NDArray, NDArray, NDArray]:
         """Return (particle, uv, triangles) as they are behind so many other particles and vertices."""

@@ -5,7 +5,7 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import tiles
 
 
-def build(*, size: int = 10, stiffness: float = 350.0, damping: float = 1.0, mass: float = 0.02) -> Scene:
+def build(*, size: int = 10, stiffness: float = 600.0, damping: float = 5.0, mass: float = 0.02) -> Scene:
     """Throw a cube of jelly, one metre wide, on a floor.
 
     Parameters
@@ -23,9 +23,9 @@ def build(*, size: int = 10, stiffness: float = 350.0, damping: float = 1.0, mas
     cube = box((size, size, size), 1.0 / (size - 1), mass=mass, stiffness=stiffness, damping=damping)
     cube = cube.rotate(0.6, axis=(1, 0.4, 0)).translate((-1.2, 0, 1.6))
     cube = cube.with_velocity((1.1, 0.2, 1.0)).spin((0.8, 2.2, 0.6))
-    floor = Plane(restitution=0.4, friction=0.6)
+    floor = Plane(restitution=0.4, friction=0.3)
     look = Look(texture=tiles("#e4633f", "#f2b591"), gloss=0.35, azimuth=-72)
-    return Scene(system=cube, colliders=[floor], duration=4.0, look=look)
+    return Scene(system=cube, colliders=[floor], duration=3.5, look=look)
 
 
 if __name__ == "__main__":

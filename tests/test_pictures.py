@@ -119,7 +119,7 @@ def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backe
         u, v = ground.uv(point)
         return ground.texture[int(v * 2048), int(u * 2048)].astype(int)
 
-    # 8-bit rounding, and the texture between its pixels; the shadow of connections has gaps, so it is left out
+    # 8-bit rounding, and the texture between its pixels. The shadow of connections has gaps: not looked at.
     np.testing.assert_allclose(image[pixel_of(renderer, lit)], painted(lit), atol=3)
     if colouring == "texture":
         np.testing.assert_allclose(image[pixel_of(renderer, shaded)], SHADOW * painted(shaded), atol=3)

@@ -17,7 +17,8 @@ class Leapfrog(SymplecticEuler):
 
     A half kick back at the start, a half kick forward wherever a velocity is read, and the same substeps
     in between. Order 2 without damping (then it is velocity Verlet), 1 with, since the damper sees the
-    velocity of half a substep ago; as stable and as cheap as symplectic Euler.
+    velocity of half a substep ago; as stable and as cheap as symplectic Euler. The half kick knows nothing of
+    contact: of a particle at rest on a floor it reports the velocity −g h/2 though it never moves.
     Reference: Hairer, Lubich & Wanner, Acta Numerica 12 (2003) 399-450.
     """
 
