@@ -93,26 +93,30 @@ def byte(pixel: wp.uint32, k: int) -> int:
 @kernel
 def halve_over(
     fine: wp.array2d(dtype=wp.uint32),
-    backdrop: wp.array2d(dtype=wp.uint32),
+    first_row: int,
+    first_column: int,
     pixels: wp.array2d(dtype=wp.uint32),
 ):
-    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over the backdrop.
+    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over what is there.
 
-    A pixel is four bytes. Where nothing was drawn `fine` is 0, so an average is weighted by coverage already.
+    Threads cover a rectangle from the first row and column on. A pixel is four bytes. Where nothing was drawn
+    `fine` is 0, so an average is weighted by coverage already.
     """
-    row, column = wp.tid()
+    i, j = wp.tid()
+    row = first_row + i
+    column = first_column + j
     y = fine.shape[0] - 1 - 2 * row
     x = 2 * column
     a = fine[y, x]
     b = fine[y, x + 1]
     c = fine[y - 1, x]
     d = fine[y - 1, x + 1]
-    below = backdrop[row, column]
     if (a | b | c | d) == wp.uint32(0):
-        pixels[row, column] = below
-    elif a == b and a == c and a == d:
+        return
+    if a == b and a == c and a == d:
         pixels[row, column] = a
     else:
+        below = pixels[row, column]
         bare = 4 * 255 - byte(a, 3) - byte(b, 3) - byte(c, 3) - byte(d, 3)
         pixel = wp.uint32(255) << wp.uint32(24)
         for k in range(3):

@@ -19,11 +19,9 @@ FILM_FORMATS = ("webp", "mp4", "gif", "none")
 
 
 def check_formats(frames: str, video: str) -> None:
-    """Raise ValueError unless both formats are known, something is to be written, and mp4 can be."""
+    """Raise ValueError unless both formats are known, and mp4 can be written if it is asked for."""
     checks.one_of("frames", frames, FRAME_FORMATS)
     checks.one_of("video", video, FILM_FORMATS)
-    if frames == video == "none":
-        raise ValueError("frames and video are both 'none': nothing would be written")
     if video == "mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ValueError("video 'mp4' needs the extra `video`: pip install 'msdwarp[video]'")
 

@@ -138,6 +138,23 @@ class Camera:
         eye = target + max(distance, 0.5 * size) * back
         return cls(eye, target, -back, right, up)
 
+    def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
+        """Return rows and columns at which points appear in a picture of this size, from its upper left."""
+        offset = points - self.eye
+        unit = 2 * (offset @ self.forward) * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+        return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
+
+    def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
+        """Return (first row, first column, rows, columns) of the part of a picture that holds all points."""
+        if ((points - self.eye) @ self.forward).min() <= 0:
+            return 0, 0, height, width  # a point behind the camera appears nowhere
+        bounds = []
+        for at, size in zip(self.pixels(points, height, width), (height, width), strict=True):
+            low = int(np.clip(at.min() - 1, 0, size - 1))
+            high = int(np.clip(at.max() + 2, low + 1, size))
+            bounds.append((low, high - low))
+        return bounds[0][0], bounds[1][0], bounds[0][1], bounds[1][1]
+
     @property
     def light(self) -> NDArray:
         """Direction towards the key light, of unit length: over the camera's left shoulder."""

@@ -117,7 +117,7 @@ class OpenGL:
             texture = pv.Texture(np.ascontiguousarray(self.ground.texture[::-1]))
             texture.InterpolateOn()
             bare = self._add_ground(pv, texture)
-            self._picture()
+            self._picture((0, 0, *shape))
             wp.copy(self._backdrop, self._pixels)
             self._plotter.remove_actor(bare, render=False)
             self._shadow = self._add_shadow(pv, texture)
@@ -186,22 +186,28 @@ class OpenGL:
         body.GetPointData().GetNormals().Modified()
         if drawing.strained:
             body.point_data["colours"][:] = 255 * drawing.colours.numpy()
+        points = drawing.points.numpy()
+        drawn = [points]
         if self._shadow is not None and self.ground is not None:
-            points = drawing.points.numpy()
             height = (points - self.ground.centre) @ self.ground.normal
             landed = points - np.maximum(height, 0.0)[:, None] * self._along_light + self._lift
             self._shadow.points[:] = landed
             self._shadow.GetPoints().Modified()
             self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)
             self._shadow.GetPointData().GetTCoords().Modified()
-        return self._picture()
+            drawn.append(landed)
+        return self._picture(self.camera.frame(np.concatenate(drawn), *self._pixels.shape))
 
-    def _picture(self) -> NDArray[np.uint8]:
-        """Render, read back, and average the fine picture down over what does not move."""
+    def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
+        """Render, read back, and average the fine picture down over what does not move.
+
+        All that is drawn lies in `part`: first row and column, rows and columns.
+        """
         plotter, (height, width) = self._plotter, self._fine.shape
         plotter.renderer.ResetCameraClippingRange()
         plotter.render()
         plotter.render_window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, self._read)
-        wp.launch(halve_over, self._pixels.shape, [self._fine, self._backdrop], [self._pixels], device="cpu")
+        wp.copy(self._pixels, self._backdrop)
+        wp.launch(halve_over, part[2:], [self._fine, *part[:2]], [self._pixels], device="cpu")
         rgbx = self._pixels.numpy().view(np.uint8).reshape(*self._pixels.shape, 4)
         return np.ascontiguousarray(rgbx[..., :3])

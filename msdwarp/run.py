@@ -3,13 +3,14 @@
 import re
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -51,7 +52,7 @@ class Options:
     frames
         Format of the single frames.
     video
-        Format of the film; mp4 needs the extra `video`.
+        Format of the film; mp4 needs the extra `video`. With both none it only simulates.
     resolution
         Width and height of the pictures in pixels.
     colour
@@ -122,8 +123,8 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     return folder
 
 
-def run_scene(name: str, scene: Scene, options: Options) -> Path:
-    """Simulate a scene, draw every frame and write the results; return their folder.
+def run_scene(name: str, scene: Scene, options: Options) -> None:
+    """Simulate a scene, draw every frame and write the results, unless nothing is to be drawn.
 
     Raises
     ------
@@ -147,7 +148,8 @@ def run_scene(name: str, scene: Scene, options: Options) -> Path:
         device=options.device,
         precision=options.precision,
     )
-    folder = result_folder(name, options.out, options.force)
+    drawing = not options.frames == options.video == "none"
+    folder = result_folder(name, options.out, options.force) if drawing else None
     talk = Console(stderr=True, quiet=options.quiet)
     with tempfile.TemporaryDirectory() as scratch, _progress(talk) as progress:
         # Positions wait on disk until all are known, so that one camera can be chosen that sees them all.
@@ -157,21 +159,38 @@ def run_scene(name: str, scene: Scene, options: Options) -> Path:
         frames = simulation.frames(duration)
         for k, frame in enumerate(progress.track(frames, count, description="simulating")):
             positions[k] = frame.position
-        simulated = time.perf_counter()
-        renderer = Renderer(scene, positions, resolution=resolution, colouring=options.colour)
-        if not renderer.uses_opengl:
-            talk.print(f"no OpenGL library found: drawing by ray casting; {ADVICE}", highlight=False)
-        images = map(renderer.image, progress.track(positions, count, description="drawing"))
-        path = film.write(
-            images, count, folder, name=name, fps=options.fps, frames=options.frames, video=options.video
-        )
-        drawn = time.perf_counter()
-        del positions
+        lines = list(_summary(simulation, options.integrator, time.perf_counter() - began))
+        if folder is not None:
+            lines += _draw(scene, positions, folder / name, resolution, options, progress)
     if not options.quiet:
-        for line in _summary(simulation, options.integrator, simulated - began, drawn - simulated, count):
-            print(line)
-        print("wrote " + " and ".join(_results(folder, path, count, options.frames)))
-    return folder
+        print(*lines, sep="\n")
+
+
+def _draw(
+    scene: Scene,
+    positions: NDArray,
+    target: Path,
+    resolution: tuple[int, int],
+    options: Options,
+    progress: Progress,
+) -> Iterator[str]:
+    """Draw all frames and write them beside the film `target`; then say so."""
+    began = time.perf_counter()
+    renderer = Renderer(scene, positions, resolution=resolution, colouring=options.colour)
+    if not renderer.uses_opengl:
+        progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
+    count, folder, name = len(positions), target.parent, target.name
+    images = map(renderer.image, progress.track(positions, count, description="drawing"))
+    path = film.write(
+        images, count, folder, name=name, fps=options.fps, frames=options.frames, video=options.video
+    )
+    seconds = time.perf_counter() - began
+    results = []
+    if options.frames == "png":
+        results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
+    if path is not None:
+        results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+    yield f"drew {count} frames in {seconds:.2f} s: " + " and ".join(results)
 
 
 def _progress(console: Console) -> Progress:
@@ -180,22 +199,12 @@ def _progress(console: Console) -> Progress:
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _summary(
-    simulation: Simulation, integrator: str, simulated: float, drawn: float, count: int
-) -> Iterable[str]:
-    system, rate = simulation.system, simulation.time / simulated
+def _summary(simulation: Simulation, integrator: str, seconds: float) -> Iterator[str]:
+    """Say what was simulated, and how fast."""
+    system = simulation.system
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by {integrator}, "
         f"{simulation.substeps} substeps a frame, {simulation.model.precision} on {simulation.device}"
     )
-    yield (
-        f"simulated {simulation.time:.4g} s in {simulated:.2f} s ({rate:.2g} times real time), "
-        f"drew {count} frames in {drawn:.2f} s"
-    )
-
-
-def _results(folder: Path, path: Path | None, count: int, frames: str) -> Iterable[str]:
-    if frames == "png":
-        yield f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png"
-    if path is not None:
-        yield f"{path} ({path.stat().st_size / 1e6:.1f} MB)"
+    rate = simulation.time / seconds
+    yield f"simulated {simulation.time:.4g} s in {seconds:.2f} s, {rate:.2g} times real time"

@@ -7,7 +7,7 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import gingham
 
 
-def build(*, size: int = 31, stiffness: float = 120.0, damping: float = 0.04, mass: float = 0.001) -> Scene:
+def build(*, size: int = 31, stiffness: float = 120.0, damping: float = 0.06, mass: float = 0.001) -> Scene:
     """Hang a cloth, one and a half metres wide, by three points.
 
     Parameters
@@ -21,13 +21,23 @@ def build(*, size: int = 31, stiffness: float = 120.0, damping: float = 0.04, ma
     mass
         Mass of each particle [kg].
     """
-    checks.count("size", size, 3)
-    cloth = sheet((size, size), 1.5 / (size - 1), mass=mass, stiffness=stiffness, damping=damping)
-    top = np.arange(size * (size - 1), size * size)
-    # Held out level, it falls and swings about its pinned row.
-    cloth = cloth.rotate(0.9, axis=(1, 0, 0)).pin(top[[0, size // 2, size - 1]])
-    look = Look(texture=gingham("#2f6f9f", "#f4f1e8"), gloss=0.05, azimuth=-68, elevation=8)
-    return Scene(system=cloth, duration=5.0, look=look)
+    checks.count("size", size, 5)
+    width = 1.5
+    spacing = width / (size - 1)
+    cloth = sheet((size, size), spacing, mass=mass, stiffness=stiffness, damping=damping)
+
+    # It is gathered before it falls: two folds between its pins, every thread as long as it was.
+    along = np.linspace(0, width, size)
+    height = 0.2 * np.sin(2 * np.pi * along / width) ** 2
+    across = np.append(0, np.cumsum(np.sqrt(spacing**2 - np.diff(height) ** 2)))
+    position = np.array(cloth.position)
+    position[:, 0], position[:, 2] = np.tile(across - across.mean(), size), np.tile(height, size)
+
+    cloth = cloth.replace(position=position).rotate(1.0, axis=(1, 0, 0))
+    top = size * (size - 1)
+    cloth = cloth.pin([top, top + size // 2, top + size - 1])
+    look = Look(texture=gingham("#2f6f9f", "#f4f1e8"), gloss=0.05, azimuth=-64, elevation=10)
+    return Scene(system=cloth, duration=4.0, look=look)
 
 
 if __name__ == "__main__":

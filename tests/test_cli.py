@@ -95,7 +95,6 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--integrator", "euler"], 2, "--integrator"),
         (["--resolution", "huge"], 1, "resolution is 'huge'"),
         (["--resolution", "101x100"], 1, "resolution is '101x100'"),
-        (["--video", "none", "--frames", "none"], 1, "nothing would be written"),
         (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
         (["--colour", "plaid"], 2, "--colour"),
         (["--colour-blind"], 2, "--colour-blind"),
@@ -125,6 +124,13 @@ def test_too_few_substeps_end_in_one_line_that_says_how_many_would_do(msdwarp):
 
 def test_quiet_prints_nothing(msdwarp):
     assert msdwarp("run", "cube", "--size", "3", "--quiet", *SMALL) == (0, "", "")
+
+
+def test_it_can_simulate_without_drawing(msdwarp, tmp_path):
+    code, out, _ = msdwarp("run", "cube", "--frames", "none", "--video", "none", "--duration", "0.1")
+    assert code == 0
+    assert len(out.splitlines()) == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_list_names_every_scene_with_its_first_line(msdwarp):

@@ -59,7 +59,6 @@ def test_a_film_that_fails_leaves_none_and_keeps_the_frames(tmp_path):
     [
         (("jpeg", "webp"), "frames is 'jpeg'"),
         (("png", "avi"), "video is 'avi'"),
-        (("none", "none"), "nothing would be written"),
     ],
 )
 def test_bad_formats_are_named(formats, message):

@@ -30,13 +30,8 @@ def scene():
 
 def pixel_of(renderer, point):
     """Return (row, column) where a point appears."""
-    camera = renderer.camera
-    offset = np.asarray(point) - camera.eye
-    depth = offset @ camera.forward
-    unit = 2 * depth * np.tan(np.radians(VIEW_ANGLE) / 2) / renderer.height
-    column = renderer.width / 2 + (offset @ camera.right) / unit
-    row = renderer.height / 2 - (offset @ camera.up) / unit
-    return int(row), int(column)
+    row, column = renderer.camera.pixels(np.array([point]), renderer.height, renderer.width)
+    return int(row[0]), int(column[0])
 
 
 @pytest.mark.parametrize("aspect", [0.5, 16 / 9])

@@ -67,8 +67,9 @@ def test_the_cloth_hangs_by_three_points_and_swings():
     y = np.array([frame.position[:31, 1].mean() for frame in frames])  # of the free edge
     swings = np.count_nonzero(np.diff(np.sign(y - system.position[pins, 1].mean())))
     assert swings >= 3
-    strain = [system.replace(position=frame.position, velocity=0.0).strain.max() for frame in frames[::20]]
-    assert max(strain) < 0.5  # cloth, not rubber
+    strain = [system.replace(position=frame.position, velocity=0.0).strain for frame in frames[::20]]
+    # Cloth, not rubber: only at the pins, which carry all of it on a few threads, does it stretch further.
+    assert np.quantile(strain, 0.99) < 0.15
 
 
 def test_the_worm_buckles_and_falls():
