@@ -6,9 +6,7 @@ from .basis import kernel
 
 
 @kernel
-def place_vertices(
-    x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)
-):
+def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)):
     """Put every surface vertex where its particle is."""
     i = wp.tid()
     points[i] = x[particle[i]]

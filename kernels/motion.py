@@ -21,6 +21,12 @@ class Motion(NamedTuple):
     """Struct type of the colliders."""
     collide: Any
     """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no colliders."""
+    Lost: Any
+    """Struct type of what sums have lost by rounding."""
+    add: Any
+    """wp.func (total, change, lost, i) -> total + change."""
+    compensated: bool
+    """Whether `add` keeps what rounding takes away."""
 
 
 @functools.cache

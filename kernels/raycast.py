@@ -129,9 +129,7 @@ def cast(body: Body, view: Surroundings, image: wp.array2d(dtype=wp.vec3)):
 
 
 @kernel
-def refine(
-    body: Body, view: Surroundings, image: wp.array2d(dtype=wp.vec3), pixels: wp.array2d(dtype=wp.vec3ub)
-):
+def refine(body: Body, view: Surroundings, image: wp.array2d(dtype=wp.vec3), pixels: wp.array2d(dtype=wp.vec3ub)):
     """Smooth the outlines, with four rays where neighbouring pixels differ much; then turn to bytes."""
     row, column = wp.tid()
     left = image[row, wp.max(column - 1, 0)]

@@ -33,8 +33,12 @@ def scattered_force(dim: int, scalar: type):
 
 
 @functools.cache
-def scatter(dim: int, scalar: type, damped: bool):
-    """Compose the kernel, over connections, that adds every connection's force to f."""
+def scatter(dim: int, scalar: type, damped: bool, compensated: bool):
+    """Compose the kernel, over connections, that adds every connection's force to f.
+
+    With `compensated` the true positions are x − x_lost: what is lost far from the origin matters to a short
+    spring.
+    """
     V = vector(dim, scalar)
     spring_damper = spring_damper_force(dim, scalar, damped)
 
@@ -48,6 +52,7 @@ def scatter(dim: int, scalar: type, damped: bool):
         # State in:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
+        x_lost: wp.array(dtype=V),
         # State out:
         f: wp.array(dtype=V),
     ):
@@ -59,7 +64,10 @@ def scatter(dim: int, scalar: type, damped: bool):
         if wp.static(damped):
             dv = v[i] - v[j]
             b = damping[c]
-        force = spring_damper(x[i] - x[j], dv, rest_length[c], stiffness[c], b)
+        dx = x[i] - x[j]
+        if wp.static(compensated):
+            dx = dx - (x_lost[i] - x_lost[j])
+        force = spring_damper(dx, dv, rest_length[c], stiffness[c], b)
         wp.atomic_add(f, i, force)
         wp.atomic_sub(f, j, force)
 

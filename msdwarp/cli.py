@@ -9,6 +9,7 @@ import os
 import pkgutil
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -18,10 +19,10 @@ from cyclopts import App, Parameter
 from . import scenes
 from .run import Options, run_scene
 from .scene import Scene
-from .simulation import SimulationDiverged
+from .tune import TuneOptions, tune_scene
+from .watch import SimulationDiverged
 
 Build = Callable[..., Scene]
-DEFAULTS = Options()
 
 app = App(name="msdwarp", help="Elastic bodies as particles joined by springs and dampers, on the GPU.")
 
@@ -34,7 +35,8 @@ def main() -> NoReturn:
 def scene_main(build: Build) -> NoReturn:
     """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
     name = Path(inspect.getfile(build)).stem
-    _finish(lambda: _scene_app(name, f"{name}.py", build)(sys.argv[1:], result_action="return_value"))
+    scene_app = partial(_scene_app, name, f"{name}.py", build, Options, run_scene)
+    _finish(lambda: scene_app()(sys.argv[1:], result_action="return_value"))
 
 
 @app.command(name="list")
@@ -46,12 +48,11 @@ def list_scenes() -> None:
         print(f"{module.name:12} {summary}")
 
 
+Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
+
+
 @app.command(help_flags=())
-def run(
-    scene: Annotated[str, Parameter(allow_leading_hyphen=True)],
-    /,
-    *flags: Annotated[str, Parameter(allow_leading_hyphen=True)],
-) -> None:
+def run(scene: Words, /, *flags: Words) -> None:
     """Simulate a scene and draw it.
 
     `msdwarp run SCENE --help` shows the flags of a scene.
@@ -63,11 +64,32 @@ def run(
     flags
         The scene's own flags, and those of every run.
     """
+    _with_scene("run", scene, flags, Options, run_scene)
+
+
+@app.command(name="tune", help_flags=())
+def tune_command(scene: Words, /, *flags: Words) -> None:
+    """Find the cheapest method, precision and substeps that keep a scene's error under a tolerance.
+
+    `msdwarp tune SCENE --help` shows the flags; `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
+
+    Parameters
+    ----------
+    scene
+        A name that `msdwarp list` shows, or the path of a scene script.
+    flags
+        The scene's own flags, and those of every tuning.
+    """
+    _with_scene("tune", scene, flags, TuneOptions, tune_scene)
+
+
+def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, action: Any) -> None:
     if scene in ("--help", "-h"):
-        app.help_print(["run"])
+        app.help_print([command])
         return
     name, build = find_scene(scene)
-    _scene_app(name, f"msdwarp run {scene}", build)(list(flags), result_action="return_value")
+    scene_app = _scene_app(name, f"msdwarp {command} {scene}", build, options_type, action)
+    scene_app(list(flags), result_action="return_value")
 
 
 def find_scene(scene: str) -> tuple[str, Build]:
@@ -95,27 +117,28 @@ def find_scene(scene: str) -> tuple[str, Build]:
     return name, module.build
 
 
-def _scene_app(name: str, command: str, build: Build) -> App:
-    """Return the command whose flags are the parameters of `build` and the options of every run."""
+def _scene_app(name: str, command: str, build: Build, options_type: type, action: Any) -> App:
+    """Return the command whose flags are the parameters of `build` and the fields of `options_type`."""
+    defaults = options_type()
 
-    def simulate(*, options: Options = DEFAULTS, **parameters: Any) -> None:
-        with _quiet_start(options.verbose):
+    def act(*, options: Any = defaults, **parameters: Any) -> None:
+        with _quiet_start(getattr(options, "verbose", False)):
             wp.init()
-        run_scene(name, build(**parameters), options)
+        action(name, build(**parameters), options)
 
     own = inspect.signature(build, eval_str=True).parameters.values()
     own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
     common = inspect.Parameter(
-        "options", inspect.Parameter.KEYWORD_ONLY, annotation=Options, default=DEFAULTS
+        "options", inspect.Parameter.KEYWORD_ONLY, annotation=options_type, default=defaults
     )
-    clash = {parameter.name for parameter in own} & set(Options.__dataclass_fields__)
+    clash = {parameter.name for parameter in own} & set(options_type.__dataclass_fields__)
     if clash:
         raise ValueError(f"build of scene {name!r} has parameters that every run has: {sorted(clash)}")
-    simulate.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
-    simulate.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
-    simulate.__doc__ = build.__doc__
+    act.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
+    act.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
+    act.__doc__ = build.__doc__
     scene_app = App(name=command, version_flags=())
-    scene_app.default(simulate)
+    scene_app.default(act)
     return scene_app
 
 

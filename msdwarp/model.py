@@ -14,7 +14,11 @@ from .kernels.basis import vector
 from .kernels.contact import NoColliders, plane_contact
 from .system import System
 
-PRECISIONS = {"float32": (wp.float32, np.float32), "float64": (wp.float64, np.float64)}
+PRECISIONS = {
+    "float32": (wp.float32, np.float32),
+    "float32-compensated": (wp.float32, np.float32),
+    "float64": (wp.float64, np.float64),
+}
 CONTACT_RULES = ("coulomb", "report")
 
 
@@ -65,7 +69,8 @@ class Model:
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
-        "float32" or "float64".
+        "float32", "float32-compensated" (sums of positions and velocities keep what rounding takes away) or
+        "float64".
 
     Raises
     ------
@@ -93,6 +98,7 @@ class Model:
         self.particle_count = system.particle_count
         self.connection_count = system.connection_count
 
+        self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
         self.damped = bool(system.damping.any())
         self.pinned = bool(system.pinned.any())
@@ -116,9 +122,7 @@ class Model:
             if not isinstance(plane, Plane):
                 raise ValueError(f"colliders[{k}] is {plane!r}; it must be a Plane")
             if len(plane.normal) != self.dim:
-                raise ValueError(
-                    f"colliders[{k}].normal is {plane.normal}; it must have {self.dim} coordinates"
-                )
+                raise ValueError(f"colliders[{k}].normal is {plane.normal}; it must have {self.dim} coordinates")
         Planes, collide = plane_contact(self.dim, self.scalar, contact)
         data = Planes()
         normals = np.array([plane.normal for plane in planes])

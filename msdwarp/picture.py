@@ -87,9 +87,7 @@ class Drawing:
             )
             return
         vertices = len(self.points)
-        wp.launch(
-            drawing.place_vertices, vertices, [self._x, self._particle], [self.points], device=self.device
-        )
+        wp.launch(drawing.place_vertices, vertices, [self._x, self._particle], [self.points], device=self.device)
         self.normals.zero_()
         wp.launch(
             drawing.add_face_normals,

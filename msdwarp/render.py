@@ -77,9 +77,7 @@ class Renderer:
                 os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
             self._backend: Backend = OpenGL(self)
         else:
-            self._backend = RayCaster(
-                self.drawing, self.camera, self.ground, self.look, (self.width, self.height)
-            )
+            self._backend = RayCaster(self.drawing, self.camera, self.ground, self.look, (self.width, self.height))
 
     def image(self, position: NDArray) -> NDArray[np.uint8]:
         """Return the picture of a frame, uint8 of shape [height, width, 3]."""

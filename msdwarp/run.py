@@ -4,9 +4,10 @@ import re
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -15,17 +16,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import film
-from .integrators import RK4, Integrator, Leapfrog, SymplecticEuler
+from .accuracy import DEFAULT, METHODS, cheapest, tune
+from .energy_log import EnergyLog
 from .opengl import ADVICE
 from .render import Renderer
 from .scene import Scene
 from .simulation import Simulation, frame_count
-
-INTEGRATORS: dict[str, type[Integrator]] = {
-    "symplectic-euler": SymplecticEuler,
-    "leapfrog": Leapfrog,
-    "rk4": RK4,
-}
+from .watch import SimulationDiverged
 
 
 @Parameter(name="*")
@@ -43,6 +40,11 @@ class Options:
         Time-stepping method.
     substeps
         Integrator steps per frame; auto chooses them by the scene's stability limit.
+    allow_unstable
+        Accept substeps beyond the stability limit.
+    tolerance
+        Choose integrator, precision and substeps so that the error stays under this share of the body's size
+        (see `msdwarp tune`).
     duration
         Simulated time [s]; by default the scene's own.
     fps
@@ -55,10 +57,12 @@ class Options:
         Format of the film; mp4 needs the extra `video`. With both none it only simulates.
     resolution
         Width and height of the pictures in pixels.
+    log
+        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it.
     colour
         The scene's look, or connections from green (rest) to red (strained).
     force
-        Replace an earlier run's results in --out.
+        Replace an earlier run's results in --out and --log.
     quiet
         Print errors only.
     verbose
@@ -66,15 +70,20 @@ class Options:
     """
 
     device: str | None = None
-    precision: Literal["float32", "float64"] = "float32"
-    integrator: Literal["symplectic-euler", "leapfrog", "rk4"] = "symplectic-euler"
+    precision: Literal["float32", "float32-compensated", "float64"] = "float32"
+    integrator: Literal[
+        "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
+    ] = "symplectic-euler"
     substeps: int | Literal["auto"] = "auto"
+    allow_unstable: Annotated[bool, Parameter(negative=())] = False
+    tolerance: float | None = None
     duration: float | None = None
     fps: float = 60.0
     out: Path | None = None
     frames: Literal["png", "none"] = "png"
     video: Literal["webp", "mp4", "gif", "none"] = "webp"
     resolution: str = "1280x720"
+    log: Path | None = None
     colour: Literal["texture", "strain"] = "texture"
     force: Annotated[bool, Parameter(negative=())] = False
     quiet: Annotated[bool, Parameter(negative=())] = False
@@ -137,33 +146,59 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
     resolution = parse_resolution(options.resolution)
     duration = scene.duration if options.duration is None else options.duration
     count = frame_count(duration, options.fps) + 1
-    began = time.perf_counter()
+    talk = Console(stderr=True, quiet=options.quiet)
+    if options.tolerance is not None:
+        options = _tuned(scene, options, talk)
     simulation = Simulation(
         scene.system,
         gravity=scene.gravity,
         colliders=scene.colliders,
-        integrator=INTEGRATORS[options.integrator](),
+        integrator=METHODS[options.integrator],
         fps=options.fps,
         substeps=options.substeps,
+        allow_unstable=options.allow_unstable,
         device=options.device,
         precision=options.precision,
     )
+    log = None if options.log is None else EnergyLog(options.log, force=options.force)
     drawing = not options.frames == options.video == "none"
     folder = result_folder(name, options.out, options.force) if drawing else None
-    talk = Console(stderr=True, quiet=options.quiet)
     with tempfile.TemporaryDirectory() as scratch, _progress(talk) as progress:
         # Positions wait on disk until all are known, so that one camera can be chosen that sees them all.
         positions = np.lib.format.open_memmap(
             Path(scratch) / "positions.npy", "w+", np.float32, (count, *scene.system.position.shape)
         )
-        frames = simulation.frames(duration)
-        for k, frame in enumerate(progress.track(frames, count, description="simulating")):
-            positions[k] = frame.position
+        began, done, trouble = time.perf_counter(), 0, None
+        try:
+            with log or nullcontext():
+                frames = simulation.frames(duration)
+                for frame in progress.track(frames, count, description="simulating"):
+                    positions[done] = frame.position
+                    done += 1
+                    if log is not None:
+                        log.write(frame.time, simulation.measure())
+        except SimulationDiverged as error:
+            trouble = error  # told once what there is has been drawn
         lines = list(_summary(simulation, options.integrator, time.perf_counter() - began))
         if folder is not None:
-            lines += _draw(scene, positions, folder / name, resolution, options, progress)
+            lines += _draw(scene, positions[:done], folder / name, resolution, options, progress)
     if not options.quiet:
         print(*lines, sep="\n")
+    if trouble is not None:
+        raise trouble
+
+
+def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
+    """Return the options with the cheapest method under their tolerance."""
+    assert options.tolerance is not None
+    if (options.integrator, options.precision, options.substeps) != (DEFAULT, "float32", "auto"):
+        raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
+    if options.fps != 60.0:
+        raise ValueError(f"fps is {options.fps:g}; with a tolerance it must be 60")
+    with talk.status("tuning"):
+        found, _ = tune(scene, options.tolerance, device=options.device)
+    best: Any = cheapest(found, options.tolerance)
+    return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)
 
 
 def _draw(
@@ -200,11 +235,11 @@ def _progress(console: Console) -> Progress:
 
 
 def _summary(simulation: Simulation, integrator: str, seconds: float) -> Iterator[str]:
-    """Say what was simulated, and how fast."""
+    """Say what was simulated, with which steps and why, and how fast."""
     system = simulation.system
     yield (
-        f"{system.particle_count} particles and {system.connection_count} connections by {integrator}, "
-        f"{simulation.substeps} substeps a frame, {simulation.model.precision} on {simulation.device}"
+        f"{system.particle_count} particles and {system.connection_count} connections by {integrator} in "
+        f"{simulation.model.precision} on {simulation.device}: {simulation.choice}"
     )
     rate = simulation.time / seconds
     yield f"simulated {simulation.time:.4g} s in {seconds:.2f} s, {rate:.2g} times real time"

@@ -227,6 +227,4 @@ def _box_surface(shape: tuple[int, int, int]) -> Surface:
         uvs.append((uv + np.array([k % 3, k // 3])) / (3, 2))
         triangles.append(triangle + vertices)
         vertices += len(particle)
-    return Surface(
-        particle=np.concatenate(particles), uv=np.concatenate(uvs), triangles=np.concatenate(triangles)
-    )
+    return Surface(particle=np.concatenate(particles), uv=np.concatenate(uvs), triangles=np.concatenate(triangles))

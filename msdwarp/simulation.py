@@ -1,5 +1,6 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -10,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from . import checks
 from .colliders import Plane
 from .dynamics import Dynamics
-from .integrators import Integrator, SymplecticEuler
-from .kernels.watch import first_non_finite
+from .integrators import Integrator, Rates, SymplecticEuler
+from .measure import Measures, measure
 from .model import Model, State
-from .stability import stable_substeps
+from .stability import SAFETY, StepChoice, UnstableStep, choose_forced, choose_substeps, rate_bounds
 from .system import System
+from .watch import Backup, SimulationDiverged, Watch, describe
 
 
 class Frame(NamedTuple):
@@ -26,17 +28,6 @@ class Frame(NamedTuple):
     """Particle positions [m], shape [particle_count, d]."""
     velocity: NDArray
     """Particle velocities [m/s], shape [particle_count, d]."""
-
-
-class SimulationDiverged(RuntimeError):
-    """A position or velocity is no longer finite; the run cannot go on."""
-
-    def __init__(self, time: float, particle: int, advice: str) -> None:
-        super().__init__(f"particle {particle} was no longer finite at {time:.4g} s; {advice}")
-        self.time = time
-        """End of the frame in which it happened [s]."""
-        self.particle = particle
-        """The first particle concerned."""
 
 
 def frame_count(duration: float, fps: float) -> int:
@@ -65,17 +56,30 @@ class Simulation:
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame; "auto" takes the least that stay within 0.8 of the stability limit
-        of the system at the start (see `msdwarp.stability`).
+        Integrator steps per frame; "auto" takes the least that stay within `safety` of the stability limit
+        of the system at the start (see `msdwarp.stability`). What was chosen, and why, is in `choice`.
+    safety
+        Share of the stability limit that automatic substeps may use, 0 … 1.
+    refresh
+        Choose automatic substeps anew before every frame, from the system as it is then: for bodies that are
+        stretched to several times their length.
+    allow_unstable
+        Accept substeps beyond the stability limit.
+    energy_limit
+        The run has diverged when its energy has grown by this multiple of its scale, the energy at the start
+        and what falling by the system's own size would give, and of the swing that a step near the limit
+        gives a stable method's energy (`StepChoice.energy_swing`). Nothing in a scene is a source of energy.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
-        "float32" or "float64".
+        "float32", "float32-compensated" (keeps what rounding takes away) or "float64".
 
     Raises
     ------
     ValueError
         If an argument is out of its range or there is no such device.
+    UnstableStep
+        If `substeps` is beyond the stability limit (a ValueError; it says how many would do).
     """
 
     def __init__(
@@ -88,20 +92,26 @@ class Simulation:
         integrator: Integrator | None = None,
         fps: float = 60.0,
         substeps: int | str = "auto",
+        safety: float = SAFETY,
+        refresh: bool = False,
+        allow_unstable: bool = False,
+        energy_limit: float = 10.0,
         device: str | None = None,
         precision: str = "float32",
     ) -> None:
         self.fps = checks.positive("fps", fps)
-        self.integrator = SymplecticEuler() if integrator is None else integrator
-        if not isinstance(self.integrator, Integrator):
+        integrator = SymplecticEuler() if integrator is None else integrator
+        if not isinstance(integrator, Integrator):
             raise ValueError(f"integrator is {integrator!r}; it must be an instance of one, such as RK4()")
         if not isinstance(colliders, Iterable):
             raise ValueError(f"colliders is {colliders!r}; it must be a sequence of colliders")
-        self.auto_substeps = substeps == "auto"
-        if not self.auto_substeps:
-            if isinstance(substeps, str):
-                raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
-            self.substeps = checks.count("substeps", substeps, 1)
+        if isinstance(substeps, str) and substeps != "auto":
+            raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
+        self._forced = None if isinstance(substeps, str) else checks.count("substeps", substeps, 1)
+        self._safety = checks.between("safety", safety, 1e-3, 1)
+        self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
+        self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+        self._method = integrator
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": tuple(colliders),
@@ -119,17 +129,43 @@ class Simulation:
 
     def _load(self, system: System) -> None:
         """Upload a system and prepare to advance it."""
-        self.model = Model(system, **self._surroundings)
-        self.system = system
-        if self.auto_substeps:
-            self.substeps = stable_substeps(system, self.integrator, self.fps)
-        self._dynamics = Dynamics(self.model)
-        self._watch = first_non_finite(self.model.dim, self.model.scalar)
-        self._first_bad = wp.empty(1, dtype=int, device=self.model.device)
-        self.state = State.of(system, self.model)
+        model = Model(system, **self._surroundings)
+        state = State.of(system, model)
+        choice = self._choose(rate_bounds(system, model, state))
+        self.model, self.state, self.system = model, state, system
+        self._dynamics = Dynamics(model)
+        if model.compensated:  # what rounding takes from the start is not lost either
+            lost, start = self._dynamics.lost, {"x": system.position, "v": system.velocity}
+            for name, exact in start.items():
+                getattr(lost, name).assign((exact.astype(np.float32) - exact).astype(np.float32))
+        self._start(choice)
+
+    def _choose(self, rates: Rates) -> StepChoice:
+        """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
+        if self._forced is not None and self._allow_unstable:
+            return choose_forced(rates, self._method, self.fps, self._forced)
+        choice = choose_substeps(rates, self._method, self.fps, self._forced, self._safety)
+        if choice.substeps < choice.least:
+            raise UnstableStep(
+                f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
+                f"{math.ceil(choice.least / self._safety)} with a margin"
+            )
+        return choice
+
+    def _start(self, choice: StepChoice) -> None:
+        """Begin to step with these substeps, from velocities at the instant of the positions."""
+        self.choice = choice
+        self.integrator = self._method.fitted(choice.rates, self.dt)
         self._work = self.integrator.workspace(self.state)
+        self._backup = Backup(self._dynamics, self.state, self.integrator.memory(self._work))
+        self._watch = Watch(self.model, self.state, self._energy_limit * choice.energy_swing)
         self._graph: Any = None
         self.integrator.start(self._dynamics, self.state, self._work, self.dt)
+
+    @property
+    def substeps(self) -> int:
+        """Integrator steps per frame."""
+        return self.choice.substeps
 
     @property
     def dt(self) -> float:
@@ -152,42 +188,71 @@ class Simulation:
         Raises
         ------
         SimulationDiverged
-            If a position or velocity is no longer finite.
+            If a position or velocity is no longer finite, or energy has grown from nowhere. The simulation
+            is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
+            if self._refresh:
+                self._choose_anew()
             if self._graph is None:
                 self._graph = self._record_frame()
             wp.capture_launch(self._graph)
+            if self._watch.finds_trouble():
+                raise self._divergence()
             self.frame_index += 1
-            first_bad = int(self._first_bad.numpy()[0])
-            if first_bad < self.model.particle_count:
-                raise SimulationDiverged(self.time, first_bad, self._advice())
+
+    def _choose_anew(self) -> None:
+        """Change the number of substeps if the system as it is now asks for another one."""
+        choice = self._choose(rate_bounds(self.system, self.model, self.state))
+        if choice.substeps != self.substeps:
+            wp.copy(self.state.v, self._velocity())
+            self._start(choice)
 
     def _record_frame(self) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
         with wp.ScopedCapture(device=self.model.device) as capture:
+            self._backup.save()
             for _ in range(self.substeps):
                 self.integrator.step(self._dynamics, self.state, self._work, self.dt)
-            self._first_bad.fill_(self.model.particle_count)
-            wp.launch(
-                self._watch,
-                dim=self.model.particle_count,
-                inputs=[self.state.x, self.state.v],
-                outputs=[self._first_bad],
-                device=self.model.device,
-            )
+            self._watch.look()
         return capture.graph
 
-    def _advice(self) -> str:
-        needed = stable_substeps(self.system, self.integrator, self.fps)
-        if needed > self.substeps:
-            return f"{self.substeps} substeps per frame are too few: {needed} would be stable"
-        return f"try more than {self.substeps} substeps per frame: it was stretched far beyond its rest shape"
+    def _divergence(self) -> SimulationDiverged:
+        """Find out what went wrong in the frame just simulated, and go back to its start.
+
+        The frame is simulated once more, looking after every substep.
+        """
+        self._backup.restore()
+        good = _to_host(self.state.x)
+        substep = 0
+        while True:
+            substep += 1
+            self.integrator.step(self._dynamics, self.state, self._work, self.dt)
+            self._watch.look()
+            if self._watch.finds_trouble() or substep == self.substeps:
+                break
+            good = _to_host(self.state.x)
+        particle = self._watch.culprit()
+        self._backup.restore()
+        rates = rate_bounds(self.system, self.model, self.state)
+        needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
+        return describe(self.system, good, self.time, self.dt, substep, self.substeps, particle, needed)
+
+    def measure(self) -> Measures:
+        """Return energies, momentum and strain of the present state."""
+        return measure(self.model, self.state, self._velocity())
+
+    def _velocity(self) -> wp.array:
+        """Return the velocities at the instant of the positions, on the device."""
+        return self.integrator.velocity(self._dynamics, self.state, self._work, self.dt)
 
     def frame(self) -> Frame:
         """Return the present positions and velocities."""
-        velocity = self.integrator.velocity(self._dynamics, self.state, self._work, self.dt)
-        return Frame(self.time, _to_host(self.state.x), _to_host(velocity))
+        position, velocity = _to_host(self.state.x), _to_host(self._velocity())
+        if self.model.compensated:  # what sums have lost belongs to them
+            position = position.astype(np.float64) - self._dynamics.lost.x.numpy()
+            velocity = velocity.astype(np.float64) - self._dynamics.lost.v.numpy()
+        return Frame(self.time, position, velocity)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the present frame and every frame of the next `duration` seconds.

@@ -12,46 +12,133 @@ A stretched spring is stiff across its axis too, by k (1 − l0/l); the damper i
 """
 
 import math
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import warp as wp
 
-from .integrators import Integrator
+from .forces import write_diagonal_blocks
+from .integrators import Integrator, Rates
+from .kernels.stability import largest_rate
+from .model import Model, State
 from .system import System
 
+SAFETY = 0.8
+"""Share of the limit at rest that held in every scene measured, strongly stretched ones included."""
 
-def rate_bounds(system: System) -> tuple[float, float]:
-    """Return upper bounds of the largest eigenvalues of M⁻¹K [1/s²] and M⁻¹B [1/s], as the system stands."""
-    i, j = system.connections.T
-    axis = system.position[i] - system.position[j]
-    length = np.linalg.norm(axis, axis=1, keepdims=True)
-    axis = np.divide(axis, length, out=np.zeros_like(axis), where=length > 0)
-    slack = np.divide(
-        system.rest_length, length[:, 0], out=np.full(len(length), math.inf), where=length[:, 0] > 0
+
+class UnstableStep(ValueError):
+    """The substeps asked for are longer than the stability limit."""
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """The substeps of a frame, and why."""
+
+    rates: Rates
+    """Bounds of the system's rates."""
+    limit: float
+    """Largest stable substep [s]."""
+    least: int
+    """Least number of stable substeps per frame."""
+    substeps: int
+    """The number chosen or asked for."""
+    fps: float
+    """Frames per second."""
+
+    @property
+    def step(self) -> float:
+        """Length of a substep [s]."""
+        return 1.0 / (self.fps * self.substeps)
+
+    @property
+    def energy_swing(self) -> float:
+        """Largest over least energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
+
+        What a kick-drift method conserves is v² + ω²x² − h ω² x v; its extremes over an oscillation lie at
+        1 ± hω/2. Past the limit nothing is conserved, and this is 1.
+        """
+        share = self.step / self.limit if self.limit > 0 else 1.0
+        return (1 + share) / (1 - share) if share < 1 else 1.0
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        frequency = math.sqrt(self.rates.stiffness) / (2 * math.pi)
+        zeta = f"{self.rates.damping_ratio:.2g}"
+        return (
+            f"{self.substeps} substeps a frame (at least {self.least} are stable: fastest oscillation at most "
+            f"{frequency:.3g} Hz, damping ratio {zeta})"
+        )
+
+
+def rate_bounds(system: System, model: Model | None = None, state: State | None = None) -> Rates:
+    """Return upper bounds of a system's rates, as it stands or, on a device, in the given state.
+
+    Parameters
+    ----------
+    system
+        The system.
+    model, state
+        The system on a device; by default it is uploaded to the CPU in float64, as it stands.
+    """
+    if model is None:
+        model = Model(system, device="cpu", precision="float64")
+    state = State.of(system, model) if state is None else state
+    bounds = _bounds(model, state)
+    springs = system.stiffness[:: _stride(system.stiffness, system.damping)]
+    dampers = system.damping[:: _stride(system.stiffness, system.damping)]
+    stiff = springs > 0
+    ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
+    return Rates(float(bounds[0]), float(bounds[1]), ratio)
+
+
+def _stride(*arrays: Any) -> int:
+    """Return a step that reads each array of constants once, and every other array wholly."""
+    constant = all(array.strides == (0,) for array in arrays)
+    return max(1, len(arrays[0])) if constant else 1
+
+
+def _bounds(model: Model, state: State) -> Any:
+    Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
+    blocks = [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
+    write_diagonal_blocks(model, state.x, *blocks)
+    bounds = wp.zeros(2, dtype=wp.float64, device=model.device)
+    wp.launch(
+        largest_rate(model.dim, model.scalar),
+        dim=model.particle_count,
+        inputs=[model.inverse_mass, *blocks],
+        outputs=[bounds],
+        device=model.device,
     )
-    across = np.maximum(0.0, 1.0 - slack)
-    return (
-        _block_bound(system, system.stiffness, axis, across),
-        _block_bound(system, system.damping, axis, np.zeros_like(across)),
-    )
+    return bounds.numpy()
 
 
-def _block_bound(system: System, constant: NDArray, axis: NDArray, across: NDArray) -> float:
-    """Return 2 max_i |A_i|/m_i with A_i = Σ c (d dᵀ + across (1 − d dᵀ)) over the connections of i."""
-    d = system.dim
-    i, j = system.connections.T
-    blocks = np.empty((system.particle_count, d, d))
-    for p in range(d):
-        for q in range(p, d):
-            entry = constant * ((1.0 - across) * axis[:, p] * axis[:, q] + across * (p == q))
-            total = np.bincount(i, entry, system.particle_count)
-            total += np.bincount(j, entry, system.particle_count)
-            blocks[:, p, q] = blocks[:, q, p] = total
-    largest = np.linalg.eigvalsh(blocks)[:, -1]
-    return float(2.0 * np.max(largest / system.mass))
+def stability_limit(system: System, integrator: Integrator) -> float:
+    """Return the largest substep [s] that is stable for a system as it stands, by the bound of its rates."""
+    return integrator.stable_step(rate_bounds(system))
 
 
-def stable_substeps(system: System, integrator: Integrator, fps: float, safety: float = 0.8) -> int:
-    """Return the least number of substeps per frame for which a substep is within `safety` of the limit."""
-    limit = integrator.stable_step(*rate_bounds(system))
-    return max(1, math.ceil(1.0 / (fps * safety * limit)))
+def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
+    """Return a choice of `substeps`, whatever the limit; where no step is stable it is 0, and `least` too."""
+    limit = integrator.stable_step(rates)
+    least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
+    return StepChoice(rates, limit, least, substeps, fps)
+
+
+def choose_substeps(
+    rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
+) -> StepChoice:
+    """Return the least number of substeps per frame within `safety` of the limit, or the one given.
+
+    Raises
+    ------
+    UnstableStep
+        If no step is stable.
+    """
+    choice = choose_forced(rates, integrator, fps, substeps or 1)
+    if choice.limit <= 0.0:
+        raise UnstableStep(f"{integrator} is stable at no step here: a spring has no damper beside it")
+    if substeps is not None:
+        return choice
+    return replace(choice, substeps=max(1, math.ceil(1.0 / (fps * choice.limit * safety))))

@@ -249,9 +249,7 @@ class System:
         """
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         turn = _rotation_matrix(self.dim, angle, axis)
-        return self.replace(
-            position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T
-        )
+        return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
 
     def spin(self, angular_velocity: ArrayLike) -> Self:
         """Return this system with a rotation about its centre of mass added to its velocities.

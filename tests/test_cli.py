@@ -1,9 +1,11 @@
 """The command, and scene scripts: what they write, say and refuse."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -91,6 +93,7 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--duration", "nan"], 1, "duration is nan"),
         (["--fps", "0"], 1, "fps is 0"),
         (["--substeps", "0"], 1, "substeps is 0"),
+        (["--tolerance", "0"], 1, "tolerance is 0"),
         (["--precision", "float16"], 2, "--precision"),
         (["--integrator", "euler"], 2, "--integrator"),
         (["--resolution", "huge"], 1, "resolution is 'huge'"),
@@ -115,11 +118,69 @@ def test_bad_input_is_named_and_writes_nothing(msdwarp, tmp_path, flags, code, m
     assert not list(tmp_path.iterdir())
 
 
-def test_too_few_substeps_end_in_one_line_that_says_how_many_would_do(msdwarp):
-    code, _, err = msdwarp("run", "cube", "--stiffness", "1e6", "--substeps", "1", "--duration", "3")
+def test_too_few_substeps_are_refused_in_one_line_that_says_how_many_would_do(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--substeps", "1")
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1
+    needed = int(re.search(r"at least (\d+) a frame are stable", err)[1])
+    assert not list(tmp_path.iterdir())
+    assert msdwarp("run", "cube", "--substeps", str(needed), "--size", "10", *SMALL)[0] == 0
+
+
+def test_a_run_that_diverges_leaves_its_good_frames_and_says_why(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--substeps", "1", "--allow-unstable", "--resolution", "128x72")
     assert code == 1
-    assert "no longer finite" in err
-    assert "substeps per frame are too few" in err
+    assert err.startswith("error: diverged at")
+    assert re.search(r"connection \d+ was at strain", err)
+    assert "substeps a frame are stable" in err
+    frames = sorted((tmp_path / "out" / "cube").glob("*.png"))
+    assert len(frames) >= 2  # the start, and what was good
+    assert f"drew {len(frames)} frames" in out
+    with Image.open(tmp_path / "out" / "cube" / "cube.webp") as film:
+        assert film.n_frames == len(frames)
+
+
+def test_the_log_holds_every_frame_and_its_plot_stands_beside_it(msdwarp, tmp_path):
+    arguments = ("run", "cube", "--size", "4", "--log", "energy.csv", "--frames", "none", *SMALL)
+    assert msdwarp(*arguments)[0] == 0
+    table = np.genfromtxt(tmp_path / "energy.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["time_s"], np.arange(7) / 60, rtol=1e-8)  # nine digits are written
+    falling = table["total_J"]  # nothing but gravity acts yet; symplectic Euler's m g v h/2 comes and goes
+    assert np.ptp(falling) < 0.01 * table["kinetic_J"].max()
+    assert np.asarray(Image.open(tmp_path / "energy.png").convert("L")).std() > 5  # not blank
+    code, _, err = msdwarp(*arguments)
+    assert code == 1
+    assert "energy.csv" in err
+    assert "--force" in err
+
+
+def test_the_log_must_be_a_csv_file(msdwarp, tmp_path):
+    code, _, err = msdwarp("run", "cube", "--log", "energy.txt", *SMALL)
+    assert code == 1
+    assert "log is energy.txt" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
+    code, out, _ = msdwarp(
+        "tune", "worm", "--length", "6", "--tolerance", "1e-3", "--horizon", "0.1", "--device", "cpu"
+    )
+    assert code == 0
+    flags = re.search(r"cheapest under 0.001: (--integrator \S+ --precision \S+ --substeps \d+)", out)[1]
+    error = float(re.search(r"^error ([\d.e-]+),", out, flags=re.MULTILINE)[1])
+    assert error <= 1e-3
+    drawn_less = ("--length", "6", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    assert msdwarp("run", "worm", *flags.split(), *drawn_less)[0] == 0
+
+
+def test_run_with_a_tolerance_tunes_first(msdwarp):
+    short = ("--size", "3", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    code, out, _ = msdwarp("run", "cube", "--tolerance", "1e-2", *short)
+    assert code == 0
+    assert "27 particles" in out
+    code, _, err = msdwarp("run", "cube", "--tolerance", "1e-2", "--substeps", "9", *short)
+    assert code == 1
+    assert "tolerance chooses" in err
 
 
 def test_quiet_prints_nothing(msdwarp):

@@ -38,7 +38,7 @@ def sources() -> dict[str, tuple[str, str]]:
         Simulation(system, colliders=planes, device="cpu", substeps=1).step()
         model = Model(system, colliders=planes, device="cpu")
         found[name] = (
-            statements(Scatter(model).kernel),
+            statements(Scatter(model, Dynamics(model).lost.x).kernel),
             statements(symplectic_euler(Dynamics(model).motion)),
         )
     return found
@@ -53,7 +53,7 @@ SCATTER, INTEGRATOR = 0, 1
         (SCATTER, "wp::dot(", "the speed along the axis, for the damper"),
         (SCATTER, "(var_v, ", "reading velocities"),
         (SCATTER, "(var_damping, ", "reading or using damper constants"),
-        (INTEGRATOR, "collide", "contact"),
+        (INTEGRATOR, "__collide_", "contact"),
         (INTEGRATOR, "wp::dot(", "distances and normal speeds"),
         (INTEGRATOR, " == ", "the test for a pinned particle"),
         (INTEGRATOR, "if (", "a branch of any kind"),
@@ -83,7 +83,7 @@ def test_equal_scenes_share_kernels():
     ]
     assert motions[0] == motions[1]
     assert symplectic_euler(motions[0]) is symplectic_euler(motions[1])
-    assert scatter(3, wp.float32, True) is scatter(3, wp.float32, True)
+    assert scatter(3, wp.float32, True, False) is scatter(3, wp.float32, True, False)
     assert vector(3, wp.float32) is vector(3, wp.float32)
 
 
@@ -97,10 +97,11 @@ def test_different_effects_are_different_kernels():
         motion(PLAIN, colliders=[Plane()]),
         motion(PLAIN, colliders=[Plane()], contact="report"),
         motion(PLAIN, precision="float64"),
+        motion(PLAIN, precision="float32-compensated"),
         motion(chain(3, dim=2)),
     ]
-    assert len({symplectic_euler(m) for m in (plain, *others)}) == 6
-    assert scatter(3, wp.float32, True) is not scatter(3, wp.float32, False)
+    assert len({symplectic_euler(m) for m in (plain, *others)}) == 7
+    assert scatter(3, wp.float32, True, False) is not scatter(3, wp.float32, False, False)
     # A contact rule without colliders is none.
     assert motion(PLAIN, contact="report") == plain
 

@@ -54,9 +54,7 @@ def test_oblique_bounce_has_the_closed_form(device, integrator, restitution, fri
     plane = Plane(OBLIQUE, offset=0.4, restitution=restitution, friction=friction)
     n = np.array(OBLIQUE)
     start, velocity = 0.6 * n + [0.3, 0.1, 0.2], np.array([-3.0, 0.5, -1.0])
-    simulation = simulate(
-        particle(start, velocity), plane, device, h=1 / 1000, substeps=50, integrator=integrator
-    )
+    simulation = simulate(particle(start, velocity), plane, device, h=1 / 1000, substeps=50, integrator=integrator)
     simulation.step(10)
     now = simulation.frame()
     expected = after_hit(velocity, n, restitution=restitution, friction=friction)
@@ -121,9 +119,7 @@ def test_report_rule_multiplies_at_every_touch(device):
         particle((0, 0, 0), (5.0, 0, 0)), plane, device, h=0.01, substeps=20, gravity=G, contact="report"
     )
     simulation.step()
-    np.testing.assert_allclose(
-        simulation.frame().velocity[0], (5 * 0.9**20, 0, 0), rtol=1e-14
-    )  # 20 roundings
+    np.testing.assert_allclose(simulation.frame().velocity[0], (5 * 0.9**20, 0, 0), rtol=1e-14)  # 20 roundings
 
 
 @pytest.mark.parametrize(("speed", "bounces"), [(0.009, False), (0.011, True)])
@@ -276,9 +272,7 @@ def test_energy_of_a_falling_block_never_rises(device):
 
 
 def test_block_at_rest_does_not_tremble(device):
-    simulation = simulate(
-        falling_block(), Plane(restitution=0.3), device, h=1 / 2000, substeps=200, gravity=G
-    )
+    simulation = simulate(falling_block(), Plane(restitution=0.3), device, h=1 / 2000, substeps=200, gravity=G)
     simulation.step(150)  # 15 s; the slowest mode, a swing over the ground, decays by e^-4 a second
     then = simulation.frame()
     simulation.step(5)

@@ -5,7 +5,7 @@ import problems
 import pytest
 
 from msdwarp import RK4, Leapfrog, Simulation, SymplecticEuler, System, box
-from msdwarp.forces import Scatter
+from msdwarp.dynamics import Dynamics
 from msdwarp.model import Model, State
 
 # With dx = x_i − x_j and dv = v_i − v_j: forces worked out by hand.
@@ -32,9 +32,10 @@ PRECISIONS = {"float32": problems.EPS32, "float64": problems.EPS64}
 def evaluate(system: System, device: str, precision: str) -> np.ndarray:
     """Return the force on every particle, taken straight from the scatter kernel."""
     model = Model(system, device=device, precision=precision)
-    route, state = Scatter(model), State.of(system, model)
-    route.evaluate(state.x, state.v)
-    return route.data.f.numpy()
+    dynamics, state = Dynamics(model), State.of(system, model)
+    dynamics.evaluate(state.x, state.v)
+    forces = dynamics._arguments[0]
+    return forces.f.numpy()
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -1,12 +1,29 @@
 """What an integrator is."""
 
+import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple, Self
 
 import warp as wp
 
 from ..dynamics import Dynamics
 from ..model import State
+
+
+class Rates(NamedTuple):
+    """How fast a linear system M x'' = −K x − B x' can move; what stability limits depend on."""
+
+    stiffness: float
+    """Largest eigenvalue of M⁻¹K [1/s²]: a squared angular frequency."""
+    damping: float
+    """Largest eigenvalue of M⁻¹B [1/s]."""
+    least_ratio: float
+    """Least damping over stiffness of a spring [s]; inf where nothing is stiff."""
+
+    @property
+    def damping_ratio(self) -> float:
+        """ζ of the fastest mode, where K and B share modes: 1 is critical."""
+        return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
 
 
 class Integrator(ABC):
@@ -24,6 +41,10 @@ class Integrator(ABC):
         """Return the arrays that the method needs beside the state."""
         return ()
 
+    def memory(self, work: tuple[wp.array, ...]) -> tuple[wp.array, ...]:
+        """Return those arrays of the workspace whose contents one substep leaves to the next."""
+        return ()
+
     def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
         self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float
     ) -> None:
@@ -38,13 +59,21 @@ class Integrator(ABC):
         return state.v
 
     @abstractmethod
-    def stable_step(self, stiffness_rate: float, damping_rate: float) -> float:
-        """Return the largest stable substep [s] for a linear system.
+    def stable_step(self, rates: Rates) -> float:
+        """Return the largest stable substep [s] for a linear system with these rates."""
 
-        Parameters
-        ----------
-        stiffness_rate
-            Largest eigenvalue of M⁻¹K [1/s²], a squared angular frequency.
-        damping_rate
-            Largest eigenvalue of M⁻¹B [1/s].
-        """
+    def fitted(self, rates: Rates, h: float) -> Self:
+        """Return the method as it is best used with substeps of h seconds."""
+        return self
+
+
+def kick_drift_limit(stiffness_rate: float, damping_rate: float) -> float:
+    """Return the h at which h²λ_k + 2hλ_b reaches 4, the limit of kick-drift with an explicit damper.
+
+    At the limit the fastest mode flips sign every substep. With x_n − x_{n−1} = h v_n, x and v alternating,
+    x = h v / 2, and v_{n+1} − v_n = −h (λ_k x + λ_b v) becomes 2 = h (λ_k h / 2 + λ_b).
+    """
+    if stiffness_rate == 0.0:
+        return 2.0 / damping_rate if damping_rate else math.inf
+    # The root of λ_k h² + 2λ_b h − 4, in the form that does not cancel.
+    return 4.0 / (damping_rate + math.sqrt(damping_rate**2 + 4.0 * stiffness_rate))

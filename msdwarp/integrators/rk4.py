@@ -9,7 +9,7 @@ import warp as wp
 from ..dynamics import Dynamics
 from ..kernels.integrate import rk4_finish, rk4_stage
 from ..model import State
-from .base import Integrator
+from .base import Integrator, Rates
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class RK4(Integrator):
         dynamics.evaluate(x_a, v_a)
         dynamics.launch(rk4_finish, h / 6, x_a, v_a, *start, *total)
 
-    def stable_step(self, stiffness_rate: float, damping_rate: float) -> float:
+    def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; see `Integrator.stable_step`.
 
         It holds for any system with these two rates, and is the largest that does to within 8 %; a given
         system may bear more, up to twice where its fastest modes are critically damped. A mode's eigenvalues
         h·μ have modulus h √λ_k where they oscillate and lie in −h λ_b … 0 where not.
         """
-        oscillating = 2.615 / math.sqrt(stiffness_rate) if stiffness_rate else math.inf
-        creeping = 2.785 / damping_rate if damping_rate else math.inf
+        oscillating = 2.615 / math.sqrt(rates.stiffness) if rates.stiffness else math.inf
+        creeping = 2.785 / rates.damping if rates.damping else math.inf
         return min(oscillating, creeping)

@@ -1,6 +1,5 @@
 """Semi-implicit (symplectic) Euler."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,15 +8,7 @@ import warp as wp
 from ..dynamics import Dynamics
 from ..kernels.integrate import symplectic_euler
 from ..model import State
-from .base import Integrator
-
-
-def kick_drift_limit(stiffness_rate: float, damping_rate: float) -> float:
-    """Return the h at which h²λ_k + 2hλ_b reaches 4, the limit of kick-drift with an explicit damper."""
-    if stiffness_rate == 0.0:
-        return 2.0 / damping_rate if damping_rate else math.inf
-    # The root of λ_k h² + 2λ_b h − 4, in the form that does not cancel.
-    return 4.0 / (damping_rate + math.sqrt(damping_rate**2 + 4.0 * stiffness_rate))
+from .base import Integrator, Rates, kick_drift_limit
 
 
 @dataclass(frozen=True)
@@ -37,6 +28,6 @@ class SymplecticEuler(Integrator):
         dynamics.evaluate(state.x, state.v)
         dynamics.launch(symplectic_euler, h, state.x, state.v, state.x, state.v)
 
-    def stable_step(self, stiffness_rate: float, damping_rate: float) -> float:
+    def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""
-        return kick_drift_limit(stiffness_rate, damping_rate)
+        return kick_drift_limit(rates.stiffness, rates.damping)

@@ -1,0 +1,95 @@
+"""Measures of a state, summed in float64 whatever the precision of the simulation.
+
+Every thread sums a share of its own, strided so that neighbours in memory are read together; the host adds the
+shares. The order of sums is fixed, so a measure of a state is the same each time.
+"""
+
+import functools
+
+import warp as wp
+
+from .basis import kernel, vector
+
+KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
+"""Columns of what `sum_particles` gives: one, one, three and three."""
+PARTICLE_COLUMNS = 8
+ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
+"""Columns of what `sum_connections` gives; the strain is the largest, not a sum."""
+CONNECTION_COLUMNS = 3
+
+
+@functools.cache
+def sum_particles(dim: int, scalar: type):
+    """Compose the kernel that sums over the particles that are not pinned."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def sum_over_particles(
+        inverse_mass: wp.array(dtype=scalar),
+        gravity: V,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        shares: wp.array2d(dtype=wp.float64),
+    ):
+        share = wp.tid()
+        i = share
+        while i < x.shape[0]:
+            w = wp.float64(inverse_mass[i])
+            if w > wp.float64(0.0):
+                mass = wp.float64(1.0) / w
+                position = wp.vec3d()
+                momentum = wp.vec3d()
+                fall = wp.float64(0.0)
+                for k in range(wp.static(dim)):
+                    position[k] = wp.float64(x[i][k])
+                    momentum[k] = mass * wp.float64(v[i][k])
+                    fall += wp.float64(gravity[k]) * position[k]
+                turn = wp.cross(position, momentum)
+                shares[share, 0] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                shares[share, 1] -= mass * fall
+                for k in range(3):
+                    shares[share, 2 + k] += momentum[k]
+                    shares[share, 5 + k] += turn[k]
+            i += shares.shape[0]
+
+    return sum_over_particles
+
+
+@functools.cache
+def sum_connections(dim: int, scalar: type):
+    """Compose the kernel that sums over the connections."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def sum_over_connections(
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        stiffness: wp.array(dtype=scalar),
+        damping: wp.array(dtype=scalar),
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        shares: wp.array2d(dtype=wp.float64),
+    ):
+        share = wp.tid()
+        c = share
+        half = wp.float64(0.5)
+        while c < connections.shape[0]:
+            i = connections[c][0]
+            j = connections[c][1]
+            rest = wp.float64(rest_length[c])
+            square = wp.float64(0.0)
+            closing = wp.float64(0.0)
+            for k in range(wp.static(dim)):
+                dx = wp.float64(x[i][k]) - wp.float64(x[j][k])
+                square += dx * dx
+                closing += dx * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
+            length = wp.sqrt(square)
+            stretch = length - rest
+            shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
+            if length > wp.float64(0.0):
+                rate = closing / length
+                shares[share, 1] += wp.float64(damping[c]) * rate * rate
+            shares[share, 2] = wp.max(shares[share, 2], wp.abs(stretch) / rest)
+            c += shares.shape[0]
+
+    return sum_over_connections

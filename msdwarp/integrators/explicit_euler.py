@@ -1,0 +1,34 @@
+"""Explicit Euler: the method that fails."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import warp as wp
+
+from ..dynamics import Dynamics
+from ..kernels.integrate import explicit_euler
+from ..model import State
+from .base import Integrator, Rates
+
+
+@dataclass(frozen=True)
+class ExplicitEuler(Integrator):
+    """x += h v and v += h a(x, v), both from the old state. For comparison only; the command does not offer it.
+
+    Order 1. Without damping every oscillation grows by √(1 + h²ω²) a substep, whatever the step. With it a
+    mode is stable iff h ≤ b/k and 2hλ(M⁻¹B) ≤ 4 + h²λ(M⁻¹K).
+    Reference: Hairer & Wanner, Solving Ordinary Differential Equations II, 2nd ed. (1996), IV.2.
+    """
+
+    order: ClassVar[int] = 1
+    evaluations: ClassVar[int] = 1
+
+    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+        """Advance the state by one substep of h seconds."""
+        dynamics.evaluate(state.x, state.v)
+        dynamics.launch(explicit_euler, h, state.x, state.v, state.x, state.v)
+
+    def stable_step(self, rates: Rates) -> float:
+        """Return a stable substep [s], 0 where a spring has no damper; see `Integrator.stable_step`."""
+        return min(rates.least_ratio, 2 / rates.damping if rates.damping else math.inf)

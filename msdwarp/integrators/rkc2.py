@@ -1,0 +1,149 @@
+"""Runge-Kutta-Chebyshev of order 2."""
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.polynomial.chebyshev import Chebyshev
+from numpy.typing import NDArray
+
+from .. import checks
+from ..dynamics import Dynamics
+from ..kernels.integrate import chebyshev_first, chebyshev_stage
+from ..model import State
+from .base import Integrator, Rates
+
+MOST_STAGES = 40
+MOST_AUTOMATIC_STAGES = 5
+"""With more, substeps grow so long that a body thrown on a floor leaves the linear regime within one."""
+
+
+class Coefficients(NamedTuple):
+    """What stage j of s does: Y_j − Y0 = mu D_{j−1} + nu D_{j−2} + h (reach F_{j−1} + reach0 F0)."""
+
+    first: float
+    mu: NDArray
+    nu: NDArray
+    reach: NDArray
+    reach0: NDArray
+    w0: float
+    w1: float
+    a: float
+    b: float
+
+
+@functools.cache
+def coefficients(stages: int) -> Coefficients:
+    """Return the coefficients of Sommeijer, Shampine & Verwer (1997), damped by ε = 2/13."""
+    s, w0 = stages, 1 + (2 / 13) / stages**2
+    T = [Chebyshev.basis(j) for j in range(s + 1)]
+    value, slope, bend = (np.array([t.deriv(n)(w0) if n else t(w0) for t in T]) for n in range(3))
+    w1 = slope[s] / bend[s]
+    b = np.empty(s + 1)
+    b[2:] = bend[2:] / slope[2:] ** 2
+    b[:2] = b[2]
+    a = 1 - b * value
+    j = np.arange(2, s + 1)
+    mu, reach = 2 * b[j] * w0 / b[j - 1], 2 * b[j] * w1 / b[j - 1]
+    return Coefficients(b[1] * w1, mu, -b[j] / b[j - 2], reach, -a[j - 1] * reach, w0, w1, a[s], b[s])
+
+
+@functools.cache
+def real_reach(stages: int) -> float:
+    """Return how far stability reaches along the negative real axis: about 0.653 (s² − 1)."""
+    s, c = stages, coefficients(stages)
+    T = Chebyshev.basis(s)
+    return float((c.w0 + 1) * T.deriv(2)(c.w0) / T.deriv(1)(c.w0))
+
+
+@functools.cache
+def disc_reach(stages: int) -> float:
+    """Return the radius of the largest stable disc that touches the imaginary axis at 0.
+
+    Proportionally damped modes, b = r k, have eigenvalues on the circle |μ + 1/r| = 1/r as long as they
+    oscillate, so springs with damping over stiffness of at least r ask for h/r within this radius.
+    """
+    s, c = stages, coefficients(stages)
+    angle = np.linspace(0, np.pi, 721)
+    T = Chebyshev.basis(s)
+
+    def stable(radius: float) -> bool:
+        discs = radius * np.linspace(0.02, 1, 50)[:, None]
+        z = discs * (np.exp(1j * angle) - 1)
+        return bool(np.all(np.abs(c.a + c.b * T(c.w0 + c.w1 * z)) <= 1 + 1e-12))
+
+    low, high = 0.0, real_reach(s)
+    while high - low > 1e-4 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+@dataclass(frozen=True)
+class RKC2(Integrator):
+    """Runge-Kutta-Chebyshev of order 2, for systems that creep rather than oscillate.
+
+    With s stages it is stable along the negative real axis to 0.653 (s² − 1), so that the work to cover a
+    given time falls as 1/s. It wants a damper beside every spring: an undamped oscillation is never stable.
+    Reference: Sommeijer, Shampine & Verwer, J. Comput. Appl. Math. 88 (1997) 315-326.
+
+    Parameters
+    ----------
+    stages
+        Force evaluations per substep, from 2 to 40; by default the least that are stable, from 2 to 5.
+
+    Raises
+    ------
+    ValueError
+        If `stages` is out of its range.
+    """
+
+    stages: int | None = None
+
+    order: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        if self.stages is not None and checks.count("stages", self.stages, 2) > MOST_STAGES:
+            raise ValueError(f"stages is {self.stages}; it must be at most {MOST_STAGES}")
+
+    @property
+    def evaluations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Force evaluations per substep."""
+        return self.stages or 2
+
+    def workspace(self, state: State) -> tuple[wp.array, ...]:
+        """Return the first acceleration, and two stages: as changes, and as positions and velocities."""
+        return state.empty_vectors(9)
+
+    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+        """Advance the state by one substep of h seconds."""
+        c, start = coefficients(self.evaluations), (state.x, state.v)
+        a0, here, there = work[0], work[1:5], work[5:9]  # each: dx, dv, x, v
+        for change in there[:2]:
+            change.zero_()
+        dynamics.evaluate(*start)
+        dynamics.launch(chebyshev_first, c.first * h, *start, *here, a0)
+        for k, (mu, nu, reach, reach0) in enumerate(zip(c.mu, c.nu, c.reach, c.reach0, strict=True)):
+            last = int(k == len(c.mu) - 1)
+            dynamics.evaluate(*here[2:])
+            dynamics.launch(
+                chebyshev_stage, mu, nu, h * reach, h * reach0, last, *here[2:], *here[:2], a0, *there, *start
+            )
+            here, there = there, here
+
+    def stable_step(self, rates: Rates) -> float:
+        """Return a stable substep [s], with the given stages or the most automatic ones."""
+        stages = self.stages or MOST_AUTOMATIC_STAGES
+        creeping = real_reach(stages) / rates.damping if rates.damping else math.inf
+        return min(creeping, disc_reach(stages) * rates.least_ratio)
+
+    def fitted(self, rates: Rates, h: float) -> "RKC2":
+        """Return the method with the least number of stages that is stable, where it was left open."""
+        if self.stages is not None:
+            return self
+        options = [RKC2(s) for s in range(2, MOST_AUTOMATIC_STAGES + 1)]
+        return next((method for method in options if method.stable_step(rates) >= h), options[-1])

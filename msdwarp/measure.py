@@ -1,0 +1,75 @@
+"""Measures: energies, momentum and strain of a state, summed on its device in float64."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .kernels import measure as columns
+from .kernels.measure import sum_connections, sum_particles
+from .model import Model, State
+
+
+class Measures(NamedTuple):
+    """What a state holds. Pinned particles count for nothing."""
+
+    kinetic_energy: float
+    """Σ m v²/2 [J]."""
+    elastic_energy: float
+    """Σ k (l − l0)²/2 [J]."""
+    gravitational_energy: float
+    """−Σ m g·x [J]."""
+    dissipated_power: float
+    """Σ b l'², what the dampers turn to heat [W]."""
+    momentum: NDArray[np.float64]
+    """Σ m v [kg m/s], shape [d]."""
+    angular_momentum: NDArray[np.float64]
+    """Σ m x × v about the origin [kg m²/s], shape [3] in three dimensions, [1] in two, [0] in one."""
+    largest_strain: float
+    """Largest |l / l0 − 1|."""
+
+    @property
+    def energy(self) -> float:
+        """Kinetic, elastic and gravitational energy together [J]."""
+        return self.kinetic_energy + self.elastic_energy + self.gravitational_energy
+
+
+def measure(model: Model, state: State, velocity: wp.array | None = None) -> Measures:
+    """Return the measures of a state, with `velocity` (default: its own) at the instant of its positions."""
+    v = state.v if velocity is None else velocity
+    particles = particle_sums(model, state.x, v)
+    connections = np.zeros(columns.CONNECTION_COLUMNS)
+    if model.connection_count:
+        constants = [model.connections, model.rest_length, model.stiffness, model.damping]
+        shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
+        _launch(sum_connections(model.dim, model.scalar), [*constants, state.x, v], shares, model)
+        parts = shares.numpy()
+        connections = np.append(parts[:, :2].sum(axis=0), parts[:, columns.STRAIN].max())
+    turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
+    return Measures(
+        float(particles[columns.KINETIC]),
+        float(connections[columns.ELASTIC]),
+        float(particles[columns.POTENTIAL]),
+        float(connections[columns.DISSIPATED]),
+        particles[columns.MOMENTUM :][: model.dim],
+        particles[columns.ANGULAR_MOMENTUM :][turning],
+        float(connections[columns.STRAIN]),
+    )
+
+
+def particle_sums(model: Model, x: wp.array, v: wp.array) -> NDArray[np.float64]:
+    """Return the sums over particles in the columns of `msdwarp.kernels.measure`."""
+    shares = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
+    _launch(sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v], shares, model)
+    return shares.numpy().sum(axis=0)
+
+
+def _shares(model: Model, count: int, width: int) -> wp.array:
+    """Return the place for the shares of a sum over `count` things: enough threads to fill a GPU, or one."""
+    threads = min(count, 16384) if model.device.is_cuda else 1
+    return wp.zeros((threads, width), dtype=wp.float64, device=model.device)
+
+
+def _launch(kernel: Any, inputs: list, shares: wp.array, model: Model) -> None:
+    wp.launch(kernel, dim=shares.shape[0], inputs=inputs, outputs=[shares], device=model.device)

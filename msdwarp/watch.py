@@ -1,0 +1,162 @@
+"""Watches a run: has it diverged, and if so where, when and why."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .dynamics import Dynamics
+from .kernels.measure import KINETIC, PARTICLE_COLUMNS, POTENTIAL, sum_particles
+from .kernels.watch import first_non_finite
+from .measure import measure
+from .model import Model, State
+from .system import System
+
+
+class SimulationDiverged(RuntimeError):
+    """The run cannot go on: a number is no longer finite, or energy has grown that has no source."""
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        time: float,
+        substep: int,
+        particle: int,
+        connection: int | None,
+        strain: float,
+        substeps_needed: int,
+    ) -> None:
+        super().__init__(message)
+        self.time = time
+        """When it happened [s]."""
+        self.substep = substep
+        """The substep of its frame, from 1."""
+        self.particle = particle
+        """The first particle concerned."""
+        self.connection = connection
+        """Its most strained connection just before, if it has any."""
+        self.strain = strain
+        """The strain of that connection."""
+        self.substeps_needed = substeps_needed
+        """Substeps per frame that are stable for the last good frame; 0 where none are."""
+
+
+class Watch:
+    """Looks at a state from the device, and costs one pass over the particles.
+
+    Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
+    and gravitational energy together may never exceed their sum. They are taken to have a source in the
+    stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
+    weight times the system's size.
+    """
+
+    def __init__(self, model: Model, state: State, energy_limit: float) -> None:
+        self._model, self._state = model, state
+        self._find = first_non_finite(model.dim, model.scalar)
+        self._sum = sum_particles(model.dim, model.scalar)
+        self._first = wp.empty(1, dtype=int, device=model.device)
+        threads = min(model.particle_count, 1024) if model.device.is_cuda else 1
+        self._shares = wp.zeros((threads, PARTICLE_COLUMNS), dtype=wp.float64, device=model.device)
+        start = measure(model, state)
+        scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
+        scale += _rounding_energy(model, state)
+        self._most = start.energy + energy_limit * scale if scale > 0 else np.inf
+
+    def look(self) -> None:
+        """Launch what finds out about the present state."""
+        model, state = self._model, self._state
+        self._first.fill_(model.particle_count)
+        self._shares.zero_()
+        wp.launch(self._find, model.particle_count, [state.x, state.v], [self._first], device=model.device)
+        inputs = [model.inverse_mass, model.gravity, state.x, state.v]
+        wp.launch(self._sum, self._shares.shape[0], inputs, [self._shares], device=model.device)
+
+    def finds_trouble(self) -> bool:
+        """Tell whether the state last looked at has diverged."""
+        sums = self._shares.numpy()[:, [KINETIC, POTENTIAL]].sum()
+        return int(self._first.numpy()[0]) < self._model.particle_count or not sums <= self._most
+
+    def culprit(self) -> int:
+        """Return the first particle that is not finite, else the fastest."""
+        first = int(self._first.numpy()[0])
+        if first < self._model.particle_count:
+            return first
+        return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
+
+
+class Backup:
+    """The state at the start of a frame, with all that substeps leave to the next."""
+
+    def __init__(self, dynamics: Dynamics, state: State, memory: tuple[wp.array, ...]) -> None:
+        lost = dynamics.lost
+        self._live = [array for array in (state.x, state.v, lost.x, lost.v, *memory) if array.size]
+        self._kept = [wp.clone(array) for array in self._live]
+
+    def save(self) -> None:
+        """Keep the present state."""
+        for live, kept in zip(self._live, self._kept, strict=True):
+            wp.copy(kept, live)
+
+    def restore(self) -> None:
+        """Go back to the state kept."""
+        for live, kept in zip(self._live, self._kept, strict=True):
+            wp.copy(live, kept)
+
+
+def describe(
+    system: System,
+    position: NDArray,
+    time: float,
+    dt: float,
+    substep: int,
+    substeps: int,
+    particle: int,
+    needed: int,
+) -> SimulationDiverged:
+    """Return the exception for a frame that began at `time` and was last good at `position`."""
+    connection, strain, stretched = None, float("nan"), ""
+    mine = np.flatnonzero((system.connections == particle).any(axis=1))
+    if len(mine):
+        i, j = system.connections[mine].T
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges may be large beyond all numbers
+            length = np.linalg.norm(position[i].astype(np.float64) - position[j], axis=1)
+            strains = length / system.rest_length[mine] - 1
+        worst = int(np.argmax(np.abs(strains)))
+        connection, strain = int(mine[worst]), float(strains[worst])
+        stretched = f", whose connection {connection} was at strain {strain:.3g} before"
+    advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
+    if 0 < needed <= substeps:
+        advice += f", so strong stretching must have come on within the frame: try {2 * substeps}"
+    when = time + substep * dt
+    return SimulationDiverged(
+        f"diverged at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
+        f"{advice}. The last good frame, at {time:.4g} s, is kept",
+        time=when,
+        substep=substep,
+        particle=particle,
+        connection=connection,
+        strain=strain,
+        substeps_needed=needed,
+    )
+
+
+def _weight(model: Model) -> float:
+    """Return the weight of all that is not pinned [N]."""
+    inverse = model.inverse_mass.numpy().astype(np.float64)
+    g = np.linalg.norm(np.array(list(model.gravity), dtype=np.float64))
+    return float((1 / inverse[inverse > 0]).sum() * g)
+
+
+def _size(state: State) -> float:
+    """Return the largest extent of a system [m], at least a metre for a single particle."""
+    return float(np.ptp(state.x.numpy(), axis=0).max()) or 1.0
+
+
+def _rounding_energy(model: Model, state: State) -> float:
+    """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
+
+    A thousand times that, since rounding errors of many substeps add up.
+    """
+    off = float(np.finfo(model.dtype).eps) * float(np.abs(state.x.numpy()).max())
+    stiffness = model.stiffness.numpy() if model.connection_count else np.zeros(1)
+    return 1e3 * float(np.sum(stiffness, dtype=np.float64)) * off**2
