@@ -27,7 +27,8 @@ class LinearlyImplicitEuler(Integrator):
 
     Order 1, and strongly damping. Stable at any step as far as its equations are solved: for a few springs that
     are much stiffer, or particles much lighter, than all others. They are solved by conjugate gradients without
-    ever being assembled, preconditioned by the inverses of the diagonal blocks.
+    ever being assembled, preconditioned by the inverses of the diagonal blocks. Contact comes after the solve:
+    a stiff spring that meets a floor is strained by up to v h in a substep, so long steps bounce hard there.
     Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
 
     Parameters
