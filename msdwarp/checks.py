@@ -1,7 +1,9 @@
 """Checks of what users pass in: each error names the argument, what it was and what is allowed."""
 
 import math
+import tempfile
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,6 +77,16 @@ def count(name: str, value: int, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} is {value!r}; it must be a whole number of at least {least}")
     return int(value)
+
+
+def writable_folder(name: str, folder: Path) -> None:
+    """Create a folder where it is missing; raise OSError, which names the argument, if it cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OSError(f"{name} is in {folder}, which cannot be written to: {error.strerror or error}") from error
 
 
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:

@@ -7,6 +7,7 @@ from typing import Self, TextIO
 
 import numpy as np
 
+from . import checks
 from .measure import Measures
 
 COLUMNS: dict[str, Callable[[Measures], float]] = {
@@ -35,6 +36,8 @@ class EnergyLog:
         If the path does not end in .csv.
     FileExistsError
         If the file or its plot exists and `force` is False.
+    OSError
+        If nothing can be written there.
     """
 
     def __init__(self, path: Path, *, force: bool = False) -> None:
@@ -44,11 +47,11 @@ class EnergyLog:
         for existing in (self.path, self.plot_path):
             if existing.exists() and not force:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
+        checks.writable_folder("log", path.parent)
         self._file: TextIO | None = None
 
     def __enter__(self) -> Self:
         """Open the file."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self.path.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file)
         self._writer.writerow(["time_s", *COLUMNS])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from . import film
+from . import checks, film
 from .accuracy import DEFAULT, METHODS, cheapest, tune
 from .energy_log import EnergyLog
 from .opengl import ADVICE
@@ -118,13 +118,7 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
             folder, k = Path("out") / f"{name}-{k}", k + 1
     elif not force and folder.is_dir() and any(folder.iterdir()):
         raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or error
-        raise OSError(f"out is {folder}, which cannot be written to: {reason}") from error
+    checks.writable_folder("out", folder)
     if force:
         stale = [*folder.glob("frame_[0-9]*.png"), *(folder / f"{name}.{end}" for end in film.FILM_FORMATS)]
         for path in stale:
