@@ -56,8 +56,8 @@ def sum_particles(dim: int, scalar: type):
 
 
 @functools.cache
-def sum_connections(dim: int, scalar: type):
-    """Compose the kernel that sums over the connections."""
+def sum_connections(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost."""
     V = vector(dim, scalar)
 
     @kernel
@@ -68,6 +68,7 @@ def sum_connections(dim: int, scalar: type):
         damping: wp.array(dtype=scalar),
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
+        x_lost: wp.array(dtype=V),
         shares: wp.array2d(dtype=wp.float64),
     ):
         share = wp.tid()
@@ -81,6 +82,8 @@ def sum_connections(dim: int, scalar: type):
             closing = wp.float64(0.0)
             for k in range(wp.static(dim)):
                 dx = wp.float64(x[i][k]) - wp.float64(x[j][k])
+                if wp.static(compensated):
+                    dx -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
                 square += dx * dx
                 closing += dx * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
             length = wp.sqrt(square)

@@ -79,14 +79,15 @@ def count(name: str, value: int, least: int) -> int:
     return int(value)
 
 
-def writable_folder(name: str, folder: Path) -> None:
+def writable_folder(name: str, value: Path, folder: Path) -> None:
     """Create a folder where it is missing; raise OSError, which names the argument, if it cannot be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise OSError(f"{name} is in {folder}, which cannot be written to: {error.strerror or error}") from error
+        reason = "it is a file" if folder.is_file() else error.strerror or error
+        raise OSError(f"{name} is {value}, which cannot be written to: {reason}") from error
 
 
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:

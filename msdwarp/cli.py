@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import os
 import pkgutil
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -109,6 +110,8 @@ def find_scene(scene: str) -> tuple[str, Build]:
         assert spec is not None
         assert spec.loader is not None
         name, module = path.stem, importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
+        sys.path.insert(0, str(path.parent.resolve()))  # as `python my_scene.py` has it
         spec.loader.exec_module(module)
     else:
         raise ValueError(f"scene is {scene!r}; it must be a script's path or one of {', '.join(known)}")
@@ -124,7 +127,10 @@ def _scene_app(name: str, command: str, build: Build, options_type: type, action
     def act(*, options: Any = defaults, **parameters: Any) -> None:
         with _quiet_start(getattr(options, "verbose", False)):
             wp.init()
-        action(name, build(**parameters), options)
+        scene = build(**parameters)
+        if not isinstance(scene, Scene):
+            raise ValueError(f"build of scene {name!r} returned {scene!r}; it must return a Scene")
+        action(name, scene, options)
 
     own = inspect.signature(build, eval_str=True).parameters.values()
     own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
@@ -162,8 +168,15 @@ def _quiet_start(verbose: bool) -> Iterator[None]:
 
 def _finish(command: Callable[[], Any]) -> NoReturn:
     """Run a command and exit: 0, or one line that says what was wrong."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that temporary files are removed
     try:
         command()
+    except BrokenPipeError:  # whoever read the output has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except MemoryError as error:
+        print(f"error: out of memory: {error}", file=sys.stderr)
+        sys.exit(1)
     except (ValueError, OSError, SimulationDiverged) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

@@ -1,6 +1,7 @@
 """A log of energies: a CSV file that grows with the run, and a plot of it."""
 
 import csv
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Self, TextIO
@@ -33,7 +34,7 @@ class EnergyLog:
     Raises
     ------
     ValueError
-        If the path does not end in .csv.
+        If the path does not end in .csv, or is called as a frame is.
     FileExistsError
         If the file or its plot exists and `force` is False.
     OSError
@@ -43,11 +44,13 @@ class EnergyLog:
     def __init__(self, path: Path, *, force: bool = False) -> None:
         if path.suffix != ".csv":
             raise ValueError(f"log is {path}; its name must end in .csv")
+        if re.fullmatch(r"frame_\d+", path.stem):
+            raise ValueError(f"log is {path}; its plot would have the name of a frame")
         self.path, self.plot_path = path, path.with_suffix(".png")
         for existing in (self.path, self.plot_path):
             if existing.exists() and not force:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
-        checks.writable_folder("log", path.parent)
+        checks.writable_folder("log", path, path.parent)
         self._file: TextIO | None = None
 
     def __enter__(self) -> Self:

@@ -35,15 +35,29 @@ class Measures(NamedTuple):
         return self.kinetic_energy + self.elastic_energy + self.gravitational_energy
 
 
-def measure(model: Model, state: State, velocity: wp.array | None = None) -> Measures:
-    """Return the measures of a state, with `velocity` (default: its own) at the instant of its positions."""
+def measure(
+    model: Model, state: State, velocity: wp.array | None = None, x_lost: wp.array | None = None
+) -> Measures:
+    """Return the measures of a state.
+
+    Parameters
+    ----------
+    model, state
+        The system on a device.
+    velocity
+        Velocities at the instant of the positions; by default the state's own.
+    x_lost
+        What the positions have lost by rounding, in compensated precision.
+    """
     v = state.v if velocity is None else velocity
+    compensated = model.compensated and x_lost is not None
     particles = particle_sums(model, state.x, v)
     connections = np.zeros(columns.CONNECTION_COLUMNS)
     if model.connection_count:
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
         shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
-        _launch(sum_connections(model.dim, model.scalar), [*constants, state.x, v], shares, model)
+        inputs = [*constants, state.x, v, x_lost if compensated else state.x]
+        _launch(sum_connections(model.dim, model.scalar, compensated), inputs, shares, model)
         parts = shares.numpy()
         connections = np.append(parts[:, :2].sum(axis=0), parts[:, columns.STRAIN].max())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]

@@ -104,14 +104,20 @@ class Model:
         self.pinned = bool(system.pinned.any())
 
         self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
-        self.inverse_mass = self._upload(_uniform(1.0 / system.mass, system.mass))
+        self.inverse_mass = self._upload(_uniform(1.0 / system.mass, system.mass), "1 / mass")
         self.connections = wp.array(system.connections, dtype=wp.vec2i, device=self.device)
-        self.rest_length = self._upload(system.rest_length)
-        self.stiffness = self._upload(system.stiffness)
-        self.damping = self._upload(system.damping)
+        self.rest_length = self._upload(system.rest_length, "rest_length")
+        self.stiffness = self._upload(system.stiffness, "stiffness")
+        self.damping = self._upload(system.damping, "damping")
         self.Colliders, self.colliders, self.collide = self._planes(tuple(colliders), contact)
 
-    def _upload(self, values: NDArray[np.float64]) -> wp.array:
+    def check_range(self, values: NDArray[np.float64], name: str) -> None:
+        """Raise ValueError if a number is too large for this precision."""
+        most = float(np.finfo(self.dtype).max)
+        checks.every(name, values, values <= most, f"at most {most:.2g} in {self.precision}")
+
+    def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
+        self.check_range(values, name)
         return scalar_array(values, self.scalar, self.device)
 
     def _planes(self, planes: tuple[Plane, ...], contact: str) -> tuple[Any, Any, Any]:
@@ -145,6 +151,8 @@ class State:
     @classmethod
     def of(cls, system: System, model: Model) -> "State":
         """Upload the positions and velocities of a system."""
+        model.check_range(np.abs(system.position), "position")
+        model.check_range(np.abs(system.velocity), "velocity")
         arrays = (
             wp.array(values, dtype=model.vector, device=model.device)
             for values in (system.position, np.ascontiguousarray(system.velocity))

@@ -5,6 +5,7 @@ This is the only importer of PyVista, and imports it when the first picture is d
 
 import os
 import warnings
+import weakref
 from typing import Any, Protocol
 
 import numpy as np
@@ -65,6 +66,10 @@ class Renderer:
         self.width, self.height = (checks.count("resolution", n, 16) for n in resolution)
         self.drawing = Drawing(scene, colouring)
         self.look = scene.look
+        positions, self._shape = np.asarray(positions), scene.system.position.shape
+        if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
+            raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
+        checks.every("positions", positions, np.isfinite(positions), "finite")
         points = in_space(positions, np.float64).reshape(-1, 3)
         self.camera = Camera.that_sees(points, scene.look, self.width / self.height)
         self.ground = Ground(scene, points) if scene.ground else None
@@ -80,7 +85,17 @@ class Renderer:
             self._backend = RayCaster(self.drawing, self.camera, self.ground, self.look, (self.width, self.height))
 
     def image(self, position: NDArray) -> NDArray[np.uint8]:
-        """Return the picture of a frame, uint8 of shape [height, width, 3]."""
+        """Return the picture of a frame, uint8 of shape [height, width, 3].
+
+        Raises
+        ------
+        ValueError
+            If `position` is not finite or not of the system's shape.
+        """
+        position = np.asarray(position)
+        if position.shape != self._shape:
+            raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
+        checks.every("position", position, np.isfinite(position), "finite")
         self.drawing.follow(position)
         image = self._backend.draw()
         return with_strain_bar(image, self.look) if self.drawing.strained else image
@@ -110,6 +125,7 @@ class OpenGL:
         self._backdrop = wp.full(shape, red + (green << 8) + (blue << 16), dtype=wp.uint32, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
         self._shadow = None
+        weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
         if self.ground is not None:
             texture = pv.Texture(np.ascontiguousarray(self.ground.texture[::-1]))

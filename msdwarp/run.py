@@ -35,9 +35,9 @@ class Options:
     device
         Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
     precision
-        Numbers of the simulation.
+        Numbers of the simulation; by default float32.
     integrator
-        Time-stepping method.
+        Time-stepping method; by default symplectic-euler.
     substeps
         Integrator steps per frame; auto chooses them by the scene's stability limit.
     allow_unstable
@@ -70,10 +70,11 @@ class Options:
     """
 
     device: str | None = None
-    precision: Literal["float32", "float32-compensated", "float64"] = "float32"
-    integrator: Literal[
-        "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
-    ] = "symplectic-euler"
+    precision: Literal["float32", "float32-compensated", "float64"] | None = None
+    integrator: (
+        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
+        | None
+    ) = None
     substeps: int | Literal["auto"] = "auto"
     allow_unstable: Annotated[bool, Parameter(negative=())] = False
     tolerance: float | None = None
@@ -91,12 +92,12 @@ class Options:
 
 
 def parse_resolution(text: str) -> tuple[int, int]:
-    """Return (width, height) of "WIDTHxHEIGHT"; raise ValueError unless both are even and at least 64."""
+    """Return (width, height) of "WIDTHxHEIGHT"; raise ValueError unless both are even, from 64 to 16384."""
     match = re.fullmatch(r"(\d+)x(\d+)", text)
     size = tuple(map(int, match.groups())) if match else ()
-    if len(size) != 2 or any(n < 64 or n % 2 for n in size):
+    if len(size) != 2 or any(not 64 <= n <= 16384 or n % 2 for n in size):
         raise ValueError(
-            f"resolution is {text!r}; it must be WIDTHxHEIGHT, both even and at least 64, such as 1280x720"
+            f"resolution is {text!r}; it must be WIDTHxHEIGHT, both even and from 64 to 16384, such as 1280x720"
         )
     return size
 
@@ -118,7 +119,7 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
             folder, k = Path("out") / f"{name}-{k}", k + 1
     elif not force and folder.is_dir() and any(folder.iterdir()):
         raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
-    checks.writable_folder("out", folder)
+    checks.writable_folder("out", folder, folder)
     if force:
         stale = [*folder.glob("frame_[0-9]*.png"), *(folder / f"{name}.{end}" for end in film.FILM_FORMATS)]
         for path in stale:
@@ -143,16 +144,17 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
     talk = Console(stderr=True, quiet=options.quiet)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
+    integrator, precision = options.integrator or DEFAULT, options.precision or "float32"
     simulation = Simulation(
         scene.system,
         gravity=scene.gravity,
         colliders=scene.colliders,
-        integrator=METHODS[options.integrator],
+        integrator=METHODS[integrator],
         fps=options.fps,
         substeps=options.substeps,
         allow_unstable=options.allow_unstable,
         device=options.device,
-        precision=options.precision,
+        precision=precision,
     )
     log = None if options.log is None else EnergyLog(options.log, force=options.force)
     drawing = not options.frames == options.video == "none"
@@ -173,7 +175,7 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
                         log.write(frame.time, simulation.measure())
         except SimulationDiverged as error:
             trouble = error  # told once what there is has been drawn
-        lines = list(_summary(simulation, options.integrator, time.perf_counter() - began))
+        lines = list(_summary(simulation, integrator, time.perf_counter() - began))
         if folder is not None:
             lines += _draw(scene, positions[:done], folder / name, resolution, options, progress)
     if not options.quiet:
@@ -185,13 +187,14 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
 def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
     """Return the options with the cheapest method under their tolerance."""
     assert options.tolerance is not None
-    if (options.integrator, options.precision, options.substeps) != (DEFAULT, "float32", "auto"):
+    if options.integrator or options.precision or options.substeps != "auto":
         raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
     if options.fps != 60.0:
         raise ValueError(f"fps is {options.fps:g}; with a tolerance it must be 60")
     with talk.status("tuning"):
         found, _ = tune(scene, options.tolerance, device=options.device)
     best: Any = cheapest(found, options.tolerance)
+    talk.print(f"tuned: {best.method} keeps the error to {best.error:.1e} of the body's size", highlight=False)
     return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)
 
 

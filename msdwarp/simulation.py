@@ -240,7 +240,7 @@ class Simulation:
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
-        return measure(self.model, self.state, self._velocity())
+        return measure(self.model, self.state, self._velocity(), self._dynamics.lost.x)
 
     def _velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions, on the device."""

@@ -27,6 +27,9 @@ from .system import System
 SAFETY = 0.8
 """Share of the limit at rest that held in every scene measured, strongly stretched ones included."""
 
+MOST_SUBSTEPS = 100_000
+"""More substeps a frame are not chosen automatically: recording them would take longer than anyone waits."""
+
 
 class UnstableStep(ValueError):
     """The substeps asked for are longer than the stability limit."""
@@ -134,11 +137,17 @@ def choose_substeps(
     Raises
     ------
     UnstableStep
-        If no step is stable.
+        If no step is stable, or more than MOST_SUBSTEPS would be needed.
     """
     choice = choose_forced(rates, integrator, fps, substeps or 1)
     if choice.limit <= 0.0:
         raise UnstableStep(f"{integrator} is stable at no step here: a spring has no damper beside it")
     if substeps is not None:
         return choice
-    return replace(choice, substeps=max(1, math.ceil(1.0 / (fps * choice.limit * safety))))
+    wanted = 1.0 / (fps * choice.limit * safety)
+    if wanted > MOST_SUBSTEPS:
+        raise UnstableStep(
+            f"{wanted:.2g} substeps a frame would be needed, more than {MOST_SUBSTEPS}: raise fps, "
+            "or soften what is stiffest for its mass"
+        )
+    return replace(choice, substeps=max(1, math.ceil(wanted)))

@@ -94,12 +94,17 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--fps", "0"], 1, "fps is 0"),
         (["--substeps", "0"], 1, "substeps is 0"),
         (["--tolerance", "0"], 1, "tolerance is 0"),
+        (["--tolerance", "1e-2", "--integrator", "symplectic-euler"], 1, "tolerance chooses"),
+        (["--stiffness", "1e30"], 1, "substeps a frame would be needed"),
+        (["--stiffness", "1e300"], 1, "stiffness[0] is 1e+300; it must be at most 3.4e+38 in float32"),
+        (["--mass", "1e-40"], 1, "1 / mass[0]"),
+        (["--log", "frame_0000.csv"], 1, "its plot would have the name of a frame"),
         (["--precision", "float16"], 2, "--precision"),
         (["--integrator", "euler"], 2, "--integrator"),
         (["--resolution", "huge"], 1, "resolution is 'huge'"),
         (["--resolution", "101x100"], 1, "resolution is '101x100'"),
-        (["--out", "/dev/null/deep"], 1, "out is in /dev/null/deep, which cannot be written to"),
-        (["--log", "/dev/null/e.csv"], 1, "log is in /dev/null, which cannot be written to"),
+        (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
+        (["--log", "/dev/null/e.csv"], 1, "log is /dev/null/e.csv, which cannot be written to"),
         (["--colour", "plaid"], 2, "--colour"),
         (["--colour-blind"], 2, "--colour-blind"),
     ],
@@ -229,6 +234,27 @@ def test_a_scene_of_one_s_own_runs_by_its_path(msdwarp, tmp_path):
     assert code == 0
     assert "8 particles and 7 connections" in out
     assert (tmp_path / "out" / "swing" / "swing.webp").exists()
+
+
+def test_a_scene_s_script_may_use_what_stands_beside_it(msdwarp, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "lengths_beside.py").write_text("LINKS = 4\n")
+    (tmp_path / "sub" / "own.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from lengths_beside import LINKS\n"
+        "from msdwarp import Scene, chain\n"
+        "@dataclass\nclass Rope:\n    links: int = LINKS\n"
+        "def build() -> Scene:\n    return Scene(system=chain(Rope().links + 1, 0.2).pin(0))\n"
+    )
+    code, out, _ = msdwarp("run", "sub/own.py", "--frames", "none", "--video", "none", *SMALL)
+    assert code == 0
+    assert "5 particles and 4 connections" in out
+
+
+def test_a_build_that_returns_no_scene_is_told_so(msdwarp, tmp_path):
+    (tmp_path / "nothing.py").write_text("def build():\n    return None\n")
+    assert "returned None; it must return a Scene" in msdwarp("run", "nothing.py")[2]
 
 
 def test_a_scene_may_not_hide_a_common_flag(msdwarp, tmp_path):

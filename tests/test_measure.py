@@ -7,7 +7,7 @@ import problems
 import pytest
 from scipy.integrate import simpson
 
-from msdwarp import RK4, Leapfrog, Simulation, SymplecticEuler, System
+from msdwarp import RK4, Leapfrog, Simulation, SymplecticEuler, System, box
 
 GRAVITY = (1.5, -2.0, -9.82)
 EXTRAPOLATED = Leapfrog(damper_extrapolation=0.5)
@@ -198,3 +198,14 @@ def test_undamped_leapfrog_keeps_energy_to_second_order():
     # ω ≤ 25/s: (hω)²/4 is 1.6 % at the longest step. A quarter with each halving, to the next order.
     ratios = np.array(wander[:-1]) / wander[1:]
     np.testing.assert_allclose(ratios, 4.0, rtol=0.1)
+
+
+def test_compensated_measures_are_those_of_the_true_positions():
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=400.0).translate((1000.0, 0, 0))
+    strain = {
+        precision: Simulation(body, gravity=0.0, precision=precision, device="cpu").measure().largest_strain
+        for precision in ("float32", "float32-compensated")
+    }
+    # Positions at 1 km are rounded by up to 3e-5 m, a few 1e-4 of the spacing; rest lengths by half of 1.2e-7.
+    assert strain["float32"] > 1e-4
+    assert strain["float32-compensated"] <= 0.6e-7

@@ -165,6 +165,14 @@ def test_bad_renderer_arguments_are_named(scene, arguments, message):
         msd.Renderer(scene, scene.system.position, **arguments)
 
 
+@pytest.mark.parametrize("wrong", [lambda p: p[:20], lambda p: p[:, :2], lambda p: p * np.nan])
+def test_positions_of_another_system_are_refused(scene, wrong):
+    position = scene.system.position
+    renderer = msd.Renderer(scene, np.array([position, position]), resolution=SIZE, backend="raycast")
+    with pytest.raises(ValueError, match="position"):
+        renderer.image(wrong(position))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
