@@ -58,9 +58,14 @@ class Reference(NamedTuple):
     """Largest extent of the system at the start [m]."""
 
 
+def simulation_of(scene: Scene, **options: Any) -> Simulation:
+    """Return the simulation of a scene: its system in its surroundings, with options of `Simulation`."""
+    return Simulation(scene.system, gravity=scene.gravity, colliders=scene.colliders, **options)
+
+
 def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:
     """Return a simulation and the positions of all its frames, shape [frame_count, particle_count, d]."""
-    simulation = Simulation(scene.system, gravity=scene.gravity, colliders=scene.colliders, **options)
+    simulation = simulation_of(scene, **options)
     return simulation, np.array([frame.position for frame in simulation.frames(duration)], dtype=np.float64)
 
 
@@ -192,10 +197,8 @@ def _timed(scene: Scene, found: list[Measurement], device: str | None, rounds: i
     """Fill in the times: medians of several rounds, in which the methods take turns."""
     simulations = []
     for one in found:
-        simulation = Simulation(
-            scene.system,
-            gravity=scene.gravity,
-            colliders=scene.colliders,
+        simulation = simulation_of(
+            scene,
             integrator=METHODS[one.method],
             substeps=one.substeps,
             precision=one.precision,

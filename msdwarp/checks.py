@@ -40,22 +40,22 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
 
 def positive(name: str, value: float) -> float:
     """Return `value` as a float; raise ValueError unless it is finite and above zero."""
-    return _number(name, value, value_above=0.0, inclusive=False)
+    return _number(name, value, inclusive=False)
 
 
 def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
     """Return `value` as a float; raise ValueError if it is negative, NaN or (unless allowed) infinite."""
-    return _number(name, value, value_above=0.0, inclusive=True, infinite=infinite)
+    return _number(name, value, inclusive=True, infinite=infinite)
 
 
-def _number(name: str, value: float, *, value_above: float, inclusive: bool, infinite: bool = False) -> float:
-    allowed = f"a number {'of at least' if inclusive else 'above'} {value_above:g}"
+def _number(name: str, value: float, *, inclusive: bool, infinite: bool = False) -> float:
+    allowed = f"a number {'of at least' if inclusive else 'above'} 0"
     allowed += "" if infinite else ", and finite"
     try:
         number = float(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is {value!r}; it must be {allowed}") from error
-    high_enough = number >= value_above if inclusive else number > value_above
+    high_enough = number >= 0.0 if inclusive else number > 0.0
     if not high_enough or (math.isinf(number) and not infinite):
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
     return number

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import checks, film
-from .accuracy import DEFAULT, METHODS, cheapest, tune
+from .accuracy import DEFAULT, METHODS, cheapest, simulation_of, tune
 from .energy_log import EnergyLog
 from .opengl import ADVICE
 from .render import Renderer
@@ -145,10 +145,8 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     integrator, precision = options.integrator or DEFAULT, options.precision or "float32"
-    simulation = Simulation(
-        scene.system,
-        gravity=scene.gravity,
-        colliders=scene.colliders,
+    simulation = simulation_of(
+        scene,
         integrator=METHODS[integrator],
         fps=options.fps,
         substeps=options.substeps,
@@ -169,7 +167,8 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
             with log or nullcontext():
                 frames = simulation.frames(duration)
                 for frame in progress.track(frames, count, description="simulating"):
-                    positions[done] = frame.position
+                    if folder is not None:
+                        positions[done] = frame.position
                     done += 1
                     if log is not None:
                         log.write(frame.time, simulation.measure())
@@ -177,7 +176,7 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
             trouble = error  # told once what there is has been drawn
         lines = list(_summary(simulation, integrator, time.perf_counter() - began))
         if folder is not None:
-            lines += _draw(scene, positions[:done], folder / name, resolution, options, progress)
+            lines.append(_draw(scene, positions[:done], folder / name, resolution, options, progress))
     if not options.quiet:
         print(*lines, sep="\n")
     if trouble is not None:
@@ -205,8 +204,8 @@ def _draw(
     resolution: tuple[int, int],
     options: Options,
     progress: Progress,
-) -> Iterator[str]:
-    """Draw all frames and write them beside the film `target`; then say so."""
+) -> str:
+    """Draw all frames and write them beside the film `target`; return a line that says so."""
     began = time.perf_counter()
     renderer = Renderer(scene, positions, resolution=resolution, colouring=options.colour)
     if not renderer.uses_opengl:
@@ -222,7 +221,7 @@ def _draw(
         results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
     if path is not None:
         results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    yield f"drew {count} frames in {seconds:.2f} s: " + " and ".join(results)
+    return f"drew {count} frames in {seconds:.2f} s: " + " and ".join(results)
 
 
 def _progress(console: Console) -> Progress:

@@ -170,7 +170,7 @@ class Simulation:
     @property
     def dt(self) -> float:
         """Length of a substep [s]."""
-        return 1.0 / (self.fps * self.substeps)
+        return self.choice.step
 
     @property
     def time(self) -> float:

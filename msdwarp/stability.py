@@ -89,8 +89,8 @@ def rate_bounds(system: System, model: Model | None = None, state: State | None 
         model = Model(system, device="cpu", precision="float64")
     state = State.of(system, model) if state is None else state
     bounds = _bounds(model, state)
-    springs = system.stiffness[:: _stride(system.stiffness, system.damping)]
-    dampers = system.damping[:: _stride(system.stiffness, system.damping)]
+    stride = _stride(system.stiffness, system.damping)
+    springs, dampers = system.stiffness[::stride], system.damping[::stride]
     stiff = springs > 0
     ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
     return Rates(float(bounds[0]), float(bounds[1]), ratio)
