@@ -2,7 +2,7 @@
 
 In float32 a small change added to a large position is rounded to nothing: at 400 m and h = 1/2640 s a particle
 slower than 4 cm/s would stand still. Kahan's summation carries the rounding error of each sum to the next one.
-It relies on the compiler to leave the order of sums as written: never compile it with fast-math.
+It relies on the compiler to leave the order of sums as written.
 Reference: Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002), 4.3.
 """
 
@@ -11,28 +11,33 @@ import functools
 import warp as wp
 
 from .basis import vector
+from .records import records
 
 
 @functools.cache
 def compensation(dim: int, scalar: type, compensated: bool):
-    """Compose (Lost, add): what sums have lost, and `add(total, change, lost, i)`, the next sum of particle i.
+    """Compose (Lost, add): what sums have lost, and `add(total, change, lost, lost_out, i)`, the next sum.
 
-    The true total is total − lost[i]. Without `compensated` it is a plain sum and `lost` is not touched.
+    The true total is total − lost[i] before, and the sum − lost_out[i] after. Positions' losses are read by
+    neighbours too, so the next ones are written to x_out. Without `compensated` it is a plain sum, and nothing
+    else is touched.
     """
     V = vector(dim, scalar)
+    load, store, _ = records(dim, scalar)
 
     @wp.struct
     class Lost:
         x: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
         v: wp.array(dtype=V)
 
     @wp.func
-    def add(total: V, change: V, lost: wp.array(dtype=V), i: int) -> V:
+    def add(total: V, change: V, lost: wp.array(dtype=V), lost_out: wp.array(dtype=V), i: int) -> V:
         new = total + change
         if wp.static(compensated):
-            rest = change - lost[i]
+            rest = change - load(lost, i)
             new = total + rest
-            lost[i] = (new - total) - rest
+            store(lost_out, i, (new - total) - rest)
         return new
 
     return Lost, add

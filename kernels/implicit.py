@@ -5,8 +5,10 @@ import functools
 import warp as wp
 
 from .basis import kernel, vector
-from .integrate import finish
-from .motion import Motion
+from .compensation import compensation
+from .integrate import finish, particle_acceleration
+from .motion import Motion, Stage, world
+from .records import records
 
 
 @functools.cache
@@ -192,64 +194,58 @@ def conjugate_gradients(dim: int, scalar: type):
 
 
 @functools.cache
-def impulse(motion: Motion):
+def impulse(motion: Motion) -> Stage:
     """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle."""
-    scalar, Forces, Colliders, Lost = motion.scalar, motion.Forces, motion.Colliders, motion.Lost
-    acceleration = motion.acceleration
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    acceleration = particle_acceleration(motion)
     V = vector(motion.dim, scalar)
+    _, store, _ = records(motion.dim, scalar)
 
-    @kernel
-    def present_impulse(
-        # Model:
-        forces: Forces,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        colliders: Colliders,
-        lost: Lost,
-        h: scalar,
-        # State in:
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        # State out:
-        out: wp.array(dtype=V),
-    ):
-        i = wp.tid()
-        a = acceleration(forces, inverse_mass, gravity, x, v, i)
-        out[i] = V()
-        if inverse_mass[i] > scalar(0.0):
-            out[i] = h * a / inverse_mass[i]
+    @wp.struct
+    class Impulse:
+        h: scalar
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        out: wp.array(dtype=V)
 
-    return present_impulse
+    @wp.func
+    def advance(world: World, step: Impulse, i: int):
+        a = acceleration(world, step.lost, step.x, step.v, i)
+        p = V()
+        if world.inverse_mass[i] > scalar(0.0):
+            p = step.h * a / world.inverse_mass[i]
+        store(step.out, i, p)
+
+    return Stage(Impulse, advance)
 
 
 @functools.cache
-def implicit_finish(motion: Motion):
-    """Compose v += dv, then x += h v, then contact."""
-    scalar, Forces, Colliders, Lost = motion.scalar, motion.Forces, motion.Colliders, motion.Lost
-    add, finish_substep = motion.add, finish(motion)
+def implicit_finish(motion: Motion) -> Stage:
+    """Compose v += dv (0 for a pinned particle), then x += h v, then contact."""
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    finish_substep = finish(motion)
     V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
 
-    @kernel
-    def implicit_last(
-        # Model:
-        forces: Forces,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        colliders: Colliders,
-        lost: Lost,
-        h: scalar,
-        # State in:
-        dv: wp.array(dtype=V),
-        # State in and out:
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-    ):
-        i = wp.tid()
-        if inverse_mass[i] > scalar(0.0):
-            v_old = v[i]
-            v_new = add(v_old, dv[i], lost.v, i)
-            x_new, v_end = finish_substep(colliders, lost, x[i], v_old, h * v_new, v_new, i)
-            x[i] = x_new
-            v[i] = v_end
+    @wp.struct
+    class ImplicitFinish:
+        h: scalar
+        lost: Lost
+        dv: wp.array(dtype=V)
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
 
-    return implicit_last
+    @wp.func
+    def advance(world: World, step: ImplicitFinish, i: int):
+        v_old = load(step.v, i)
+        v_new = add(v_old, load(step.dv, i), step.lost.v, step.lost.v, i)
+        x_old = load(step.x, i)
+        x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
+        store(step.x_out, i, x_new)
+        store(step.v_out, i, v_end)
+
+    return Stage(ImplicitFinish, advance, forced=False)

@@ -1,4 +1,4 @@
-"""The equation of motion of one particle, composed from a route to its force and the scene's effects."""
+"""What methods of integration are composed from, and what they are."""
 
 import functools
 from typing import Any, NamedTuple
@@ -6,52 +6,53 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from .basis import vector
+from .compensation import compensation
+from .forces import Route
 
 
 class Motion(NamedTuple):
-    """What an integrator kernel is composed from; hashable, so that equal scenes share kernels."""
+    """What a method's functions are composed from; hashable, so that equal scenes share kernels."""
 
     dim: int
     scalar: type
-    Forces: Any
-    """Struct type of what `acceleration` needs to know the forces."""
-    acceleration: Any
-    """wp.func (forces, inverse_mass, gravity, x, v, i) -> acceleration of particle i [m/s²]."""
+    route: Route
+    """How a particle gets the force on it."""
+    pinned: bool
+    """Whether any particle is pinned."""
     Colliders: Any
     """Struct type of the colliders."""
     collide: Any
     """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no colliders."""
-    Lost: Any
-    """Struct type of what sums have lost by rounding."""
-    add: Any
-    """wp.func (total, change, lost, i) -> total + change."""
     compensated: bool
-    """Whether `add` keeps what rounding takes away."""
+    """Whether sums keep what rounding takes away."""
+
+    @property
+    def Lost(self) -> Any:
+        """Struct type of what sums have lost by rounding."""
+        return compensation(self.dim, self.scalar, self.compensated)[0]
+
+
+class Stage(NamedTuple):
+    """A method as seen from one particle."""
+
+    Step: Any
+    """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `lost`."""
+    advance: Any
+    """wp.func (world, step, i): advance particle i."""
+    forced: bool = True
+    """Whether it asks for the force."""
 
 
 @functools.cache
-def particle_acceleration(dim: int, scalar: type, Forces: Any, force_at: Any, pinned: bool):
-    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
+def world(motion: Motion):
+    """Compose the struct of what acts on particles: the same in every stage of every method."""
+    Forces, Colliders = motion.route.Forces, motion.Colliders
 
-    A pinned particle stands still, so no collider ever finds it approaching: this is the only test for it,
-    and it is compiled only where a particle is pinned.
-    """
-    V = vector(dim, scalar)
+    @wp.struct
+    class World:
+        forces: Forces
+        inverse_mass: wp.array(dtype=motion.scalar)
+        gravity: vector(motion.dim, motion.scalar)
+        colliders: Colliders
 
-    @wp.func
-    def acceleration(
-        forces: Forces,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        i: int,
-    ) -> V:
-        force = force_at(forces, x, v, i)
-        w = inverse_mass[i]
-        if wp.static(pinned):
-            if w == scalar(0.0):
-                return V()
-        return w * force + gravity
-
-    return acceleration
+    return World

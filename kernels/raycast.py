@@ -84,7 +84,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
         colour = texel(body.texture, at[0], at[1])
     diffuse = view.ambient
-    glint = float(0.0)  # noqa: UP018 (a variable of Warp, not a constant)
+    glint = float(0.0)
     for k in range(2):
         light = view.light
         strength = view.key

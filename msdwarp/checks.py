@@ -2,7 +2,7 @@
 
 import math
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +19,8 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return `value` as a read-only float64 array of `shape`; what is the same everywhere is stored once."""
-    if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides == (0,):
-        value = value[0]  # one constant already, seen many times
+    if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides[:1] == (0,):
+        value = value[0]  # one constant or row already, seen many times
     given = array(name, value)
     try:
         result = np.broadcast_to(given, shape)
@@ -36,6 +36,21 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
         index = tuple(int(k) for k in np.argwhere(~holds)[0])
         where = name + (f"[{', '.join(map(str, index))}]" if index else "")
         raise ValueError(f"{where} is {values[index]}; it must be {allowed}")
+
+
+def within(name: str, values: NDArray, *limits: tuple[Callable[[NDArray], NDArray], str]) -> None:
+    """Raise ValueError that names the first entry of `values` that is not within all `limits`.
+
+    A limit is a condition that holds for an interval of numbers, such as `np.isfinite`, and its words.
+    """
+    if values.size == 0:
+        return
+    once = values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
+    # The least and the greatest vouch for all between, and are NaN if any is: no mask of them all is built.
+    extremes = np.array([once.min(), once.max()])
+    for holds, allowed in limits:
+        if not holds(extremes).all():
+            every(name, values, holds(values), allowed)
 
 
 def positive(name: str, value: float) -> float:

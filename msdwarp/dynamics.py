@@ -1,49 +1,131 @@
 """Dynamics: the equation of motion x'' = f(x, x')/m + g with contact, as integrators see it."""
 
+from collections.abc import Callable
 from typing import Any
 
 import warp as wp
 
-from .forces import Scatter
-from .kernels.compensation import compensation
-from .kernels.motion import Motion, particle_acceleration
-from .model import Model
+from .forces import ROUTE_CLASSES
+from .kernels.integrate import each_connection, each_particle
+from .kernels.motion import Motion, world
+from .kernels.stay import stay
+from .model import Model, State
 
 
 class Dynamics:
-    """Joins a model and a route to its forces, and launches integrator kernels composed for the two."""
+    """Joins a model and a route to its forces, and launches integrators' stages composed for the two."""
 
     def __init__(self, model: Model) -> None:
-        Lost, add = compensation(model.dim, model.scalar, model.compensated)
-        lost = Lost()
-        kept = model.particle_count if model.compensated else 0
-        lost.x, lost.v = (wp.zeros(kept, dtype=model.vector, device=model.device) for _ in range(2))
-        self.lost = lost
-        forces = self.forces = Scatter(model, lost.x)
         self.model = model
-        self.evaluate = forces.evaluate
+        forces = ROUTE_CLASSES[model.route](model)
         self.motion = Motion(
-            model.dim,
-            model.scalar,
-            forces.Forces,
-            particle_acceleration(model.dim, model.scalar, forces.Forces, forces.force_at, model.pinned),
-            model.Colliders,
-            model.collide,
-            Lost,
-            add,
-            model.compensated,
+            model.dim, model.scalar, forces.route, model.pinned, model.Colliders, model.collide, model.compensated
         )
-        self._arguments = (forces.data, model.inverse_mass, model.gravity, model.colliders, lost)
+        self.world = world(self.motion)()
+        self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
+        self.world.gravity, self.world.colliders = model.gravity, model.colliders
+        self._recorded: list[tuple[Any, Any]] | None = None
 
-    def launch(self, compose: Any, *arguments: Any) -> None:
-        """Launch, over the particles, the kernel that `compose` makes for this motion.
+    def launch(self, method: Any, **fields: Any) -> None:
+        """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
 
-        The arguments that say what the motion is come first in every integrator kernel; `arguments`
-        follow them.
+        Parameters
+        ----------
+        method
+            One of the functions of `msdwarp.kernels.integrate`.
+        fields
+            The fields of its `Step`.
         """
+        Step, _, forced = method(self.motion)
+        step = Step()
+        for name, value in fields.items():
+            setattr(step, name, value)
+        if self._recorded is not None:
+            self._recorded.append((method, step))
+            return
+        model = self.model
+        if forced and self.motion.route.evaluate is not None and model.connection_count:
+            inputs = [self.world.forces, step.lost, step.x, step.v]
+            wp.launch(each_connection(self.motion), model.connection_count, inputs, device=model.device)
+        kernel = each_particle(self.motion, method)
+        wp.launch(kernel, model.particle_count, [self.world, step], device=model.device)
+
+    def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
+        """Return the stages (method, step) that `take_substeps` would launch, without launching them."""
+        self._recorded = []
+        try:
+            take_substeps()
+            return self._recorded
+        finally:
+            self._recorded = None
+
+
+class Stepper:
+    """Takes substeps: by a launch for each stage or, where launches would be most of the time, by one for all.
+
+    Parameters
+    ----------
+    dynamics
+        What launches.
+    state
+        What it moves.
+    take_substep
+        A method's `step`, for this state.
+    one_kernel
+        Whether all that a substep launches is stages of one method.
+    """
+
+    def __init__(
+        self, dynamics: Dynamics, state: State, take_substep: Callable[[], None], *, one_kernel: bool = True
+    ) -> None:
+        self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
+        blocks = staying_blocks(dynamics.model) if one_kernel else None
+        self._stays = blocks is not None
+        if blocks is None:
+            return
+        # Each substep flips the state: the third is the first again.
+        stages = dynamics.record(lambda: (take_substep(), take_substep()))
+        (method, _), device = stages[0], dynamics.model.device
+        self._per_substep = len(stages) // 2
+        self._kernel, self._blocks = stay(dynamics.motion, method), blocks
+        self._kept = [step for _, step in stages]
+        self._steps = wp.array(self._kept, dtype=method(dynamics.motion).Step, device=device)
+        self._arrived = wp.zeros(1, dtype=int, device=device)
+
+    def take(self, substeps: int) -> None:
+        """Take substeps; the state then lies where it lay before."""
+        if not self._stays:
+            for _ in range(substeps):
+                self._take_substep()
+        else:
+            self._stay(substeps * self._per_substep)
+            if substeps % 2:
+                self._state.flip()
+        self._state.settle()
+
+    def _stay(self, stages: int) -> None:
+        model, (blocks, threads) = self._dynamics.model, self._blocks
+        if blocks > 1:
+            self._arrived.zero_()
+        shared = [model.connection_count, blocks * threads, blocks, self._arrived]
         wp.launch(
-            compose(self.motion),
-            dim=self.model.particle_count,
-            inputs=[*self._arguments, *arguments],
-            device=self.model.device,
+            self._kernel,
+            dim=blocks * threads,
+            inputs=[self._dynamics.world, self._steps, stages, *shared],
+            device=model.device,
+            block_dim=threads,
         )
+
+
+def staying_blocks(model: Model) -> tuple[int, int] | None:
+    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not.
+
+    Blocks wait for each other, so no more are launched than the device has multiprocessors: all are there at once.
+    """
+    device = model.device
+    if not device.is_cuda:
+        return 1, 1
+    work = max(model.particle_count, model.connection_count if model.route == "scatter" else 0)
+    if work > 128 * device.sm_count:
+        return None
+    return -(-work // 128), 128

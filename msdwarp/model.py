@@ -1,8 +1,7 @@
 """Model, what is constant during a frame, and State, what moves, as arrays on a device."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -11,7 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from . import checks
 from .colliders import Plane
 from .kernels.basis import vector
+from .kernels.compensation import compensation
 from .kernels.contact import NoColliders, plane_contact
+from .kernels.records import record_length
+from .routes import choose_route, scatter_order
 from .system import System
 
 PRECISIONS = {
@@ -71,11 +73,14 @@ class Model:
     precision
         "float32", "float32-compensated" (sums of positions and velocities keep what rounding takes away) or
         "float64".
+    route
+        How forces are summed: "scatter", "gather" or "stencil" (see `msdwarp.kernels.forces`); "auto" takes the
+        one that was fastest where it was measured (see `msdwarp.routes`).
 
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of its range, or the system is no lattice that a stencil can hold.
     """
 
     def __init__(
@@ -87,6 +92,7 @@ class Model:
         contact: str = "coulomb",
         device: str | None = None,
         precision: str = "float32",
+        route: str = "auto",
     ) -> None:
         checks.one_of("precision", precision, PRECISIONS)
         checks.one_of("contact", contact, CONTACT_RULES)
@@ -98,6 +104,12 @@ class Model:
         self.particle_count = system.particle_count
         self.connection_count = system.connection_count
 
+        self.system = system
+        self.route, self.lattice = choose_route(system, route, on_gpu=self.device.is_cuda)
+        # A stencil reads around particles that have fewer neighbours, never past this many of them; in whole
+        # lines of the GPU's caches (128 bytes).
+        self.margin = -(-self.lattice.margin // 8) * 8 if self.lattice else 0
+
         self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
         self.damped = bool(system.damping.any())
@@ -105,16 +117,36 @@ class Model:
 
         self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
         self.inverse_mass = self._upload(_uniform(1.0 / system.mass, system.mass), "1 / mass")
-        self.connections = wp.array(system.connections, dtype=wp.vec2i, device=self.device)
-        self.rest_length = self._upload(system.rest_length, "rest_length")
-        self.stiffness = self._upload(system.stiffness, "stiffness")
-        self.damping = self._upload(system.damping, "damping")
+        order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
+        connections = system.connections if order is None else system.connections[order]
+        self.connections = wp.array(connections, dtype=wp.vec2i, device=self.device)
+        self.rest_length = self._upload(_ordered(system.rest_length, order), "rest_length")
+        self.stiffness = self._upload(_ordered(system.stiffness, order), "stiffness")
+        self.damping = self._upload(_ordered(system.damping, order), "damping")
         self.Colliders, self.colliders, self.collide = self._planes(tuple(colliders), contact)
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
         most = float(np.finfo(self.dtype).max)
         checks.every(name, values, values <= most, f"at most {most:.2g} in {self.precision}")
+
+    def vectors(self) -> wp.array:
+        """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
+
+        As many particles as `margin` says may be read before the first and after the last.
+        """
+        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
+        storage = wp.zeros((self.particle_count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
+        view = wp.array(
+            ptr=int(storage.ptr or 0) + self.margin * length * size,
+            dtype=self.vector,
+            shape=self.particle_count,
+            strides=(length * size,),
+            device=self.device,
+            capacity=storage.capacity,
+        )
+        view._ref = storage
+        return view
 
     def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
         self.check_range(values, name)
@@ -139,29 +171,102 @@ class Model:
         return Planes, data, collide
 
 
-@dataclass
-class State:
-    """What moves, on a device: arrays of vectors of shape [particle_count]."""
+class Instant(NamedTuple):
+    """What moves, at one instant: arrays as `Model.vectors` makes them."""
 
     x: wp.array
     """Positions [m]."""
     v: wp.array
     """Velocities [m/s]; between a frame's substeps at the integrator's own instants."""
+    carried: tuple[wp.array, ...]
+    """What else the integrator hands from one substep to the next."""
+    lost: Any
+    """Struct of what sums have lost by rounding: `x`, `v`, and `x_out` for the next instant."""
+
+
+class State:
+    """What moves, on a device, twice: at the present instant (`here`), and where the next is written (`there`).
+
+    Parameters
+    ----------
+    model
+        The system it is the state of.
+    carried
+        Number of arrays that the integrator carries along (see `Integrator.carried`).
+    """
+
+    def __init__(self, model: Model, carried: int = 0) -> None:
+        self.model, self._at_home = model, True
+        Lost, _ = compensation(model.dim, model.scalar, model.compensated)
+        lost = [
+            model.vectors() if model.compensated else wp.zeros(0, model.vector, device=model.device) for _ in "xxv"
+        ]
+        instants = []
+        for x, x_out in ((lost[0], lost[1]), (lost[1], lost[0])):
+            struct = Lost()
+            struct.x, struct.x_out, struct.v = x, x_out, lost[2]
+            arrays = self.empty_vectors(2 + carried)
+            instants.append(Instant(arrays[0], arrays[1], arrays[2:], struct))
+        self.here, self.there = instants
 
     @classmethod
-    def of(cls, system: System, model: Model) -> "State":
+    def of(cls, system: System, model: Model, carried: int = 0) -> Self:
         """Upload the positions and velocities of a system."""
         model.check_range(np.abs(system.position), "position")
         model.check_range(np.abs(system.velocity), "velocity")
-        arrays = (
-            wp.array(values, dtype=model.vector, device=model.device)
-            for values in (system.position, np.ascontiguousarray(system.velocity))
-        )
-        return cls(*arrays)
+        state = cls(model, carried)
+        for name, exact in (("x", system.position), ("v", system.velocity)):
+            rounded = exact.astype(model.dtype)
+            getattr(state.here, name).assign(rounded)
+            if model.compensated:  # what rounding takes from the start is not lost either
+                for lost in {getattr(instant.lost, name) for instant in (state.here, state.there)}:
+                    lost.assign((rounded - exact).astype(model.dtype))
+        return state
+
+    @property
+    def x(self) -> wp.array:
+        """Positions [m]."""
+        return self.here.x
+
+    @property
+    def v(self) -> wp.array:
+        """Velocities [m/s]."""
+        return self.here.v
+
+    @property
+    def lost(self) -> Any:
+        """What sums have lost by rounding."""
+        return self.here.lost
 
     def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays of zeros, shaped as the positions are: an integrator's working memory."""
-        return tuple(wp.zeros_like(self.x) for _ in range(count))
+        """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
+        return tuple(self.model.vectors() for _ in range(count))
+
+    def flip(self) -> None:
+        """Make what has been written `there` the present."""
+        self.here, self.there, self._at_home = self.there, self.here, not self._at_home
+
+    def settle(self) -> None:
+        """Bring the present back to the arrays that held it at first, which is where a graph expects it."""
+        if not self._at_home:
+            self.flip()
+            for to, source in zip(moving(self.here), moving(self.there), strict=True):
+                copy_vectors(to, source)
+
+
+def moving(instant: Instant) -> list[wp.array]:
+    """Return the arrays of an instant that are not shared with the next one."""
+    return [array for array in (instant.x, instant.v, *instant.carried, instant.lost.x) if array.size]
+
+
+def copy_vectors(to: Any, source: Any) -> None:
+    """Copy arrays that `Model.vectors` made, as one piece of memory."""
+    wp.copy(to._ref, source._ref)
+
+
+def _ordered(values: NDArray, order: NDArray | None) -> NDArray:
+    """Return values in another order; what is one constant stays stored once."""
+    return values if order is None or values.strides == (0,) else values[order]
 
 
 def _uniform(values: NDArray, like: NDArray) -> NDArray:

@@ -33,15 +33,19 @@ def lattice_connections(
     Returns the connections, shape [connection_count, 2], and the slice of each direction.
     """
     index = np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1])  # z, y, x
-    parts, slices, start = [], {}, 0
+    ends = {}
     for name, step in directions.items():
         here = tuple(slice(max(0, -s), min(n, n - s)) for s, n in zip(step, shape, strict=True))
         there = tuple(slice(max(0, s), min(n, n + s)) for s, n in zip(step, shape, strict=True))
-        pairs = np.stack([index[here[::-1]].ravel(), index[there[::-1]].ravel()], axis=1)
-        slices[name] = slice(start, start + len(pairs))
-        start += len(pairs)
-        parts.append(pairs)
-    return np.concatenate(parts), slices
+        ends[name] = index[here[::-1]], index[there[::-1]]
+    connections = np.empty((sum(first.size for first, _ in ends.values()), 2), dtype=np.int32)
+    slices, start = {}, 0
+    for name, (first, second) in ends.items():
+        slices[name] = slice(start, start + first.size)
+        start += first.size
+        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written where it belongs
+        pairs[..., 0], pairs[..., 1] = first, second
+    return connections, slices
 
 
 def _lattice(
@@ -57,25 +61,30 @@ def _lattice(
     """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates."""
     spacing = checks.positive("spacing", spacing)
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
-    grid = np.meshgrid(*axes[::-1], indexing="ij")[::-1]
-    position = np.zeros((int(np.prod(shape)), dim))
-    for k, coordinates in enumerate(grid):
-        position[:, k] = coordinates.ravel()
+    position = np.zeros((*shape[::-1], dim))  # z, y, x
+    for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
+        position[..., k] = coordinates
+    position = position.reshape(-1, dim)
     directions = lattice_directions(len(shape), diagonals=diagonals)
     connections, slices = lattice_connections(shape, directions)
     rest_length = np.empty(len(connections))
     for name, step in directions.items():
         rest_length[slices[name]] = spacing * np.sqrt(sum(map(abs, step)))  # exactly 1, √2 or √3 spacings
-    return System(
+    # What is made here is valid, but for a spacing so large that it overflows.
+    for name, values in {"position": position, "rest_length": rest_length}.items():
+        checks.within(name, values, (np.isfinite, "finite"))
+    lattice = System._of_own(
         position=position,
-        mass=mass,
+        velocity=np.broadcast_to(0.0, position.shape),
+        mass=np.broadcast_to(1.0, len(position)),
         connections=connections,
         rest_length=rest_length,
-        stiffness=stiffness,
-        damping=damping,
+        stiffness=np.broadcast_to(1000.0, len(connections)),
+        damping=np.broadcast_to(0.0, len(connections)),
         surface=surface,
         directions=(slices,),
     )
+    return lattice.replace(mass=mass, stiffness=stiffness, damping=damping)
 
 
 def _check_shape(shape: Sequence[int], axes: int) -> None:

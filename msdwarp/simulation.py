@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import checks
 from .colliders import Plane
-from .dynamics import Dynamics
+from .dynamics import Dynamics, Stepper
 from .integrators import Integrator, Rates, SymplecticEuler
 from .measure import Measures, measure
 from .model import Model, State
@@ -73,6 +74,9 @@ class Simulation:
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
         "float32", "float32-compensated" (keeps what rounding takes away) or "float64".
+    route
+        How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
+        "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class Simulation:
         energy_limit: float = 10.0,
         device: str | None = None,
         precision: str = "float32",
+        route: str = "auto",
     ) -> None:
         self.fps = checks.positive("fps", fps)
         integrator = SymplecticEuler() if integrator is None else integrator
@@ -118,6 +123,7 @@ class Simulation:
             "contact": contact,
             "device": device,
             "precision": precision,
+            "route": route,
         }
         self._initial = system
         self.reset()
@@ -130,14 +136,10 @@ class Simulation:
     def _load(self, system: System) -> None:
         """Upload a system and prepare to advance it."""
         model = Model(system, **self._surroundings)
-        state = State.of(system, model)
+        state = State.of(system, model, self._method.carried)
         choice = self._choose(rate_bounds(system, model, state))
         self.model, self.state, self.system = model, state, system
         self._dynamics = Dynamics(model)
-        if model.compensated:  # what rounding takes from the start is not lost either
-            lost, start = self._dynamics.lost, {"x": system.position, "v": system.velocity}
-            for name, exact in start.items():
-                getattr(lost, name).assign((exact.astype(np.float32) - exact).astype(np.float32))
         self._start(choice)
 
     def _choose(self, rates: Rates) -> StepChoice:
@@ -157,9 +159,11 @@ class Simulation:
         self.choice = choice
         self.integrator = self._method.fitted(choice.rates, self.dt)
         self._work = self.integrator.workspace(self.state)
-        self._backup = Backup(self._dynamics, self.state, self.integrator.memory(self._work))
+        self._backup = Backup(self.state)
         self._watch = Watch(self.model, self.state, self._energy_limit * choice.energy_swing)
         self._graph: Any = None
+        substep = partial(self.integrator.step, self._dynamics, self.state, self._work, self.dt)
+        self._stepper = Stepper(self._dynamics, self.state, substep, one_kernel=self.integrator.one_kernel)
         self.integrator.start(self._dynamics, self.state, self._work, self.dt)
 
     @property
@@ -212,8 +216,7 @@ class Simulation:
         """Record the substeps of a frame, and the watch after them, as one graph."""
         with wp.ScopedCapture(device=self.model.device) as capture:
             self._backup.save()
-            for _ in range(self.substeps):
-                self.integrator.step(self._dynamics, self.state, self._work, self.dt)
+            self._stepper.take(self.substeps)
             self._watch.look()
         return capture.graph
 
@@ -227,7 +230,7 @@ class Simulation:
         substep = 0
         while True:
             substep += 1
-            self.integrator.step(self._dynamics, self.state, self._work, self.dt)
+            self._stepper.take(1)
             self._watch.look()
             if self._watch.finds_trouble() or substep == self.substeps:
                 break
@@ -240,7 +243,7 @@ class Simulation:
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
-        return measure(self.model, self.state, self._velocity(), self._dynamics.lost.x)
+        return measure(self.model, self.state, self._velocity(), self.state.lost.x)
 
     def _velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions, on the device."""
@@ -250,8 +253,8 @@ class Simulation:
         """Return the present positions and velocities."""
         position, velocity = _to_host(self.state.x), _to_host(self._velocity())
         if self.model.compensated:  # what sums have lost belongs to them
-            position = position.astype(np.float64) - self._dynamics.lost.x.numpy()
-            velocity = velocity.astype(np.float64) - self._dynamics.lost.v.numpy()
+            position = position.astype(np.float64) - self.state.lost.x.numpy()
+            velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
         return Frame(self.time, position, velocity)
 
     def frames(self, duration: float) -> Iterator[Frame]:
@@ -282,8 +285,8 @@ class Simulation:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
         A mass of inf pins a particle where it is.
-        Kernels are composed for the effects a scene has, so only a first damper or a first pinned particle
-        needs another one. Substeps that were chosen automatically are chosen anew.
+        Kernels are composed for what a scene has, so another one is only needed for a first damper, a first
+        pinned particle, or a constant that was the same for all connections and is not any longer. Substeps that were chosen automatically are chosen anew.
 
         Raises
         ------

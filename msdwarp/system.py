@@ -1,7 +1,7 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,9 +10,34 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import checks
 
+_FINITE = (np.isfinite, "finite")
+_LIMITS = {
+    "position": (_FINITE,),
+    "velocity": (_FINITE,),
+    "mass": ((lambda mass: mass > 0, "above 0 (inf pins the particle)"),),
+    "rest_length": (_FINITE, (lambda length: length > 0, "above 0")),
+    "stiffness": (_FINITE, (lambda stiffness: stiffness >= 0, "at least 0")),
+    "damping": (_FINITE, (lambda damping: damping >= 0, "at least 0")),
+}
+
+_BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
+
+
+def _positions(value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as a new read-only array of particle positions."""
+    position = checks.array("position", value)
+    if position.ndim != 2 or position.shape[1] not in (1, 2, 3) or len(position) == 0:
+        raise ValueError(
+            f"position has shape {position.shape}; it must be (particle_count, d) with at least "
+            "one particle and d = 1, 2 or 3"
+        )
+    checks.within("position", position, *_LIMITS["position"])
+    position.flags.writeable = False
+    return position
+
 
 def _indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.int32]:
-    """Return `value` as a read-only int32 array of shape (any, width) with 0 <= entries < below."""
+    """Return `value` as a new read-only int32 array of shape (any, width) with 0 <= entries < below."""
     given = np.asarray(value)
     if given.size == 0:
         given = given.reshape(0, width).astype(np.int32)
@@ -21,10 +46,34 @@ def _indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.
             f"{name} has shape {given.shape} and type {given.dtype}; "
             f"it must hold whole numbers in the shape (any, {width})"
         )
-    if given.size and (given.min() < 0 or given.max() >= below):
-        checks.every(name, given, (given >= 0) & (given < below), f"an index from 0 to {below - 1}")
+    checks.within(name, given, _index_below(below))
     result = np.array(given, dtype=np.int32)
     result.flags.writeable = False
+    return result
+
+
+def _index_below(count: int) -> tuple[Callable[[NDArray], NDArray], str]:
+    """Return the limit of an index into `count` things."""
+    return lambda index: (index >= 0) & (index < count), f"an index from 0 to {count - 1}"
+
+
+def _pairs(value: ArrayLike, particle_count: int) -> NDArray[np.int32]:
+    """Return `value` as a new read-only array of the two particles of each connection."""
+    connections = _indices("connections", value, 2, particle_count)
+    itself = connections[:, 0] == connections[:, 1]
+    if itself.any():
+        c = int(np.argmax(itself))
+        raise ValueError(f"connections[{c}] joins particle {connections[c, 0]} with itself")
+    return connections
+
+
+def _lengths(position: NDArray[np.float64], connections: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the distance of the two particles of each connection."""
+    result = np.empty(len(connections))
+    for start in range(0, len(connections), _BLOCK):
+        i, j = connections[start : start + _BLOCK].T
+        apart = position.take(i, axis=0) - position.take(j, axis=0)
+        result[start : start + _BLOCK] = np.linalg.norm(apart, axis=1)
     return result
 
 
@@ -65,9 +114,9 @@ class Surface:
 
 
 def _join(a: NDArray, b: NDArray) -> NDArray:
-    """Concatenate; where both hold one and the same constant, that constant stays stored once."""
-    if a.ndim == 1 and a.strides == b.strides == (0,) and len(a) and len(b) and a[0] == b[0]:
-        return np.broadcast_to(a[0], len(a) + len(b))
+    """Concatenate; where both hold one and the same constant or row, that constant stays stored once."""
+    if a.strides[:1] == b.strides[:1] == (0,) and len(a) and len(b) and np.array_equal(a[0], b[0]):
+        return np.broadcast_to(a[0], (len(a) + len(b), *a.shape[1:]))
     return np.concatenate([a, b])
 
 
@@ -130,45 +179,51 @@ class System:
         damping: ArrayLike = 0.0,
         surface: Surface | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
+        _known: "System | None" = None,
     ) -> None:
-        position = checks.array("position", position)
-        if position.ndim != 2 or position.shape[1] not in (1, 2, 3) or len(position) == 0:
-            raise ValueError(
-                f"position has shape {position.shape}; it must be (particle_count, d) with at least "
-                "one particle and d = 1, 2 or 3"
-            )
-        position.flags.writeable = False
-        n = len(position)
-        checks.every("position", position, np.isfinite(position), "finite")
-        velocity = checks.broadcast("velocity", velocity, position.shape)
-        checks.every("velocity", velocity, np.isfinite(velocity), "finite")
-        mass = checks.broadcast("mass", mass, (n,))
-        checks.every("mass", mass, mass > 0, "above 0 (inf pins the particle)")
-        still = np.isfinite(mass) | (velocity == 0).all(axis=1)
-        checks.every("velocity", velocity, np.broadcast_to(still[:, None], velocity.shape), "0: it is pinned")
+        # An array of `_known` itself is valid and nobody writes to it: it is shared, as long as it fits.
+        known: dict[str, Any] = {} if _known is None else vars(_known)
 
-        connections = _indices("connections", connections, 2, n)
-        itself = connections[:, 0] == connections[:, 1]
-        if itself.any():
-            c = int(np.argmax(itself))
-            raise ValueError(f"connections[{c}] joins particle {connections[c, 0]} with itself")
+        def is_known(name: str, value: ArrayLike) -> bool:
+            return name in known and value is known[name]
+
+        def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+            if is_known(name, value) and known[name].shape == shape:
+                return known[name]
+            values = checks.broadcast(name, value, shape)
+            checks.within(name, values, *_LIMITS[name])
+            return values
+
+        x = known["position"] if is_known("position", position) else _positions(position)
+        v, m = numbers("velocity", velocity, x.shape), numbers("mass", mass, x.shape[:1])
+        pinned = np.isinf(m)
+        if pinned.any():
+            still = ~pinned | (v == 0).all(axis=1)
+            checks.every("velocity", v, np.broadcast_to(still[:, None], v.shape), "0: it is pinned")
+
+        fits = is_known("connections", connections) and len(x) == len(known["position"])
+        joined = known["connections"] if fits else _pairs(connections, len(x))
         if rest_length is None:
-            rest_length = np.linalg.norm(position[connections[:, 0]] - position[connections[:, 1]], axis=1)
-        numbers = {}
+            rest_length = _lengths(x, joined)
+        fields = {"position": x, "velocity": v, "mass": m, "connections": joined}
         for name, value in {"rest_length": rest_length, "stiffness": stiffness, "damping": damping}.items():
-            numbers[name] = checks.broadcast(name, value, (len(connections),))
-            checks.every(name, numbers[name], np.isfinite(numbers[name]), "finite")
-        checks.every("rest_length", numbers["rest_length"], numbers["rest_length"] > 0, "above 0")
-        for name in ("stiffness", "damping"):
-            checks.every(name, numbers[name], numbers[name] >= 0, "at least 0")
-        if surface is not None and len(surface.particle):
-            inside = (surface.particle >= 0) & (surface.particle < n)
-            checks.every("surface.particle", surface.particle, inside, f"an index from 0 to {n - 1}")
+            fields[name] = numbers(name, value, joined.shape[:1])
+        if surface is not None:
+            checks.within("surface.particle", surface.particle, _index_below(len(x)))
 
-        fields = {"position": position, "velocity": velocity, "mass": mass, "connections": connections}
-        fields |= {**numbers, "surface": surface, "directions": directions}
+        fields |= {"surface": surface, "directions": directions}
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def _of_own(cls, **fields: Any) -> Self:
+        """Return a system of valid fields whose arrays nobody else holds: nothing is checked or copied."""
+        system = cls.__new__(cls)
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(system, name, value)
+        return system
 
     @property
     def particle_count(self) -> int:
@@ -193,9 +248,7 @@ class System:
     @property
     def length(self) -> NDArray[np.float64]:
         """Present length of each connection [m], shape [connection_count]."""
-        return np.linalg.norm(
-            self.position[self.connections[:, 0]] - self.position[self.connections[:, 1]], axis=1
-        )
+        return _lengths(self.position, self.connections)
 
     @property
     def strain(self) -> NDArray[np.float64]:
@@ -222,8 +275,8 @@ class System:
         return self.directions[body][name]
 
     def replace(self, **changes: Any) -> Self:
-        """Return this system with some of its fields changed, validated anew."""
-        return dataclasses.replace(self, **changes)
+        """Return this system with some of its fields changed and validated; the others are shared."""
+        return dataclasses.replace(self, _known=self, **changes)
 
     def translate(self, displacement: ArrayLike) -> Self:
         """Return this system moved by `displacement` [m], shape [d]."""
@@ -281,7 +334,8 @@ class System:
         Pinned particles stay still.
         """
         velocity = checks.broadcast("velocity", velocity, self.position.shape)
-        return self.replace(velocity=np.where(self.pinned[:, None], 0.0, velocity))
+        pinned = self.pinned
+        return self.replace(velocity=np.where(pinned[:, None], 0.0, velocity) if pinned.any() else velocity)
 
     def pin(self, selection: Any) -> Self:
         """Return this system with the selected particles pinned where they are.
@@ -322,10 +376,12 @@ class System:
             {name: slice(part.start + c, part.stop + c) for name, part in body.items()}
             for body in other.directions
         )
+        connections = np.concatenate([self.connections, other.connections])
+        connections[c:] += n
         same = ("position", "velocity", "mass", "rest_length", "stiffness", "damping")
-        return self.replace(
+        return self._of_own(
             **{name: _join(getattr(self, name), getattr(other, name)) for name in same},
-            connections=np.concatenate([self.connections, other.connections + n]),
+            connections=connections,
             surface=surface,
             directions=self.directions + shifted,
         )

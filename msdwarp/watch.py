@@ -4,12 +4,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from .dynamics import Dynamics
-from .kernels.measure import KINETIC, PARTICLE_COLUMNS, POTENTIAL, sum_particles
-from .kernels.watch import first_non_finite
+from .kernels.watch import look_over
 from .measure import measure
-from .model import Model, State
+from .model import Model, State, copy_vectors, moving
 from .system import System
+
+MOST_SHARES = 16384
+"""Threads that look over the particles on a GPU: enough to be done soon, few enough to be added up soon."""
 
 
 class SimulationDiverged(RuntimeError):
@@ -52,11 +53,10 @@ class Watch:
 
     def __init__(self, model: Model, state: State, energy_limit: float) -> None:
         self._model, self._state = model, state
-        self._find = first_non_finite(model.dim, model.scalar)
-        self._sum = sum_particles(model.dim, model.scalar)
+        self._look_over = look_over(model.dim, model.scalar)
         self._first = wp.empty(1, dtype=int, device=model.device)
-        threads = min(model.particle_count, 1024) if model.device.is_cuda else 1
-        self._shares = wp.zeros((threads, PARTICLE_COLUMNS), dtype=wp.float64, device=model.device)
+        threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
+        self._energies = wp.zeros((threads, 2), dtype=wp.float64, device=model.device)
         start = measure(model, state)
         scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
         scale += _rounding_energy(model, state)
@@ -66,15 +66,14 @@ class Watch:
         """Launch what finds out about the present state."""
         model, state = self._model, self._state
         self._first.fill_(model.particle_count)
-        self._shares.zero_()
-        wp.launch(self._find, model.particle_count, [state.x, state.v], [self._first], device=model.device)
         inputs = [model.inverse_mass, model.gravity, state.x, state.v]
-        wp.launch(self._sum, self._shares.shape[0], inputs, [self._shares], device=model.device)
+        threads, outputs = len(self._energies), [self._first, self._energies]
+        wp.launch(self._look_over, threads, inputs, outputs, device=model.device)
 
     def finds_trouble(self) -> bool:
         """Tell whether the state last looked at has diverged."""
-        sums = self._shares.numpy()[:, [KINETIC, POTENTIAL]].sum()
-        return int(self._first.numpy()[0]) < self._model.particle_count or not sums <= self._most
+        energy = self._energies.numpy().sum()
+        return int(self._first.numpy()[0]) < self._model.particle_count or not energy <= self._most
 
     def culprit(self) -> int:
         """Return the first particle that is not finite, else the fastest."""
@@ -87,20 +86,23 @@ class Watch:
 class Backup:
     """The state at the start of a frame, with all that substeps leave to the next."""
 
-    def __init__(self, dynamics: Dynamics, state: State, memory: tuple[wp.array, ...]) -> None:
-        lost = dynamics.lost
-        self._live = [array for array in (state.x, state.v, lost.x, lost.v, *memory) if array.size]
-        self._kept = [wp.clone(array) for array in self._live]
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._kept = state.empty_vectors(len(self._live()))
+
+    def _live(self) -> list[wp.array]:
+        lost = self._state.lost.v
+        return moving(self._state.here) + ([lost] if lost.size else [])
 
     def save(self) -> None:
         """Keep the present state."""
-        for live, kept in zip(self._live, self._kept, strict=True):
-            wp.copy(kept, live)
+        for live, kept in zip(self._live(), self._kept, strict=True):
+            copy_vectors(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
-        for live, kept in zip(self._live, self._kept, strict=True):
-            wp.copy(live, kept)
+        for live, kept in zip(self._live(), self._kept, strict=True):
+            copy_vectors(live, kept)
 
 
 def describe(

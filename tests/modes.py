@@ -114,12 +114,12 @@ class Mode:
         run.state.x.assign(self.system.position + self.place(start[0]))
         run.state.v.assign(self.place(start[1] / h))
         if len(start) == 3:
-            run.work[1].assign(self.place(start[2] / h))
+            run.state.here.carried[0].assign(self.place(start[2] / h))
         found = [start]
         for _ in range(steps):
             run.step()
             x = self.amount(run.state.x.numpy() - self.system.position)
-            parts = [run.state.v, run.work[1]] if len(start) == 3 else [run.state.v]
+            parts = [run.state.v, *run.state.here.carried] if len(start) == 3 else [run.state.v]
             found.append(np.array([x, *(h * self.amount(part.numpy()) for part in parts)]))
         return np.array(found)
 
@@ -130,7 +130,7 @@ class Run:
     def __init__(self, system: System, method: Integrator, h: float, *, gravity: float = 0.0) -> None:
         self.method, self.h = method, h
         self.model = Model(system, gravity=gravity, device="cpu", precision="float64")
-        self.state, self.dynamics = State.of(system, self.model), Dynamics(self.model)
+        self.state, self.dynamics = State.of(system, self.model, method.carried), Dynamics(self.model)
         self.work = method.workspace(self.state)
         method.start(self.dynamics, self.state, self.work, h)
 

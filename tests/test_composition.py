@@ -6,91 +6,92 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from msdwarp import Plane, Simulation, chain
+from msdwarp import Plane, Simulation, System, chain
 from msdwarp.dynamics import Dynamics
-from msdwarp.forces import Scatter
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.contact import plane_contact
-from msdwarp.kernels.integrate import symplectic_euler
-from msdwarp.kernels.motion import particle_acceleration
-from msdwarp.kernels.scatter import scatter, scattered_force
+from msdwarp.kernels.forces import gather, scatter, stencil
+from msdwarp.kernels.integrate import particle_acceleration, symplectic_euler
+from msdwarp.kernels.motion import Motion
+from msdwarp.kernels.stay import stay
 from msdwarp.model import Model
 
 PLAIN = chain(3)
 FULL = chain(3, damping=1.0).pin(0)
+ROUTES = ("scatter", "gather", "stencil")
+
+
+def motion(system: System, **options) -> Motion:
+    return Dynamics(Model(system, device="cpu", **options)).motion
 
 
 def statements(kernel: wp.Kernel) -> str:
     """Return what a kernel that has run on the CPU computes: the statements of its generated C++.
 
-    Declarations are left out, and so is the frame that Warp puts around every kernel.
+    Declarations and comments are left out, and so is the frame that Warp puts around every kernel.
     """
     name = kernel.module.get_module_identifier(1)  # the CPU's block size
     source = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
     return "\n".join(re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", source, re.MULTILINE))
 
 
-@pytest.fixture(scope="module")
-def sources() -> dict[str, tuple[str, str]]:
-    """The statements of (scatter, integrator) of a scene with every effect and of one with none."""
+@pytest.fixture(scope="module", params=ROUTES)
+def sources(request) -> dict[str, str]:
+    """The statements of a substep of a scene with every effect and of one with none, on every route."""
     found = {}
     for name, system, planes in (("full", FULL, [Plane()]), ("plain", PLAIN, [])):
-        Simulation(system, colliders=planes, device="cpu", substeps=1).step()
-        model = Model(system, colliders=planes, device="cpu")
-        found[name] = (
-            statements(Scatter(model, Dynamics(model).lost.x).kernel),
-            statements(symplectic_euler(Dynamics(model).motion)),
+        options = {"colliders": planes, "device": "cpu", "route": request.param}
+        Simulation(system, substeps=1, **options).step()
+        found[name] = statements(
+            stay(motion(system, **{k: options[k] for k in ("colliders", "route")}), symplectic_euler)
         )
     return found
 
 
-SCATTER, INTEGRATOR = 0, 1
-
-
 @pytest.mark.parametrize(
-    ("kernel", "piece", "meaning"),
+    ("piece", "meaning"),
     [
-        (SCATTER, "wp::dot(", "the speed along the axis, for the damper"),
-        (SCATTER, "(var_v, ", "reading velocities"),
-        (SCATTER, "(var_damping, ", "reading or using damper constants"),
-        (INTEGRATOR, "__collide_", "contact"),
-        (INTEGRATOR, "wp::dot(", "distances and normal speeds"),
-        (INTEGRATOR, " == ", "the test for a pinned particle"),
-        (INTEGRATOR, "if (", "a branch of any kind"),
+        ("__collide_", "contact"),
+        ("__respond_", "the contact rule"),
+        ("__load_0(var_v, ", "reading velocities of neighbours"),
+        ("wp::dot(var_dv, ", "the speed along the axis, for the damper"),
     ],
 )
-def test_kernels_hold_only_what_a_scene_needs(sources, kernel, piece, meaning):
-    assert piece in sources["full"][kernel], f"{meaning} is missing where it is needed"
-    assert piece not in sources["plain"][kernel], f"{meaning} is compiled though nothing needs it"
+def test_kernels_hold_only_what_a_scene_needs(sources, piece, meaning):
+    assert piece in sources["full"], f"{meaning} is missing where it is needed"
+    assert piece not in sources["plain"], f"{meaning} is compiled though nothing needs it"
+
+
+def test_only_a_pinned_particle_is_tested_for(sources):
+    assert sources["full"].count(" == ") == sources["plain"].count(" == ") + 1
 
 
 def test_statements_are_all_found(sources):
     # Both kernels hold what every scene needs, so that an absence above is one.
-    for scatter_code, integrator_code in sources.values():
-        assert "wp::length(" in scatter_code
-        assert scatter_code.count("wp::atomic_") == 2
-        assert integrator_code.count("wp::array_store(") == 3  # x, v and the force set to zero
-        assert "force_at" in integrator_code
+    for code in sources.values():
+        for piece in ("__load_0(var_x, ", "wp::dot(var_dx, ", "__rsqrt_0(", "__force_at_", "__store_0("):
+            assert piece in code
 
 
 def test_equal_scenes_share_kernels():
-    motions = [
-        Dynamics(Model(system, colliders=planes, device="cpu")).motion
-        for system, planes in (
-            (FULL, [Plane()]),
-            (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
-        )
-    ]
-    assert motions[0] == motions[1]
-    assert symplectic_euler(motions[0]) is symplectic_euler(motions[1])
-    assert scatter(3, wp.float32, True, False) is scatter(3, wp.float32, True, False)
+    scenes = (
+        (FULL, [Plane()]),
+        (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
+    )
+    for route in ROUTES:
+        a, b = (motion(system, colliders=planes, route=route) for system, planes in scenes)
+        assert a == b
+        assert symplectic_euler(a) is symplectic_euler(b)
+        assert stay(a, symplectic_euler) is stay(b, symplectic_euler)
     assert vector(3, wp.float32) is vector(3, wp.float32)
 
 
-def test_different_effects_are_different_kernels():
-    def motion(system, **options):
-        return Dynamics(Model(system, device="cpu", **options)).motion
+def test_lattices_of_any_size_share_kernels():
+    long, short = (motion(chain(count, spacing=0.3), route="stencil") for count in (3, 50))
+    assert stay(long, symplectic_euler) is stay(short, symplectic_euler)
 
+
+def test_different_effects_are_different_kernels():
     plain = motion(PLAIN)
     others = [
         motion(FULL),
@@ -99,15 +100,20 @@ def test_different_effects_are_different_kernels():
         motion(PLAIN, precision="float64"),
         motion(PLAIN, precision="float32-compensated"),
         motion(chain(3, dim=2)),
+        motion(PLAIN, route="gather"),
+        motion(PLAIN, route="stencil"),
     ]
-    assert len({symplectic_euler(m) for m in (plain, *others)}) == 7
-    assert scatter(3, wp.float32, True, False) is not scatter(3, wp.float32, False, False)
+    assert len({stay(m, symplectic_euler) for m in (plain, *others)}) == 9
     # A contact rule without colliders is none.
     assert motion(PLAIN, contact="report") == plain
 
 
 def test_pieces_are_composed_once():
-    Forces, force_at = scattered_force(3, wp.float32)
-    arguments = (3, wp.float32, Forces, force_at, False)
-    assert particle_acceleration(*arguments) is particle_acceleration(*arguments)
+    arguments = (3, wp.float32, True, False)
+    assert scatter(*arguments, ()) is scatter(*arguments, ())
+    assert gather(*arguments, ("damping",)) is gather(*arguments, ("damping",))
+    steps = ((1, 0, 0),)
+    assert stencil(*arguments, steps, True) is stencil(*arguments, steps, True)
+    assert stencil(*arguments, steps, True) is not stencil(*arguments, steps, False)
+    assert particle_acceleration(motion(FULL)) is particle_acceleration(motion(FULL))
     assert plane_contact(3, wp.float32, "coulomb") is plane_contact(3, wp.float32, "coulomb")

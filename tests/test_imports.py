@@ -16,6 +16,8 @@ TIERS = [
     {"checks"},
     {"system"},
     {"shapes", "colliders", "trajectory"},
+    {"lattice"},
+    {"routes"},
     {"model"},
     {"forces"},
     {"dynamics"},
@@ -134,7 +136,7 @@ def late():
     assert place("msdwarp.scenes") == "scenes"
     assert place("msdwarp.scenes.cube") == "scenes/*"
     assert place("numpy.linalg") is None
-    assert {"msdwarp/model.py", "msdwarp/integrators/rk4.py", "kernels/scatter.py"} <= MODULES.keys()
+    assert {"msdwarp/model.py", "msdwarp/integrators/rk4.py", "kernels/forces.py"} <= MODULES.keys()
 
 
 @pytest.mark.parametrize("name", MODULES)

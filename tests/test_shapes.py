@@ -220,3 +220,12 @@ def test_each_box_face_has_a_tile_of_its_own():
 def test_bad_input_is_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.parametrize(
+    ("shape", "message"), [((4, 2, 2), r"position\[0, 0\] is -inf"), ((2, 2, 2), r"rest_length\[12\] is inf")]
+)
+def test_spacing_that_overflows_is_refused(shape, message):
+    with pytest.raises(ValueError, match=message):
+        box(shape, spacing=1.5e308)

@@ -10,10 +10,10 @@ import pytest
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
 from msdwarp.dynamics import Dynamics
 from msdwarp.kernels.contact import plane_contact
-from msdwarp.kernels.integrate import symplectic_euler
-from msdwarp.kernels.motion import particle_acceleration
-from msdwarp.kernels.scatter import scatter, scattered_force
-from msdwarp.kernels.watch import first_non_finite
+from msdwarp.kernels.forces import gather, scatter, stencil
+from msdwarp.kernels.integrate import particle_acceleration, symplectic_euler
+from msdwarp.kernels.stay import stay
+from msdwarp.kernels.watch import look_over
 from msdwarp.model import Model, State
 
 every_integrator = pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
     system = problems.tumbling_box(damping=0.1)
     simulation = Simulation(system, integrator=integrator, fps=10, substeps=8, device=device, precision="float64")
     model = Model(system, device=device, precision="float64")
-    dynamics, state = Dynamics(model), State.of(system, model)
+    dynamics, state = Dynamics(model), State.of(system, model, integrator.carried)
     work, h = integrator.workspace(state), 1 / 80
     integrator.start(dynamics, state, work, h)
     for _ in range(3):
@@ -227,16 +227,19 @@ def test_change_equals_a_new_simulation(integrator, parameters):
 def test_change_composes_no_new_kernels(device):
     factories = (
         scatter,
-        scattered_force,
-        symplectic_euler,
+        gather,
+        stencil,
         particle_acceleration,
+        symplectic_euler,
+        stay,
         plane_contact,
-        first_non_finite,
+        look_over,
     )
     simulation = Simulation(block(), colliders=[Plane()], device=device)
     simulation.step()
     composed = [factory.cache_info().misses for factory in factories]
-    simulation.change(stiffness=800.0, damping=0.7, mass=0.2, rest_length=0.11)
+    rest_length = 1.1 * simulation.system.rest_length
+    simulation.change(stiffness=800.0, damping=0.7, mass=0.2, rest_length=rest_length)
     simulation.step()
     assert [factory.cache_info().misses for factory in factories] == composed
 

@@ -40,6 +40,7 @@ def test_scalars_broadcast_and_are_stored_once():
 def test_constants_stay_stored_once(method):
     system = method(chain(3, mass=2.0, stiffness=5.0, damping=0.1))
     assert all(a.strides == (0,) for a in (system.mass, system.stiffness, system.damping))
+    assert system.velocity.strides[0] == 0
 
 
 def test_rest_lengths_default_to_the_present_lengths():
@@ -76,6 +77,59 @@ def test_arrays_are_copies_of_what_was_given():
     np.testing.assert_array_equal(system.position, [[0, 0, 0], [1, 1, 1]])
     np.testing.assert_array_equal(system.mass, 1)
     np.testing.assert_array_equal(system.connections, [[0, 1]])
+
+
+def test_what_is_given_is_never_shared():
+    given = {
+        "position": np.arange(6.0).reshape(3, 2),
+        "velocity": np.ones((3, 2)),
+        "mass": np.ones(3),
+        "connections": np.array([[0, 1], [1, 2]], dtype=np.int32),
+        "rest_length": np.ones(2),
+        "stiffness": np.ones(2),
+        "damping": np.ones(2),
+    }
+    system = triangle(**given)
+    for name, values in given.items():
+        view = values.view()
+        view.flags.writeable = False  # read-only, but not of what the user holds
+        for made in (system, triangle(**(given | {name: view})), system.replace(**{name: view})):
+            assert not np.shares_memory(getattr(made, name), values)
+    assert not np.shares_memory(system.with_velocity(given["velocity"]).velocity, given["velocity"])
+
+
+@pytest.mark.parametrize(
+    ("method", "changed"),
+    [
+        (lambda s: s.translate((1.0, 2.0, 3.0)), {"position"}),
+        (lambda s: s.rotate(1.0), {"position", "velocity"}),
+        (lambda s: s.spin((1.0, 2.0, 3.0)), {"velocity"}),
+        (lambda s: s.with_velocity((1.0, 2.0, 3.0)), {"velocity"}),
+        (lambda s: s.pin(0), {"mass", "velocity"}),
+        (lambda s: s.replace(stiffness=7.0), {"stiffness"}),
+        (lambda s: s.freeze(), {"rest_length"}),
+    ],
+    ids=["translate", "rotate", "spin", "with_velocity", "pin", "replace", "freeze"],
+)
+def test_what_does_not_change_is_shared(method, changed):
+    system = box((2, 2, 3))
+    made = method(system)
+    for name, values in vars(system).items():
+        assert (getattr(made, name) is values) == (name not in changed), name
+
+
+def test_what_is_shared_must_still_fit():
+    fewer = {"position": [[0.0, 0.0], [1.0, 0.0]], "velocity": 0.0}
+    with pytest.raises(ValueError, match=r"mass has shape \(3,\).*\(2,\)"):
+        triangle().replace(**fewer)
+    with pytest.raises(ValueError, match=r"connections\[1, 1\] is 2.*0 to 1"):
+        triangle().replace(**fewer, mass=1.0)
+    with pytest.raises(ValueError, match=r"rest_length has shape \(3,\).*\(2,\)"):
+        triangle().replace(connections=[[0, 1], [1, 2]])
+    with pytest.raises(ValueError, match=r"surface.particle\[1\] is 2.*0 to 1"):
+        sheet((2, 2), dim=2).replace(**fewer, mass=1.0, connections=(), rest_length=1, stiffness=1, damping=0)
+    with pytest.raises(ValueError, match=r"velocity\[1, \d\] is .*pinned"):
+        triangle(velocity=(0.0, 3.0)).replace(mass=[1.0, INF, 1.0])
 
 
 def test_translate_moves_positions_only():
@@ -239,6 +293,7 @@ BAD = [
     ({"position": [[0, 0], [1, NAN], [2, 2]]}, r"position\[1, 1\] is nan"),
     ({"position": [[0, 0], [1, 1], [INF, 2]]}, r"position\[2, 0\] is inf"),
     ({"position": "here"}, "position must be an array of numbers, not 'here'"),
+    ({"position": None}, r"position has shape \(\)"),
     ({"position": [[0.0, 0.0], [1.0]]}, "position must be an array of numbers"),
     ({"velocity": np.zeros((4, 2))}, r"velocity has shape \(4, 2\).*\(3, 2\)"),
     ({"velocity": [[0, 0], [0, 0], [NAN, 0]]}, r"velocity\[2, 0\] is nan"),
@@ -254,6 +309,7 @@ BAD = [
     ({"connections": [[0, 1], [2, 2]]}, r"connections\[1\] joins particle 2 with itself"),
     ({"connections": [[0.0, 1.0]]}, r"connections .*float64.*whole numbers"),
     ({"connections": [[True, False]]}, r"connections .*bool.*whole numbers"),
+    ({"connections": None}, r"connections .*object.*whole numbers"),
     ({"connections": [0, 1]}, r"connections has shape \(2,\)"),
     ({"connections": [[0, 1, 2]]}, r"connections has shape \(1, 3\)"),
     ({"connections": [[0, 2**40]]}, r"connections\[0, 1\] is 1099511627776"),

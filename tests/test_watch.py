@@ -149,7 +149,7 @@ def test_growth_watch_can_be_turned_off():
     simulation = near_limit(spinner(), SymplecticEuler(), 1.05, energy_limit=math.inf)
     start = simulation.measure().energy
     error, before = run_to_divergence(simulation)
-    assert 0.5 * (before.velocity**2).sum() > 1e100 * start  # only numbers that are not finite stop it
+    assert np.abs(before.velocity).max() > 1e100 * start  # only numbers that are not finite stop it
     assert math.isfinite(error.time)
 
 

@@ -36,13 +36,13 @@ class Integrator(ABC):
     """Order of convergence, without damping and contact where they lower it (see the method)."""
     evaluations: ClassVar[int]
     """Force evaluations per substep."""
+    carried: ClassVar[int] = 0
+    """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
+    one_kernel: ClassVar[bool] = True
+    """Whether all that a substep launches is stages of one method (see `msdwarp.dynamics.Stepper`)."""
 
     def workspace(self, state: State) -> tuple[wp.array, ...]:
         """Return the arrays that the method needs beside the state."""
-        return ()
-
-    def memory(self, work: tuple[wp.array, ...]) -> tuple[wp.array, ...]:
-        """Return those arrays of the workspace whose contents one substep leaves to the next."""
         return ()
 
     def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
@@ -52,7 +52,7 @@ class Integrator(ABC):
 
     @abstractmethod
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
-        """Advance the state by one substep of h seconds."""
+        """Advance the state by one substep of h seconds: write what comes `there`, and flip it."""
 
     def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""

@@ -26,8 +26,9 @@ class ExplicitEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        dynamics.evaluate(state.x, state.v)
-        dynamics.launch(explicit_euler, h, state.x, state.v, state.x, state.v)
+        now, then = state.here, state.there
+        dynamics.launch(explicit_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)
+        state.flip()
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s], 0 where a spring has no damper; see `Integrator.stable_step`."""

@@ -44,39 +44,43 @@ class Leapfrog(Integrator):
         """Check the argument."""
         checks.one_of("damper_extrapolation", self.damper_extrapolation, (0.0, 0.5))
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
-        """Return arrays for the velocities at the instant of the positions: as reported, as dampers see them."""
-        return state.empty_vectors(2 if self.damper_extrapolation else 1)
+    @property
+    def carried(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Arrays carried along: the velocities that dampers see, where they are not the ones it steps with."""
+        return 1 if self.damper_extrapolation else 0
 
-    def memory(self, work: tuple[wp.array, ...]) -> tuple[wp.array, ...]:
-        """Return the velocities that dampers see."""
-        return work[1:]
+    def workspace(self, state: State) -> tuple[wp.array, ...]:
+        """Return an array for the velocities at the instant of the positions."""
+        return state.empty_vectors(1)
 
     def start(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Take the velocities back by half a substep."""
-        if self.damper_extrapolation:
-            wp.copy(work[1], state.v)
-        dynamics.evaluate(state.x, state.v)
-        dynamics.launch(kick, -0.5 * h, state.x, state.v, state.v, state.v)
+        now = state.here
+        for v_seen in now.carried:
+            wp.copy(v_seen, now.v)
+        wp.copy(now.v, self._kicked(dynamics, state, work, -0.5 * h))
 
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        x, v = state.x, state.v
-        if not self.damper_extrapolation:
-            dynamics.evaluate(x, v)
-            dynamics.launch(symplectic_euler, h, x, v, x, v)
-            return
-        v_seen = work[1]
-        dynamics.evaluate(x, v_seen)
-        dynamics.launch(extrapolated_leapfrog, h, self.damper_extrapolation, x, v, v_seen, x, v, v_seen)
+        now, then = state.here, state.there
+        arrays = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
+        if self.damper_extrapolation:
+            arrays |= {"v": now.carried[0], "v_out": then.carried[0], "v_half": now.v, "v_half_out": then.v}
+            dynamics.launch(extrapolated_leapfrog, h=h, theta=self.damper_extrapolation, **arrays)
+        else:
+            dynamics.launch(symplectic_euler, h=h, **arrays)
+        state.flip()
 
     def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
-        v_now = work[0]
-        v_seen = work[1] if self.damper_extrapolation else state.v
-        dynamics.evaluate(state.x, v_seen)
-        dynamics.launch(kick, 0.5 * h, state.x, state.v, v_seen, v_now)
-        return v_now
+        return self._kicked(dynamics, state, work, 0.5 * h)
+
+    def _kicked(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
+        """Return the velocities after a kick of h seconds."""
+        now = state.here
+        v = now.carried[0] if self.damper_extrapolation else now.v
+        dynamics.launch(kick, h=h, lost=now.lost, x=now.x, v=v, v_half=now.v, v_out=work[0])
+        return work[0]
 
     def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""

@@ -9,7 +9,7 @@ import warp as wp
 
 from .. import checks
 from ..dynamics import Dynamics
-from ..forces import write_diagonal_blocks
+from ..forces import add_linearised, write_diagonal_blocks
 from ..kernels.implicit import (
     block_inverses,
     conjugate_gradients,
@@ -45,6 +45,7 @@ class LinearlyImplicitEuler(Integrator):
     iterations: int = 20
 
     order: ClassVar[int] = 1
+    one_kernel: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -71,12 +72,13 @@ class LinearlyImplicitEuler(Integrator):
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
         b, dv = work[:2]
-        x, v = state.x, state.v
-        dynamics.evaluate(x, v)
-        dynamics.launch(impulse, h, x, v, b)
-        dynamics.forces.add_linearised(x, v, b, spring=1.0, damper=0.0, scale=-h * h)
-        self._solve(dynamics, x, work, h)
-        dynamics.launch(implicit_finish, h, dv, x, v)
+        now, then = state.here, state.there
+        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=b)
+        add_linearised(dynamics.model, now.x, now.v, b, spring=1.0, damper=0.0, scale=-h * h)
+        self._solve(dynamics, now.x, work, h)
+        motion = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
+        dynamics.launch(implicit_finish, h=h, dv=dv, **motion)
+        state.flip()
 
     def _solve(self, dynamics: Dynamics, x: wp.array, work: tuple[wp.array, ...], h: float) -> None:
         """Solve (M + hB + h²K) dv = b, which ends as the residual.
@@ -94,7 +96,7 @@ class LinearlyImplicitEuler(Integrator):
         launch(begin, threads, [inverses, r, dv, p, threads, numbers])
         for _ in range(self.iterations):
             launch(mass_product(*kinds), size, [model.inverse_mass, p, q])
-            dynamics.forces.add_linearised(x, p, q, spring=h * h, damper=h, scale=1.0)
+            add_linearised(model, x, p, q, spring=h * h, damper=h, scale=1.0)
             launch(multiply, threads, [p, q, threads, numbers])
             launch(advance, threads, [inverses, p, q, dv, r, z, threads, numbers])
             launch(turn, size, [z, p, numbers])

@@ -7,7 +7,7 @@ from typing import ClassVar
 import warp as wp
 
 from ..dynamics import Dynamics
-from ..kernels.integrate import rk4_finish, rk4_stage
+from ..kernels.runge_kutta import rk4
 from ..model import State
 from .base import Integrator, Rates
 
@@ -26,23 +26,25 @@ class RK4(Integrator):
     evaluations: ClassVar[int] = 4
 
     def workspace(self, state: State) -> tuple[wp.array, ...]:
-        """Return two stages and the sum of slopes, each of positions and velocities."""
-        return state.empty_vectors(6)
+        """Return two stages, of positions and velocities, and the sum of accelerations."""
+        return state.empty_vectors(5)
 
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        x_a, v_a, x_b, v_b, x_sum, v_sum = work
-        start, total = (state.x, state.v), (x_sum, v_sum)
+        now, then = state.here, state.there
+        x_a, v_a, x_c, v_c, v_sum = work
+        start, a, b, c = (now.x, now.v), (x_a, v_a), (then.x, then.v), (x_c, v_c)
         stages = (
-            ((state.x, state.v), (x_a, v_a), h / 2, h / 6),
-            ((x_a, v_a), (x_b, v_b), h / 2, h / 3),
-            ((x_b, v_b), (x_a, v_a), h, h / 3),
+            (start, a, h / 2, h / 6),
+            (a, b, h / 2, h / 3),
+            (b, c, h, h / 3),
+            (c, b, 0.0, h / 6),  # nobody else reads b any longer
         )
-        for here, there, reach, weight in stages:
-            dynamics.evaluate(*here)
-            dynamics.launch(rk4_stage, reach, weight, *start, *here, *there, *total)
-        dynamics.evaluate(x_a, v_a)
-        dynamics.launch(rk4_finish, h / 6, x_a, v_a, *start, *total)
+        common = {"lost": now.lost, "x0": now.x, "v0": now.v, "v_sum": v_sum, "v_a": v_a, "v_b": then.v}
+        for k, ((x, v), (x_out, v_out), reach, weight) in enumerate(stages):
+            fields = {"reach": reach, "weight": weight, "first": int(k == 0), "last": int(k == 3)}
+            dynamics.launch(rk4, x=x, v=v, x_out=x_out, v_out=v_out, **fields, **common)
+        state.flip()
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; see `Integrator.stable_step`.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..dynamics import Dynamics
-from ..kernels.integrate import chebyshev_first, chebyshev_stage
+from ..kernels.runge_kutta import chebyshev
 from ..model import State
 from .base import Integrator, Rates
 
@@ -121,19 +121,23 @@ class RKC2(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        c, start = coefficients(self.evaluations), (state.x, state.v)
+        c, now, then = coefficients(self.evaluations), state.here, state.there
         a0, here, there = work[0], work[1:5], work[5:9]  # each: dx, dv, x, v
-        for change in there[:2]:
-            change.zero_()
-        dynamics.evaluate(*start)
-        dynamics.launch(chebyshev_first, c.first * h, *start, *here, a0)
-        for k, (mu, nu, reach, reach0) in enumerate(zip(c.mu, c.nu, c.reach, c.reach0, strict=True)):
-            last = int(k == len(c.mu) - 1)
-            dynamics.evaluate(*here[2:])
-            dynamics.launch(
-                chebyshev_stage, mu, nu, h * reach, h * reach0, last, *here[2:], *here[:2], a0, *there, *start
-            )
-            here, there = there, here
+        common = {"lost": now.lost, "x0": now.x, "v0": now.v, "a0": a0}
+        stages = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
+        x, v = now.x, now.v
+        for k, (mu, nu, reach, reach0) in enumerate(stages):
+            nu = nu if k > 1 else 0.0  # D_0 is nothing
+            first, last = k == 0, k == len(stages) - 1
+            (dx, dv, *_), (dx_out, dv_out, x_out, v_out) = here, there
+            if last:
+                x_out, v_out = then.x, then.v
+            numbers = {"mu": mu, "nu": nu, "reach": h * reach, "reach0": h * reach0}
+            changes = {"dx": dx, "dv": dv, "dx_out": dx_out, "dv_out": dv_out}
+            flags = {"first": int(first), "last": int(last)}
+            dynamics.launch(chebyshev, x=x, v=v, x_out=x_out, v_out=v_out, **numbers, **changes, **flags, **common)
+            x, v, here, there = x_out, v_out, there, here
+        state.flip()
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s], with the given stages or the most automatic ones."""

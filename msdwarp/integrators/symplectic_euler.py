@@ -25,8 +25,9 @@ class SymplecticEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        dynamics.evaluate(state.x, state.v)
-        dynamics.launch(symplectic_euler, h, state.x, state.v, state.x, state.v)
+        now, then = state.here, state.there
+        dynamics.launch(symplectic_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)
+        state.flip()
 
     def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""

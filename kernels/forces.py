@@ -1,0 +1,340 @@
+"""The force law, and three routes by which a particle gets the sum of its connections' forces.
+
+A route names a struct (`Forces`) of what its kernels read, and a function `force_at` that returns the force on a
+particle. Scattered forces are evaluated beforehand, connection by connection (`evaluate`); gathered ones where
+they are asked for. Positions are x − lost.x in compensated precision: what rounding took matters to short springs.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from .basis import vector
+from .compensation import compensation
+from .records import records
+
+RSQRT = """
+#if defined(__CUDA_ARCH__)
+    {cuda}
+#else
+    return decltype(x)(1) / wp::sqrt(x);
+#endif
+"""
+RSQRT_FLOAT = 'float r; asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(x)); return r;'
+TINY = {wp.float32: 1.2e-38, wp.float64: 1e-300}
+"""The square of a length that is nothing [m²]. Coincident particles have no axis, and so no force: (q)·0."""
+
+
+@functools.cache
+def inverse_root(scalar: type):
+    """Compose 1/√x, by one instruction in float32 on the GPU (error 2 units in the last place)."""
+    cuda = RSQRT_FLOAT if scalar is wp.float32 else "return rsqrt(x);"
+
+    @wp.func_native(RSQRT.format(cuda=cuda))
+    def rsqrt(x: scalar) -> scalar: ...
+
+    return rsqrt
+
+
+@functools.cache
+def spring_damper(dim: int, scalar: type, damped: bool):
+    """Compose the force density q of a connection: its force on its first particle is −q Δx (report eq. 7).
+
+    F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
+    gets −F. Without `damped` the damper term is not compiled.
+    """
+    V = vector(dim, scalar)
+    rsqrt = inverse_root(scalar)
+    tiny = TINY[scalar]
+
+    @wp.func
+    def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
+        square = wp.dot(dx, dx) + scalar(tiny)
+        inverse_length = rsqrt(square)
+        tension = stiffness * (square * inverse_length - rest_length)
+        if wp.static(damped):
+            tension += damping * (wp.dot(dv, dx) * inverse_length)
+        return tension * inverse_length
+
+    return force_density
+
+
+CONSTANTS = ("rest_length", "stiffness", "damping")
+"""The constants of a connection."""
+
+
+@functools.cache
+def constants(scalar: type, varying: tuple[str, ...]):
+    """Compose (types, take): what holds each constant, and `take(values, c)`, that of connection or slot c.
+
+    What is `varying` lies in an array; of what is everywhere the same there is one number.
+    """
+    Array = wp.array(dtype=scalar)
+
+    @wp.func_native("return values.data[c];")
+    def take_own(values: Array, c: int) -> scalar: ...
+
+    @wp.func
+    def take_only(values: scalar, c: int) -> scalar:
+        return values
+
+    varies = [name in varying for name in CONSTANTS]
+    return [Array if own else scalar for own in varies], [take_own if own else take_only for own in varies]
+
+
+class Route(NamedTuple):
+    """The device side of a route."""
+
+    Forces: Any
+    """Struct type of what the functions read."""
+    force_at: Any
+    """wp.func (forces, lost, x, v, i) -> force on particle i [N]."""
+    evaluate: Any = None
+    """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
+
+
+@functools.cache
+def difference(dim: int, scalar: type, compensated: bool):
+    """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.func
+    def apart(lost: Lost, x: wp.array(dtype=V), x_i: V, i: int, j: int) -> V:
+        dx = x_i - load(x, j)
+        if wp.static(compensated):
+            dx = dx - (load(lost.x, i) - load(lost.x, j))
+        return dx
+
+    return apart
+
+
+PAIR = """
+#if defined(__CUDA_ARCH__)
+    const int2 ends = reinterpret_cast<const int2*>(connections.data)[c];
+    return {ends.x, ends.y};
+#else
+    return connections.data[c];
+#endif
+"""
+
+
+@wp.func_native(PAIR)
+def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
+    """Return the two particles of connection c."""
+    ...
+
+
+@functools.cache
+def scatter(dim: int, scalar: type, damped: bool, compensated: bool, varying: tuple[str, ...]) -> Route:
+    """Compose the route by connections: each adds its force to one end and subtracts it from the other.
+
+    The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
+    Taking a force sets its place to zero for the next evaluation.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, store, add = records(dim, scalar)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    (RestLength, Stiffness, Damping), (take_rest_length, take_stiffness, take_damping) = constants(scalar, varying)
+
+    @wp.struct
+    class Scattered:
+        f: wp.array(dtype=V)
+        connections: wp.array(dtype=wp.vec2i)
+        rest_length: RestLength
+        stiffness: Stiffness
+        damping: Damping
+
+    @wp.func
+    def evaluate(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int):
+        ends = ends_of(forces.connections, c)
+        i = ends[0]
+        j = ends[1]
+        dx = apart(lost, x, load(x, i), i, j)
+        dv = V()
+        b = scalar(0.0)
+        if wp.static(damped):
+            dv = load(v, i) - load(v, j)
+            b = take_damping(forces.damping, c)
+        l0 = take_rest_length(forces.rest_length, c)
+        k = take_stiffness(forces.stiffness, c)
+        force = -force_density(dx, dv, l0, k, b) * dx
+        add(forces.f, i, force)
+        add(forces.f, j, -force)
+
+    @wp.func
+    def force_at(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        f = load(forces.f, i)
+        store(forces.f, i, V())
+        return f
+
+    return Route(Scattered, force_at, evaluate)
+
+
+SLICE = 32
+"""Particles side by side in the table of neighbours: as many as the GPU's threads that go together."""
+CHUNK = 4
+"""Slots that are read together, so that a thread waits for memory once for all of them."""
+
+
+@functools.cache
+def gather(dim: int, scalar: type, damped: bool, compensated: bool, varying: tuple[str, ...]) -> Route:
+    """Compose the route by particles: each sums the forces of its own connections, from a table of neighbours.
+
+    The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
+    fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
+    numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    (RestLength, Stiffness, Damping), (take_rest_length, take_stiffness, take_damping) = constants(scalar, varying)
+
+    @wp.func_native("return other.data[slot];")
+    def neighbour(other: wp.array(dtype=int), slot: int) -> int: ...
+
+    @wp.struct
+    class Gathered:
+        first: wp.array(dtype=int)
+        other: wp.array(dtype=int)
+        rest_length: RestLength
+        stiffness: Stiffness
+        damping: Damping
+
+    @wp.func
+    def force_at(forces: Gathered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        b = scalar(0.0)
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        part = i / wp.static(SLICE)
+        slot = forces.first[part] + i % wp.static(SLICE)
+        end = forces.first[part + 1]
+        while slot < end:
+            for n in range(wp.static(CHUNK)):
+                own = slot + wp.static(n * SLICE)
+                j = neighbour(forces.other, own)
+                dx = apart(lost, x, x_i, i, j)
+                if wp.static(damped):
+                    dv = v_i - load(v, j)
+                    b = take_damping(forces.damping, own)
+                l0 = take_rest_length(forces.rest_length, own)
+                k = take_stiffness(forces.stiffness, own)
+                force -= force_density(dx, dv, l0, k, b) * dx
+            slot += wp.static(CHUNK * SLICE)
+        return force
+
+    return Route(Gathered, force_at)
+
+
+class Neighbour(NamedTuple):
+    """One of the neighbours that a lattice point may have."""
+
+    along: int
+    """Its place in its row, relative to the point: −1, 0 or 1."""
+    direction: int
+    """Which direction of the lattice leads there, or back."""
+    bit: int
+    """The bit of the point's mask that says that it is connected with it."""
+
+
+@functools.cache
+def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
+    """Return the rows (y, z) around a lattice point in which its neighbours lie, and the neighbours in each row.
+
+    `steps` are the lattice's directions. Points along x lie side by side in memory, so a row is found once.
+    """
+    found: dict[tuple[int, int], list[Neighbour]] = {}
+    for d, (x, y, z) in enumerate(steps):
+        found.setdefault((y, z), []).append(Neighbour(x, d, 1 << d))
+        found.setdefault((-y, -z), []).append(Neighbour(-x, d, 1 << (d + len(steps))))
+    rows = tuple(sorted(found, key=lambda row: row[::-1]))
+    return rows, [sorted(found[row]) for row in rows]
+
+
+@functools.cache
+def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tuple, uniform: bool) -> Route:
+    """Compose the gathering route for lattices, whose neighbours need no table.
+
+    A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
+    of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
+    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    rows, neighbours = stencil_rows(steps)
+    Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
+    most = max(map(len, neighbours))
+
+    def field(r: int, n: int, name: str) -> int:
+        return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
+
+    @wp.struct
+    class Lattice:
+        mask: wp.array(dtype=wp.uint32)
+        shift: Shifts
+        rest_length: Constants
+        stiffness: Constants
+        damping: Constants
+
+    @wp.struct
+    class Lattices:
+        mask: wp.array(dtype=wp.uint32)
+        shift: wp.array2d(dtype=int)
+        kind: wp.array(dtype=int)
+        rest_length: wp.array2d(dtype=scalar)
+        stiffness: wp.array2d(dtype=scalar)
+        damping: wp.array2d(dtype=scalar)
+
+    Forces = Lattice if uniform else Lattices
+
+    @wp.func
+    def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        mask = forces.mask[i]
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        kind = int(0)
+        if wp.static(damped):
+            v_i = load(v, i)
+        if wp.static(not uniform):
+            kind = forces.kind[i]
+        force = V()
+        for r in range(wp.static(len(rows))):
+            if wp.static(uniform):
+                row = i + forces.shift[r]
+            else:
+                row = i + forces.shift[r, i]
+            for n in range(wp.static(most)):
+                if wp.static(n < len(neighbours[r])):
+                    j = row + wp.static(field(r, n, "along"))
+                    d = wp.static(field(r, n, "direction"))
+                    dx = apart(lost, x, x_i, i, j)
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    if wp.static(uniform):
+                        q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
+                    else:
+                        q = force_density(
+                            dx,
+                            dv,
+                            forces.rest_length[kind, d],
+                            forces.stiffness[kind, d],
+                            forces.damping[kind, d],
+                        )
+                    # What is read of a missing neighbour may be any other particle's: it does not count.
+                    if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
+                        q = scalar(0.0)
+                    force -= q * dx
+        return force
+
+    return Route(Forces, force_at)
