@@ -50,12 +50,11 @@ def spring_damper(dim: int, scalar: type, damped: bool):
 
     @wp.func
     def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
-        square = wp.dot(dx, dx) + scalar(tiny)
-        inverse_length = rsqrt(square)
-        tension = stiffness * (square * inverse_length - rest_length)
+        inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
+        tension = -stiffness * rest_length  # but for k |Δx|, which is k in the density
         if wp.static(damped):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
-        return tension * inverse_length
+        return stiffness + tension * inverse_length
 
     return force_density
 
