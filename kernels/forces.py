@@ -61,25 +61,71 @@ def spring_damper(dim: int, scalar: type, damped: bool):
 
 CONSTANTS = ("rest_length", "stiffness", "damping")
 """The constants of a connection."""
+MOST_KINDS = 256
+"""Kinds of connections that one byte tells apart."""
+
+TAKE = """
+#if defined(__CUDA_ARCH__)
+    return __ldcs(values.data + c);  // read once: it need not stay in the cache
+#else
+    return values.data[c];
+#endif
+"""
 
 
 @functools.cache
-def constants(scalar: type, varying: tuple[str, ...]):
-    """Compose (types, take): what holds each constant, and `take(values, c)`, that of connection or slot c.
+def constants(scalar: type, storage: str):
+    """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
 
-    What is `varying` lies in an array; of what is everywhere the same there is one number.
+    Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
+    ones) or "own" (three numbers per connection). `take` returns a vector, in the order of CONSTANTS.
     """
-    Array = wp.array(dtype=scalar)
+    Three = vector(3, scalar)
+    load = records(3, scalar).load
 
-    @wp.func_native("return values.data[c];")
-    def take_own(values: Array, c: int) -> scalar: ...
+    if storage == "one":
+
+        @wp.struct
+        class OneForAll:
+            all: Three
+
+        @wp.func
+        def take_one(constants: OneForAll, c: int) -> Three:
+            return constants.all
+
+        return OneForAll, take_one
+    if storage == "kinds":
+
+        @wp.func_native(TAKE)
+        def kind_of(values: wp.array(dtype=wp.uint8), c: int) -> wp.uint8: ...
+
+        @wp.struct
+        class Kinds:
+            kind: wp.array(dtype=wp.uint8)
+            table: wp.array(dtype=Three)
+
+        @wp.func
+        def take_kind(constants: Kinds, c: int) -> Three:
+            return load(constants.table, int(kind_of(constants.kind, c)))
+
+        return Kinds, take_kind
+
+    @wp.func_native(TAKE)
+    def number(values: wp.array(dtype=scalar), c: int) -> scalar: ...
+
+    @wp.struct
+    class Own:
+        rest_length: wp.array(dtype=scalar)
+        stiffness: wp.array(dtype=scalar)
+        damping: wp.array(dtype=scalar)
 
     @wp.func
-    def take_only(values: scalar, c: int) -> scalar:
-        return values
+    def take_own(constants: Own, c: int) -> Three:
+        return Three(
+            number(constants.rest_length, c), number(constants.stiffness, c), number(constants.damping, c)
+        )
 
-    varies = [name in varying for name in CONSTANTS]
-    return [Array if own else scalar for own in varies], [take_own if own else take_only for own in varies]
+    return Own, take_own
 
 
 class Route(NamedTuple):
@@ -91,6 +137,8 @@ class Route(NamedTuple):
     """wp.func (forces, lost, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None
     """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
+    column_forces: Any = None
+    """wp.func (forces, lost, x, v, i) -> forces on the particles i + d stride, as the rows d of a matrix."""
 
 
 @functools.cache
@@ -127,7 +175,7 @@ def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
 
 
 @functools.cache
-def scatter(dim: int, scalar: type, damped: bool, compensated: bool, varying: tuple[str, ...]) -> Route:
+def scatter(dim: int, scalar: type, damped: bool, compensated: bool, storage: str) -> Route:
     """Compose the route by connections: each adds its force to one end and subtracts it from the other.
 
     The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
@@ -137,15 +185,13 @@ def scatter(dim: int, scalar: type, damped: bool, compensated: bool, varying: tu
     Lost, _ = compensation(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
-    (RestLength, Stiffness, Damping), (take_rest_length, take_stiffness, take_damping) = constants(scalar, varying)
+    Constants, take = constants(scalar, storage)
 
     @wp.struct
     class Scattered:
         f: wp.array(dtype=V)
         connections: wp.array(dtype=wp.vec2i)
-        rest_length: RestLength
-        stiffness: Stiffness
-        damping: Damping
+        constants: Constants
 
     @wp.func
     def evaluate(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int):
@@ -154,13 +200,10 @@ def scatter(dim: int, scalar: type, damped: bool, compensated: bool, varying: tu
         j = ends[1]
         dx = apart(lost, x, load(x, i), i, j)
         dv = V()
-        b = scalar(0.0)
         if wp.static(damped):
             dv = load(v, i) - load(v, j)
-            b = take_damping(forces.damping, c)
-        l0 = take_rest_length(forces.rest_length, c)
-        k = take_stiffness(forces.stiffness, c)
-        force = -force_density(dx, dv, l0, k, b) * dx
+        own = take(forces.constants, c)
+        force = -force_density(dx, dv, own[0], own[1], own[2]) * dx
         add(forces.f, i, force)
         add(forces.f, j, -force)
 
@@ -177,10 +220,21 @@ SLICE = 32
 """Particles side by side in the table of neighbours: as many as the GPU's threads that go together."""
 CHUNK = 4
 """Slots that are read together, so that a thread waits for memory once for all of them."""
+NEIGHBOURS = f"""
+    wp::vec_t<{CHUNK}, wp::int32> others;
+    for (int n = 0; n < {CHUNK}; ++n) {{
+#if defined(__CUDA_ARCH__)
+        others[n] = __ldcs(other.data + slot + n * {SLICE});  // read once: it need not stay in the cache
+#else
+        others[n] = other.data[slot + n * {SLICE}];
+#endif
+    }}
+    return others;
+"""
 
 
 @functools.cache
-def gather(dim: int, scalar: type, damped: bool, compensated: bool, varying: tuple[str, ...]) -> Route:
+def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str) -> Route:
     """Compose the route by particles: each sums the forces of its own connections, from a table of neighbours.
 
     The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
@@ -191,42 +245,42 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, varying: tup
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
-    (RestLength, Stiffness, Damping), (take_rest_length, take_stiffness, take_damping) = constants(scalar, varying)
+    Constants, take = constants(scalar, storage)
 
-    @wp.func_native("return other.data[slot];")
-    def neighbour(other: wp.array(dtype=int), slot: int) -> int: ...
+    Others = wp.types.vector(CHUNK, int)
+
+    @wp.func_native(NEIGHBOURS)
+    def neighbours(other: wp.array(dtype=int), slot: int) -> Others: ...
 
     @wp.struct
     class Gathered:
         first: wp.array(dtype=int)
         other: wp.array(dtype=int)
-        rest_length: RestLength
-        stiffness: Stiffness
-        damping: Damping
+        constants: Constants
 
     @wp.func
     def force_at(forces: Gathered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
         x_i = load(x, i)
         v_i = V()
         dv = V()
-        b = scalar(0.0)
         if wp.static(damped):
             v_i = load(v, i)
         force = V()
         part = i / wp.static(SLICE)
         slot = forces.first[part] + i % wp.static(SLICE)
         end = forces.first[part + 1]
+        following = neighbours(forces.other, slot)
         while slot < end:
+            others = following
+            # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
+            following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
-                own = slot + wp.static(n * SLICE)
-                j = neighbour(forces.other, own)
+                own = take(forces.constants, slot + wp.static(n * SLICE))
+                j = others[n]
                 dx = apart(lost, x, x_i, i, j)
                 if wp.static(damped):
                     dv = v_i - load(v, j)
-                    b = take_damping(forces.damping, own)
-                l0 = take_rest_length(forces.rest_length, own)
-                k = take_stiffness(forces.stiffness, own)
-                force -= force_density(dx, dv, l0, k, b) * dx
+                force -= force_density(dx, dv, own[0], own[1], own[2]) * dx
             slot += wp.static(CHUNK * SLICE)
         return force
 
@@ -281,6 +335,7 @@ def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tupl
     class Lattice:
         mask: wp.array(dtype=wp.uint32)
         shift: Shifts
+        stride: int
         rest_length: Constants
         stiffness: Constants
         damping: Constants
@@ -336,4 +391,90 @@ def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tupl
                     force -= q * dx
         return force
 
-    return Route(Forces, force_at)
+    if not uniform:
+        return Route(Forces, force_at)
+    return Route(Forces, force_at, column_forces=column_forces(dim, scalar, damped, compensated, steps, Lattice))
+
+
+COLUMN = 2
+"""Particles in a column whose neighbours are read together."""
+
+
+@functools.cache
+def column_forces(dim: int, scalar: type, damped: bool, compensated: bool, steps: tuple, Lattice: Any):
+    """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
+
+    The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
+    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    force_density = spring_damper(dim, scalar, damped)
+    rows, neighbours = stencil_rows(steps)
+    axis = 1 if any(z for _, z in rows) else 0  # layers are along z, in a sheet along y
+    inner = [row for row in rows if row[axis] == 0]
+    if any(row[axis] and ((row[0], 0) if axis else (0, 0)) not in inner for row in rows) or len(rows) == 1:
+        return None
+    found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
+    Column = wp.types.matrix((COLUMN, dim), scalar)
+    Masks = wp.types.vector(COLUMN, wp.uint32)
+
+    def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
+        """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
+        row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
+        return found.get((row, a - 1))
+
+    def is_read(r: int, p: int, a: int) -> bool:
+        return any(neighbour(r, p, a, d) for d in range(COLUMN))
+
+    def is_felt(r: int, p: int, a: int, d: int) -> bool:
+        return neighbour(r, p, a, d) is not None
+
+    def field(r: int, p: int, a: int, d: int, name: str) -> int:
+        return getattr(neighbour(r, p, a, d), name, 0)
+
+    @wp.func
+    def forces_at(forces: Lattice, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> Column:
+        own_x = Column()
+        own_v = Column()
+        own_lost = Column()
+        total = Column()
+        masks = Masks()
+        for d in range(wp.static(COLUMN)):
+            own = i + d * forces.stride
+            own_x[d] = load(x, own)
+            if wp.static(damped):
+                own_v[d] = load(v, own)
+            if wp.static(compensated):
+                own_lost[d] = load(lost.x, own)
+            if own < forces.mask.shape[0]:
+                masks[d] = forces.mask[own]
+        for p in range(wp.static(COLUMN + 2)):
+            for r in range(wp.static(len(inner))):
+                row = i + (p - 1) * forces.stride + forces.shift[wp.static(rows.index(inner[r]))]
+                for a in range(3):
+                    if wp.static(is_read(r, p, a)):
+                        j = row + (a - 1)
+                        x_j = load(x, j)
+                        v_j = V()
+                        lost_j = V()
+                        if wp.static(damped):
+                            v_j = load(v, j)
+                        if wp.static(compensated):
+                            lost_j = load(lost.x, j)
+                        for d in range(wp.static(COLUMN)):
+                            if wp.static(is_felt(r, p, a, d)):
+                                n = wp.static(field(r, p, a, d, "direction"))
+                                dx = own_x[d] - x_j
+                                if wp.static(compensated):
+                                    dx = dx - (own_lost[d] - lost_j)
+                                l0 = forces.rest_length[n]
+                                q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
+                                # What is read of a missing neighbour may be any other particle's.
+                                if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
+                                    q = scalar(0.0)
+                                total[d] = total[d] - q * dx
+        return total
+
+    return forces_at

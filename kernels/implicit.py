@@ -210,8 +210,8 @@ def impulse(motion: Motion) -> Stage:
         out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: Impulse, i: int):
-        a = acceleration(world, step.lost, step.x, step.v, i)
+    def advance(world: World, step: Impulse, force: V, i: int):
+        a = acceleration(world, force, i)
         p = V()
         if world.inverse_mass[i] > scalar(0.0):
             p = step.h * a / world.inverse_mass[i]
@@ -240,7 +240,7 @@ def implicit_finish(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ImplicitFinish, i: int):
+    def advance(world: World, step: ImplicitFinish, force: V, i: int):
         v_old = load(step.v, i)
         v_new = add(v_old, load(step.dv, i), step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)

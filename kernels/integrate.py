@@ -11,31 +11,9 @@ import warp as wp
 
 from .basis import kernel, vector
 from .compensation import compensation
+from .forces import COLUMN
 from .motion import Motion, Stage, world
 from .records import records
-
-
-@functools.cache
-def particle_acceleration(motion: Motion):
-    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
-
-    A pinned particle stands still, so no collider ever finds it approaching: this is the only test for it,
-    and it is compiled only where a particle is pinned.
-    """
-    scalar, World, Lost, force_at = motion.scalar, world(motion), motion.Lost, motion.route.force_at
-    V = vector(motion.dim, scalar)
-    pinned = motion.pinned
-
-    @wp.func
-    def acceleration(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-        force = force_at(world.forces, lost, x, v, i)
-        w = world.inverse_mass[i]
-        if wp.static(pinned):
-            if w == scalar(0.0):
-                return V()
-        return w * force + world.gravity
-
-    return acceleration
 
 
 @functools.cache
@@ -54,13 +32,57 @@ def each_connection(motion: Motion):
 @functools.cache
 def each_particle(motion: Motion, method: Any):
     """Compose the kernel, over particles, of one stage of a method."""
-    World, (Step, advance, _) = world(motion), method(motion)
+    World, (Step, advance, forced), force_at = world(motion), method(motion), motion.route.force_at
+    V = vector(motion.dim, motion.scalar)
 
     @kernel
     def advance_particles(world: World, step: Step):
-        advance(world, step, wp.tid())
+        i = wp.tid()
+        force = V()
+        if wp.static(forced):
+            force = force_at(world.forces, step.lost, step.x, step.v, i)
+        advance(world, step, force, i)
 
     return advance_particles
+
+
+@functools.cache
+def each_column(motion: Motion, method: Any):
+    """Compose the same for a lattice, over columns of particles that share what they read of their neighbours."""
+    World, (Step, advance, _), forces_at = world(motion), method(motion), motion.route.column_forces
+
+    @kernel
+    def advance_columns(world: World, step: Step):
+        column = wp.tid()
+        stride = world.forces.stride
+        i = column / stride * (COLUMN * stride) + column % stride
+        forces = forces_at(world.forces, step.lost, step.x, step.v, i)
+        for d in range(wp.static(COLUMN)):
+            if i + d * stride < world.inverse_mass.shape[0]:
+                advance(world, step, forces[d], i + d * stride)
+
+    return advance_columns
+
+
+@functools.cache
+def particle_acceleration(motion: Motion):
+    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
+
+    A pinned particle stands still, so no collider ever finds it approaching: this is the only test for it,
+    and it is compiled only where a particle is pinned.
+    """
+    scalar, World, pinned = motion.scalar, world(motion), motion.pinned
+    V = vector(motion.dim, scalar)
+
+    @wp.func
+    def acceleration(world: World, force: V, i: int) -> V:
+        w = world.inverse_mass[i]
+        if wp.static(pinned):
+            if w == scalar(0.0):
+                return V()
+        return w * force + world.gravity
+
+    return acceleration
 
 
 @functools.cache
@@ -109,9 +131,9 @@ def symplectic_euler(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: SymplecticEulerStep, i: int):
+    def advance(world: World, step: SymplecticEulerStep, force: V, i: int):
         v_old = load(step.v, i)
-        dv = step.h * acceleration(world, step.lost, step.x, step.v, i)
+        dv = step.h * acceleration(world, force, i)
         v_new = add(v_old, dv, step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)
         x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
@@ -146,9 +168,9 @@ def extrapolated_leapfrog(motion: Motion) -> Stage:
         v_half_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ExtrapolatedLeapfrogStep, i: int):
+    def advance(world: World, step: ExtrapolatedLeapfrogStep, force: V, i: int):
         v_old = load(step.v_half, i)
-        dv = step.h * acceleration(world, step.lost, step.x, step.v, i)
+        dv = step.h * acceleration(world, force, i)
         v_free = add(v_old, dv, step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)
         x_new, v_new = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_free, v_free, i)
@@ -181,9 +203,9 @@ def explicit_euler(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ExplicitEulerStep, i: int):
+    def advance(world: World, step: ExplicitEulerStep, force: V, i: int):
         v_old = load(step.v, i)
-        dv = step.h * acceleration(world, step.lost, step.x, step.v, i)
+        dv = step.h * acceleration(world, force, i)
         v_new = add(v_old, dv, step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)
         x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_old, v_new, i)
@@ -211,8 +233,8 @@ def kick(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: Kick, i: int):
-        a = acceleration(world, step.lost, step.x, step.v, i)
+    def advance(world: World, step: Kick, force: V, i: int):
+        a = acceleration(world, force, i)
         store(step.v_out, i, load(step.v_half, i) + step.h * a)
 
     return Stage(Kick, advance)

@@ -38,9 +38,9 @@ class Stage(NamedTuple):
     Step: Any
     """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `lost`."""
     advance: Any
-    """wp.func (world, step, i): advance particle i."""
+    """wp.func (world, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
-    """Whether it asks for the force."""
+    """Whether it takes the force; else that is 0."""
 
 
 @functools.cache

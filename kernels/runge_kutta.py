@@ -43,9 +43,9 @@ def rk4(motion: Motion) -> Stage:
         v_b: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: RK4Step, i: int):
+    def advance(world: World, step: RK4Step, force: V, i: int):
         v = load(step.v, i)
-        a = acceleration(world, step.lost, step.x, step.v, i)
+        a = acceleration(world, force, i)
         x0 = load(step.x0, i)
         v0 = load(step.v0, i)
         dv = step.weight * a
@@ -102,10 +102,10 @@ def chebyshev(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ChebyshevStep, i: int):
+    def advance(world: World, step: ChebyshevStep, force: V, i: int):
         x0 = load(step.x0, i)
         v0 = load(step.v0, i)
-        a = acceleration(world, step.lost, step.x, step.v, i)
+        a = acceleration(world, force, i)
         dx = step.reach * load(step.v, i)
         dv = step.reach * a
         if step.first == 1:

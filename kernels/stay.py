@@ -39,7 +39,8 @@ def stay(motion: Motion, method: Any):
 
     Step k is steps[k mod their number]. A launch is then paid once for all: most of what a small body costs.
     """
-    World, (Step, advance, _), evaluate = world(motion), method(motion), motion.route.evaluate
+    World, (Step, advance, _) = world(motion), method(motion)
+    evaluate, force_at = motion.route.evaluate, motion.route.force_at
 
     @kernel
     def take_steps(
@@ -64,7 +65,7 @@ def stay(motion: Motion, method: Any):
                 wait(arrived, blocks, turn)
             i = thread
             while i < world.inverse_mass.shape[0]:
-                advance(world, step, i)
+                advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
                 i += threads
             turn += 1
             wait(arrived, blocks, turn)

@@ -63,15 +63,13 @@ def fill_slots(
 
 
 @functools.cache
-def take(scalar: type):
-    """Compose the kernel, over slots, that takes each connection's constant into its slots."""
+def take(dtype: type):
+    """Compose the kernel, over slots, that takes each connection's value into its slots."""
 
     @kernel
-    def take_constants(
-        connection: wp.array(dtype=int), values: wp.array(dtype=scalar), slots: wp.array(dtype=scalar)
-    ):
+    def take_values(connection: wp.array(dtype=int), values: wp.array(dtype=dtype), slots: wp.array(dtype=dtype)):
         slot = wp.tid()
         if connection[slot] >= 0:
             slots[slot] = values[connection[slot]]
 
-    return take_constants
+    return take_values

@@ -6,10 +6,16 @@ from typing import Any
 import warp as wp
 
 from .forces import ROUTE_CLASSES
-from .kernels.integrate import each_connection, each_particle
+from .kernels.forces import COLUMN
+from .kernels.integrate import each_column, each_connection, each_particle
 from .kernels.motion import Motion, world
 from .kernels.stay import stay
 from .model import Model, State
+
+LEAST_IN_COLUMNS = 30_000
+"""Fewer particles are too few columns to keep a GPU busy."""
+MOST_IN_ONE_BLOCK = 512
+"""More threads than that are faster as blocks that wait for each other."""
 
 
 class Dynamics:
@@ -24,6 +30,8 @@ class Dynamics:
         self.world = world(self.motion)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
         self.world.gravity, self.world.colliders = model.gravity, model.colliders
+        self._block = 256 if model.scalar is wp.float32 else 128  # in float64 more would not find registers
+        self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
     def launch(self, method: Any, **fields: Any) -> None:
@@ -46,9 +54,13 @@ class Dynamics:
         model = self.model
         if forced and self.motion.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
-            wp.launch(each_connection(self.motion), model.connection_count, inputs, device=model.device)
-        kernel = each_particle(self.motion, method)
-        wp.launch(kernel, model.particle_count, [self.world, step], device=model.device)
+            kernel, threads = each_connection(self.motion), model.connection_count
+            wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
+        if forced and self._columns:
+            kernel, threads = each_column(self.motion, method), self._columns
+        else:
+            kernel, threads = each_particle(self.motion, method), model.particle_count
+        wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self._block)
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""
@@ -58,6 +70,14 @@ class Dynamics:
             return self._recorded
         finally:
             self._recorded = None
+
+
+def columns(model: Model) -> int:
+    """Return how many columns of particles are advanced at a time; 0 where particles are, one by one."""
+    stride = model.lattice.stride if model.lattice else 0
+    if stride <= 0 or not model.device.is_cuda or model.particle_count < LEAST_IN_COLUMNS:
+        return 0
+    return -(-model.particle_count // (COLUMN * stride)) * stride
 
 
 class Stepper:
@@ -125,7 +145,8 @@ def staying_blocks(model: Model) -> tuple[int, int] | None:
     device = model.device
     if not device.is_cuda:
         return 1, 1
-    work = max(model.particle_count, model.connection_count if model.route == "scatter" else 0)
-    if work > 128 * device.sm_count:
-        return None
-    return -(-work // 128), 128
+    work = model.connection_count if model.route == "scatter" else model.particle_count
+    if work <= MOST_IN_ONE_BLOCK:
+        return 1, -(-work // 32) * 32
+    blocks = -(-work // 128)
+    return (blocks, 128) if blocks <= device.sm_count else None

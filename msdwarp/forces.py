@@ -7,56 +7,100 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from .kernels import implicit, tables
-from .kernels.forces import CONSTANTS, SLICE, gather, scatter, stencil
+from .kernels.forces import CHUNK, CONSTANTS, MOST_KINDS, SLICE, gather, scatter, stencil
 from .kernels.stability import add_blocks
 from .model import Model
+from .system import System
 
 
 class Scatter:
     """The route by connections."""
 
     def __init__(self, model: Model) -> None:
-        varying = _varying(model)
-        self.route = scatter(model.dim, model.scalar, model.damped, model.compensated, varying)
+        storage, fields = stored_constants(model)
+        self.route = scatter(model.dim, model.scalar, model.damped, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.f, self.data.connections = model.vectors(), model.connections
-        for name in CONSTANTS:
-            setattr(self.data, name, getattr(model, name) if name in varying else _only(model, name))
+        for name, value in fields.items():
+            setattr(self.data.constants, name, value)
 
 
 class Gather:
     """The route by particles, with a table of neighbours that is built on the device."""
 
     def __init__(self, model: Model) -> None:
-        varying = _varying(model)
-        self.route = gather(model.dim, model.scalar, model.damped, model.compensated, varying)
+        storage, fields = stored_constants(model)
+        self.route = gather(model.dim, model.scalar, model.damped, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
-        for name in CONSTANTS:
-            if name in varying:
-                setattr(self.data, name, _by_slot(model, getattr(model, name), connection))
-            else:
-                setattr(self.data, name, _only(model, name))
+        for name, value in fields.items():
+            by_connection = storage == "own" or name == "kind"
+            setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
 
 
-def _varying(model: Model) -> tuple[str, ...]:
-    """Return the constants of which connections have their own."""
-    system = model.system
-    return tuple(name for name in CONSTANTS if len(values := getattr(system, name)) and values.strides != (0,))
+def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
+    """Return how the constants of connections are best stored, and the fields of the struct that holds them.
+
+    See `msdwarp.kernels.forces.constants`.
+    """
+    three, device = wp.types.vector(3, model.scalar), model.device
+    kinds = find_kinds(model.system)
+    if kinds is None:
+        own = {name: getattr(model, name) for name in CONSTANTS}
+        return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
+    table, kind = kinds
+    if len(table) == 1:
+        return "one", {"all": three(*map(float, table[0]))}
+    padded = np.zeros((len(table), 4))
+    padded[:, :3] = table
+    records = wp.array(padded.ravel(), dtype=model.scalar, device=device)
+    held = wp.array(
+        ptr=records.ptr,
+        dtype=three,
+        shape=len(table),
+        strides=(4 * wp.types.type_size_in_bytes(model.scalar),),
+        device=device,
+    )
+    held._ref = records
+    return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
 
 
-def _only(model: Model, name: str) -> float:
-    """Return a constant that all connections share, 0 if there are none."""
-    return float(next(iter(getattr(model.system, name)), 0.0))
+def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+    """Return the different constants that connections have, shape [kind_count, 3], and the kind of each.
+
+    None if there are more than a byte can tell apart.
+    """
+    tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
+    count = 1
+    for name in CONSTANTS:
+        values = getattr(system, name)
+        if len(values) == 0 or values.strides == (0,):
+            tables.append(values[:1] if len(values) else np.zeros(1))
+            continue
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample tells most cases
+        place = np.zeros(len(values), dtype=np.uint8)
+        while True:
+            if count * len(different) > MOST_KINDS:
+                return None
+            place = np.minimum(np.searchsorted(different, values), len(different) - 1).astype(np.uint8)
+            missed = values[different[place] != values]
+            if len(missed) == 0:
+                break
+            different = np.union1d(different, missed[: MOST_KINDS + 1])
+        kind = kind + (place * np.uint8(count)).astype(np.uint8)
+        tables.append(different)
+        count *= len(different)
+    combined = np.stack(np.meshgrid(*tables[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return combined, kind
 
 
-def _by_slot(model: Model, values: wp.array, connection: wp.array) -> wp.array:
-    """Return a constant of each slot's connection."""
-    slots = wp.ones(len(connection), dtype=model.scalar, device=model.device)
-    inputs = [connection, values]
-    wp.launch(tables.take(model.scalar), len(connection), inputs, [slots], device=model.device)
+def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
+    """Return a value of each slot's connection; 1 in slots that pad."""
+    slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
+    wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
     return slots
 
 
@@ -85,7 +129,8 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     launch(tables.measure_slices, slices, [count], [length])
     wp.utils.array_scan(length, first, inclusive=False)
     slots = int(first[slices:].numpy()[0])
-    other, connection = integers(slots), wp.full(slots, -1, dtype=int, device=device)
+    other = integers(slots + SLICE * CHUNK)  # a chunk more is read, and not used
+    connection = wp.full(slots, -1, dtype=int, device=device)
     launch(tables.name_itself, slices, [first], [other, n])
     launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
     return first, other, connection
@@ -102,6 +147,7 @@ class Stencil:
         data = self.data = self.route.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
         if lattice.uniform:
+            data.stride = lattice.stride
             data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
             for name in CONSTANTS:
                 values = lattice.constants[name][0]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels.forces import stencil_rows
+from .kernels.forces import COLUMN, stencil_rows
 from .system import System
 
 
@@ -33,9 +33,22 @@ class Lattice(NamedTuple):
         return self.shift.ndim == 1 and len(self.constants["stiffness"]) == 1
 
     @property
+    def stride(self) -> int:
+        """How far away the next layer lies, if all layers lie one after the other; else 0."""
+        if not self.uniform:
+            return 0
+        rows, _ = stencil_rows(self.steps)
+        axis = 1 if any(z for _, z in rows) else 0
+        shift = dict(zip(rows, map(int, self.shift), strict=True))
+        stride = shift.get((0, 1) if axis else (1, 0), 0)
+        within = (shift.get((y, 0) if axis else (0, 0), 0) for y, _ in rows)
+        layered = all(shift[row] == own + row[axis] * stride for row, own in zip(rows, within, strict=True))
+        return stride if layered else 0
+
+    @property
     def margin(self) -> int:
         """How many particles beyond the first and the last may be read, and not be used."""
-        return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
+        return 2 + (2 + COLUMN) * (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
 class NotALattice(ValueError):

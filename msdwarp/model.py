@@ -117,18 +117,21 @@ class Model:
 
         self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
         self.inverse_mass = self._upload(_uniform(1.0 / system.mass, system.mass), "1 / mass")
-        order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
-        connections = system.connections if order is None else system.connections[order]
-        self.connections = wp.array(connections, dtype=wp.vec2i, device=self.device)
-        self.rest_length = self._upload(_ordered(system.rest_length, order), "rest_length")
-        self.stiffness = self._upload(_ordered(system.stiffness, order), "stiffness")
-        self.damping = self._upload(_ordered(system.damping, order), "damping")
+        self._order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
+        self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
+        self.rest_length = self._upload(self.ordered(system.rest_length), "rest_length")
+        self.stiffness = self._upload(self.ordered(system.stiffness), "stiffness")
+        self.damping = self._upload(self.ordered(system.damping), "damping")
         self.Colliders, self.colliders, self.collide = self._planes(tuple(colliders), contact)
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
         most = float(np.finfo(self.dtype).max)
         checks.every(name, values, values <= most, f"at most {most:.2g} in {self.precision}")
+
+    def ordered(self, values: NDArray) -> NDArray:
+        """Return what connections have in the order that connections are in on the device."""
+        return values if self._order is None or values.strides == (0,) else values[self._order]
 
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
@@ -262,11 +265,6 @@ def moving(instant: Instant) -> list[wp.array]:
 def copy_vectors(to: Any, source: Any) -> None:
     """Copy arrays that `Model.vectors` made, as one piece of memory."""
     wp.copy(to._ref, source._ref)
-
-
-def _ordered(values: NDArray, order: NDArray | None) -> NDArray:
-    """Return values in another order; what is one constant stays stored once."""
-    return values if order is None or values.strides == (0,) else values[order]
 
 
 def _uniform(values: NDArray, like: NDArray) -> NDArray:

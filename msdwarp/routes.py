@@ -12,6 +12,12 @@ from .system import System
 
 ROUTES = ("scatter", "gather", "stencil")
 AUTO = "auto"
+FEW_CONNECTIONS = 512
+"""So few are scattered: a thread for each is sooner done than one for each particle."""
+FEW_PARTICLES = 20_000
+"""So few are waited for, not worked for: a stencil waits least."""
+LEAST_USED = 0.4
+"""Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
 
 
 def choose_route(system: System, route: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
@@ -35,15 +41,16 @@ def choose_route(system: System, route: str, *, on_gpu: bool) -> tuple[str, Latt
 
 def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
     """Return the route that was fastest for such a system, and its lattice where that is a stencil."""
-    if not on_gpu:
+    if not on_gpu or system.connection_count <= FEW_CONNECTIONS:
         return "scatter", None
     try:
         lattice = find_lattice(system)
     except NotALattice:
         return "gather", None
     # Of what a stencil computes for missing neighbours nothing is used.
-    used = 2 * system.connection_count / (2 * len(lattice.steps) * system.particle_count)
-    return ("stencil", lattice) if used > 0.5 else ("gather", None)
+    used = system.connection_count / (len(lattice.steps) * system.particle_count)
+    small = system.particle_count <= FEW_PARTICLES
+    return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
 
 
 def scatter_order(system: System) -> NDArray[np.int64] | None:

@@ -286,8 +286,8 @@ class Simulation:
 
         A mass of inf pins a particle where it is.
         Kernels are composed for what a scene has, so another one is only needed for a first damper, a first
-        pinned particle, or a constant that was the same for all connections and is not any longer. Substeps that
-        were chosen automatically are chosen anew.
+        pinned particle, or connections that come in many more kinds than before. The route is chosen anew where
+        that was left open, and so are the substeps.
 
         Raises
         ------
