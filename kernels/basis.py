@@ -8,10 +8,10 @@ def vector(dim: int, scalar: type):
     return wp.types.vector(dim, scalar)
 
 
-def kernel(function):
-    """Declare `function` as a forward-only Warp kernel in a module of its own.
+def kernel(function, **options):
+    """Declare `function` as a forward-only Warp kernel in a module of its own, with options of `wp.kernel`.
 
     A module of its own means that a kernel is compiled when it is first launched and never because
     another one was composed; kernels with the same source and the same pieces share one cache entry.
     """
-    return wp.kernel(function, module="unique", enable_backward=False)
+    return wp.kernel(function, module="unique", enable_backward=False, **options)

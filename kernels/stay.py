@@ -8,52 +8,36 @@ import warp as wp
 from .basis import kernel
 from .motion import Motion, world
 
+MOST_THREADS = 512
+"""Threads in a block; the compiler leaves registers for so many."""
+
 WAIT = """
-#if defined(__CUDA_ARCH__)
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");
+#elif defined(__CUDA_ARCH__)
     __syncthreads();
-    if (blocks > 1) {
-        if (threadIdx.x == 0) {
-            __threadfence();
-            atomicAdd(arrived.data, 1);
-            while (*reinterpret_cast<volatile int*>(arrived.data) < blocks * turn) { }
-            __threadfence();
-        }
-        __syncthreads();
-    }
 #endif
 """
 
 
 @wp.func_native(WAIT)
-def wait(arrived: wp.array(dtype=int), blocks: int, turn: int):
-    """Let no thread go on before all have come here, and see what they have written.
-
-    `arrived` counts blocks, `turn` the waits so far. All blocks must be on the device at once.
-    """
+def wait():
+    """Let no thread of the cluster of blocks go on before all have come here, and see what they have written."""
     ...
 
 
 @functools.cache
-def stay(motion: Motion, method: Any):
+def stay(motion: Motion, method: Any, blocks: int):
     """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
 
     Step k is steps[k mod their number]. A launch is then paid once for all: most of what a small body costs.
+    More blocks than one form a cluster, which a GPU has from compute capability 9.0 on.
     """
     World, (Step, advance, _) = world(motion), method(motion)
     evaluate, force_at = motion.route.evaluate, motion.route.force_at
 
-    @kernel
-    def take_steps(
-        world: World,
-        steps: wp.array(dtype=Step),
-        count: int,
-        connection_count: int,
-        threads: int,
-        blocks: int,
-        arrived: wp.array(dtype=int),
-    ):
+    def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
-        turn = int(0)
         for k in range(count):
             step = steps[k % steps.shape[0]]
             if wp.static(evaluate is not None):
@@ -61,13 +45,11 @@ def stay(motion: Motion, method: Any):
                 while c < connection_count:
                     evaluate(world.forces, step.lost, step.x, step.v, c)
                     c += threads
-                turn += 1
-                wait(arrived, blocks, turn)
+                wait()
             i = thread
             while i < world.inverse_mass.shape[0]:
                 advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
                 i += threads
-            turn += 1
-            wait(arrived, blocks, turn)
+            wait()
 
-    return take_steps
+    return kernel(take_steps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -9,13 +9,15 @@ from .forces import ROUTE_CLASSES
 from .kernels.forces import COLUMN
 from .kernels.integrate import each_column, each_connection, each_particle
 from .kernels.motion import Motion, world
-from .kernels.stay import stay
+from .kernels.stay import MOST_THREADS, stay
 from .model import Model, State
 
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
-MOST_IN_ONE_BLOCK = 512
-"""More threads than that are faster as blocks that wait for each other."""
+MOST_IN_ONE_BLOCK = 256
+"""More threads than that are faster as a cluster of blocks that wait for each other."""
+CLUSTER = 8
+"""Blocks in a cluster: as many as every GPU that has clusters allows."""
 
 
 class Dynamics:
@@ -107,10 +109,9 @@ class Stepper:
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
         (method, _), device = stages[0], dynamics.model.device
         self._per_substep = len(stages) // 2
-        self._kernel, self._blocks = stay(dynamics.motion, method), blocks
+        self._kernel, self._blocks = stay(dynamics.motion, method, blocks[0]), blocks
         self._kept = [step for _, step in stages]
         self._steps = wp.array(self._kept, dtype=method(dynamics.motion).Step, device=device)
-        self._arrived = wp.zeros(1, dtype=int, device=device)
 
     def take(self, substeps: int) -> None:
         """Take substeps; the state then lies where it lay before."""
@@ -125,28 +126,29 @@ class Stepper:
 
     def _stay(self, stages: int) -> None:
         model, (blocks, threads) = self._dynamics.model, self._blocks
-        if blocks > 1:
-            self._arrived.zero_()
-        shared = [model.connection_count, blocks * threads, blocks, self._arrived]
+        everyone = blocks * threads
         wp.launch(
             self._kernel,
-            dim=blocks * threads,
-            inputs=[self._dynamics.world, self._steps, stages, *shared],
+            dim=everyone,
+            inputs=[self._dynamics.world, self._steps, stages, model.connection_count, everyone],
             device=model.device,
             block_dim=threads,
         )
 
 
 def staying_blocks(model: Model) -> tuple[int, int] | None:
-    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not.
-
-    Blocks wait for each other, so no more are launched than the device has multiprocessors: all are there at once.
-    """
+    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not."""
     device = model.device
     if not device.is_cuda:
         return 1, 1
     work = model.connection_count if model.route == "scatter" else model.particle_count
     if work <= MOST_IN_ONE_BLOCK:
-        return 1, -(-work // 32) * 32
-    blocks = -(-work // 128)
-    return (blocks, 128) if blocks <= device.sm_count else None
+        return 1, _power_of_two(work)
+    if device.arch < 90 or work > CLUSTER * MOST_THREADS:
+        return None
+    return CLUSTER, _power_of_two(-(-work // CLUSTER))
+
+
+def _power_of_two(threads: int) -> int:
+    """Return so many threads or more, of few different numbers: a kernel is compiled for each."""
+    return max(32, 1 << (threads - 1).bit_length())

@@ -127,7 +127,7 @@ class Model:
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
         most = float(np.finfo(self.dtype).max)
-        checks.every(name, values, values <= most, f"at most {most:.2g} in {self.precision}")
+        checks.within(name, values, (lambda v: np.abs(v) <= most, f"at most {most:.2g} in {self.precision}"))
 
     def ordered(self, values: NDArray) -> NDArray:
         """Return what connections have in the order that connections are in on the device."""
@@ -215,8 +215,8 @@ class State:
     @classmethod
     def of(cls, system: System, model: Model, carried: int = 0) -> Self:
         """Upload the positions and velocities of a system."""
-        model.check_range(np.abs(system.position), "position")
-        model.check_range(np.abs(system.velocity), "velocity")
+        model.check_range(system.position, "position")
+        model.check_range(system.velocity, "velocity")
         state = cls(model, carried)
         for name, exact in (("x", system.position), ("v", system.velocity)):
             rounded = exact.astype(model.dtype)

@@ -144,9 +144,11 @@ def describe(
 
 def _weight(model: Model) -> float:
     """Return the weight of all that is not pinned [N]."""
-    inverse = model.inverse_mass.numpy().astype(np.float64)
+    mass = model.system.mass
+    one = mass[:1] if mass.strides == (0,) else mass
+    share = len(mass) / len(one)  # how often a mass stands for itself
     g = np.linalg.norm(np.array(list(model.gravity), dtype=np.float64))
-    return float((1 / inverse[inverse > 0]).sum() * g)
+    return float(one[np.isfinite(one)].sum() * share * g)
 
 
 def _size(state: State) -> float:
@@ -160,5 +162,7 @@ def _rounding_energy(model: Model, state: State) -> float:
     A thousand times that, since rounding errors of many substeps add up.
     """
     off = float(np.finfo(model.dtype).eps) * float(np.abs(state.x.numpy()).max())
-    stiffness = model.stiffness.numpy() if model.connection_count else np.zeros(1)
-    return 1e3 * float(np.sum(stiffness, dtype=np.float64)) * off**2
+    stiffness = model.system.stiffness
+    constant = len(stiffness) and stiffness.strides == (0,)
+    total = len(stiffness) * float(stiffness[0]) if constant else float(stiffness.sum())
+    return 1e3 * total * off**2
