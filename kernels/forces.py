@@ -139,6 +139,10 @@ class Route(NamedTuple):
     """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
     column_forces: Any = None
     """wp.func (forces, lost, x, v, i) -> forces on the particles i + d stride, as the rows d of a matrix."""
+    block: int = 256
+    """Threads in a block over particles."""
+    bounds: tuple[int, int] | None = None
+    """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
 
 
 @functools.cache
@@ -213,7 +217,7 @@ def scatter(dim: int, scalar: type, damped: bool, compensated: bool, storage: st
         store(forces.f, i, V())
         return f
 
-    return Route(Scattered, force_at, evaluate)
+    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1))
 
 
 SLICE = 32
@@ -284,7 +288,7 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str
             slot += wp.static(CHUNK * SLICE)
         return force
 
-    return Route(Gathered, force_at)
+    return Route(Gathered, force_at, bounds=(256, 5) if scalar is wp.float32 else None)
 
 
 class Neighbour(NamedTuple):
@@ -391,9 +395,9 @@ def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tupl
                     force -= q * dx
         return force
 
-    if not uniform:
-        return Route(Forces, force_at)
-    return Route(Forces, force_at, column_forces=column_forces(dim, scalar, damped, compensated, steps, Lattice))
+    columns = column_forces(dim, scalar, damped, compensated, steps, Lattice) if uniform else None
+    # In float64 more threads would not find registers for columns.
+    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128)
 
 
 COLUMN = 2

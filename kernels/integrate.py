@@ -35,7 +35,6 @@ def each_particle(motion: Motion, method: Any):
     World, (Step, advance, forced), force_at = world(motion), method(motion), motion.route.force_at
     V = vector(motion.dim, motion.scalar)
 
-    @kernel
     def advance_particles(world: World, step: Step):
         i = wp.tid()
         force = V()
@@ -43,7 +42,7 @@ def each_particle(motion: Motion, method: Any):
             force = force_at(world.forces, step.lost, step.x, step.v, i)
         advance(world, step, force, i)
 
-    return advance_particles
+    return kernel(advance_particles, launch_bounds=motion.route.bounds)
 
 
 @functools.cache

@@ -14,10 +14,12 @@ from .model import Model, State
 
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
-MOST_IN_ONE_BLOCK = 256
-"""More threads than that are faster as a cluster of blocks that wait for each other."""
+MOST_IN_ONE_BLOCK = 350
+"""More particles, or connections, are faster in a cluster of blocks that wait for each other."""
 CLUSTER = 8
 """Blocks in a cluster: as many as every GPU that has clusters allows."""
+MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 2_048}
+"""More connections, or particles, are faster with a launch for each stage."""
 
 
 class Dynamics:
@@ -32,7 +34,6 @@ class Dynamics:
         self.world = world(self.motion)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
         self.world.gravity, self.world.colliders = model.gravity, model.colliders
-        self._block = 256 if model.scalar is wp.float32 else 128  # in float64 more would not find registers
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
@@ -62,7 +63,7 @@ class Dynamics:
             kernel, threads = each_column(self.motion, method), self._columns
         else:
             kernel, threads = each_particle(self.motion, method), model.particle_count
-        wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self._block)
+        wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.motion.route.block)
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""
@@ -144,9 +145,9 @@ def staying_blocks(model: Model) -> tuple[int, int] | None:
     work = model.connection_count if model.route == "scatter" else model.particle_count
     if work <= MOST_IN_ONE_BLOCK:
         return 1, _power_of_two(work)
-    if device.arch < 90 or work > CLUSTER * MOST_THREADS:
+    if device.arch < 90 or work > MOST_IN_CLUSTER[model.route]:
         return None
-    return CLUSTER, _power_of_two(-(-work // CLUSTER))
+    return CLUSTER, min(MOST_THREADS, _power_of_two(-(-work // CLUSTER)))
 
 
 def _power_of_two(threads: int) -> int:

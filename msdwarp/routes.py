@@ -12,7 +12,7 @@ from .system import System
 
 ROUTES = ("scatter", "gather", "stencil")
 AUTO = "auto"
-FEW_CONNECTIONS = 512
+FEW_CONNECTIONS = 300
 """So few are scattered: a thread for each is sooner done than one for each particle."""
 FEW_PARTICLES = 20_000
 """So few are waited for, not worked for: a stencil waits least."""

@@ -1,0 +1,550 @@
+"""How many connections a second, by which route? And how far is that from what the machine could do.
+
+    python benchmarks/throughput.py [--device D] [--quick] [--plot-only]
+
+Every body is simulated with 48 substeps a frame, gravity and one plane that nothing touches, with random
+velocities (±0.5 m/s) and steps of 2 µs, so that every connection works and nothing moves much. A connection update
+is one connection's force, computed and added at both its ends: there are connections × substeps of them, times
+force evaluations a substep (4 in RK4 and in RKC2 with 4 stages). Two times are taken, each the median over rounds
+that go through all routes in turn: of the recorded frame replayed without reading back (µs per substep; saving
+the state and looking it over, once in 48 substeps, are in it), and of `Simulation.step()`, which also reads back
+whether the frame was good. The route that "auto" takes is marked; it is one of the three and not timed twice.
+
+Floors. Let V be a vector's record: 16 bytes in float32, 32 in float64; S a number: 4 or 8; C a connection's
+constants: 0 if all connections have the same, 1 if they are of few kinds (lattices), else 3S. What a substep of
+symplectic Euler must move if every particle's neighbours are found in a cache:
+
+    stencil   4V + 4 bytes a particle: x, v and mask read; x, v written (float32: 68)
+    gather    4V a particle, 4 + C for each slot of its table (float32 lattice: 64, and 5 a slot)
+    scatter   10V a particle, 8 + C a connection: forces added up in one kernel from x, v, then read, zeroed and
+              used with x, v in another (float32 lattice: 160, and 9 a connection)
+
+Other methods move more records (`TRAFFIC`); compensated sums add lost.x and lost.v, masses that differ S bytes.
+Small bodies stay in the caches, so that they may be faster than this floor.
+
+Arithmetic at an end of a connection: Δx 3, Δv 3, |Δx|² 6, root 1, spring 1, damper 8, density 2, times Δx and
+sum 6: 30 operations, 6 more if compensated. Stencil and gather compute both ends, and also the neighbours that a
+particle lacks (stencil) or slots that pad a table (gather); scatter computes a connection once and adds twice, 33.
+The 24 or so operations of the particle itself are left out. The peak counts a fused multiplication and addition as
+two, and every instruction as one of those: no force is computed so.
+"""
+
+import gc
+import math
+import multiprocessing
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+from common import METHODS, arguments, machine, read_csv, table, write_csv
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+from throughput_plots import draw
+
+from msdwarp import RKC2, Plane, Simulation, System, box, sheet
+from msdwarp.kernels.basis import kernel
+from msdwarp.kernels.records import records
+from msdwarp.routes import ROUTES, choose_route
+
+SUBSTEPS = 48
+FPS = 1e4
+ALL_METHODS = {name: METHODS[name] for name in ("symplectic Euler", "leapfrog", "leapfrog θ=½", "RK4")}
+ALL_METHODS["RKC2"] = RKC2(4)
+PRECISIONS = ("float32", "float32-compensated", "float64")
+PLAIN = ("symplectic Euler", "float32")
+PRODUCT = [(method, precision) for precision in PRECISIONS for method in ALL_METHODS]
+ROUNDS = 7
+ROUND_SECONDS = 0.005
+"""A round replays a frame until so much time has passed, as far as a first trial tells."""
+COMPILING_SECONDS = {True: 900, False: 120}
+"""So long the processes that compile ahead are waited for, on the CPU and elsewhere."""
+FLOPS_AT_END, FLOPS_AT_CONNECTION, FLOPS_COMPENSATED = 30, 33, 6
+
+
+class Traffic(NamedTuple):
+    """Records that a substep reads and writes, for each particle, beside x and v that a force needs."""
+
+    evaluations: int
+    others: int
+    """Read and written by the particle alone."""
+    again: int
+    """Of x and v: read once more by the particle where the force was scattered before."""
+
+
+TRAFFIC = {
+    "symplectic Euler": Traffic(1, 2, 2),
+    "leapfrog": Traffic(1, 2, 2),
+    "leapfrog θ=½": Traffic(1, 4, 1),
+    "RK4": Traffic(4, 3 + 6 + 6 + 7, 5),
+    "RKC2": Traffic(4, 5 + 11 + 11 + 9, 5),
+}
+
+
+class Chip(NamedTuple):
+    """What a multiprocessor can do, as its maker states."""
+
+    clock: float
+    """Highest clock [Hz]."""
+    lanes: dict[str, int]
+    """Multiply-adds per clock by precision."""
+
+
+HOPPER = Chip(1.98e9, {"float32": 128, "float32-compensated": 128, "float64": 64})
+CHIPS = {"H200": HOPPER, "H100 80GB HBM3": HOPPER}
+
+
+@dataclass(frozen=True)
+class Body:
+    """What is simulated."""
+
+    name: str
+    family: str
+    build: Callable[[], System]
+    kinds: list[tuple[str, str]] = field(default_factory=lambda: [PLAIN])
+    """The methods and precisions it is simulated with."""
+
+
+def cube(n: int) -> Body:
+    """Return a lattice of n³ particles, each joined with 26 others."""
+    kinds = PRODUCT if n in (10, 32, 100) else [PLAIN]
+    return Body(f"cube {n}³", "lattice", partial(box, (n, n, n), damping=20.0), kinds)
+
+
+def cloth(n: int) -> Body:
+    """Return a sheet of n² particles, each joined with 8 others."""
+    return Body(f"cloth {n}²", "cloth", partial(sheet, (n, n), damping=20.0), PRODUCT if n == 1024 else [PLAIN])
+
+
+def scenes() -> list[Body]:
+    """Return the report's bodies."""
+
+    def scene(name: str, *given, **constants) -> Body:
+        return Body(name, "scene", partial(box, *given, **({"damping": 20.0} | constants)))
+
+    return [
+        scene("die", (3, 3, 3), stiffness=1e5),
+        Body("pinned cloth", "scene", pinned_cloth),
+        scene("worm", (2, 2, 400), stiffness=1e5),
+        scene("mattress", (20, 7, 2), stiffness=5000.0),
+        scene("jelly", (10, 10, 10), stiffness=2200.0, damping=0.1),
+    ]
+
+
+def pinned_cloth() -> System:
+    """Return a cloth pinned at three points of an edge."""
+    return sheet((31, 31), stiffness=1e4, damping=20.0).pin([930, 945, 960])
+
+
+def irregular(quick: bool) -> list[Body]:
+    """Return bodies of tetrahedra: a torus and, where PyVista is installed, the nut that it ships."""
+    size = 10_000 if quick else 100_000
+    return [
+        Body("torus", "irregular", partial(torus, size)),
+        Body("nut", "irregular", partial(nut, size)),
+    ]
+
+
+def torus(size: int) -> System:
+    """Return a torus of about so many particles, its tube a quarter as thick as its ring."""
+    tube = (size / (8 * math.pi**2)) ** (1 / 3)  # 2π² · 4 tube · tube² is the volume, a particle a cubic metre
+    reach = 5 * tube
+    place = np.stack(grid((-reach, -reach, -tube), (reach, reach, tube), 1.0), axis=1)
+    from_ring = np.hypot(place[:, 0], place[:, 1]) - 4 * tube
+    return tetrahedra(place[from_ring**2 + place[:, 2] ** 2 < tube**2])
+
+
+def nut(size: int) -> System:
+    """Return the nut of PyVista's examples, filled with about so many particles."""
+    import pyvista
+    from pyvista import examples
+
+    surface = examples.load_nut()
+    spacing = (surface.volume / size) ** (1 / 3)
+    low, high = np.reshape(surface.bounds, (3, 2)).T
+    place = np.stack(grid(low, high, spacing), axis=1)
+    inside = pyvista.PolyData(place).select_interior_points(surface)["selected_points"].astype(bool)
+    return tetrahedra(place[inside] / spacing)
+
+
+def grid(low, high, spacing: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return x, y, z of a grid's points, along x first."""
+    z, y, x = np.meshgrid(
+        *(np.arange(a, b, spacing) for a, b in zip(low[::-1], high[::-1], strict=True)), indexing="ij"
+    )
+    return x.ravel(), y.ravel(), z.ravel()
+
+
+def tetrahedra(place: NDArray) -> System:
+    """Return particles scattered around the places of a grid of 1 m, joined along Delaunay's tetrahedra.
+
+    The order of the grid stays, as software that makes meshes of volumes gives it. Edges of 2 m and more reach
+    across a hole and are left out.
+    """
+    position = place + np.random.default_rng(0).uniform(-0.3, 0.3, place.shape)
+    corners = Delaunay(position).simplices.astype(np.int64)
+    edges = np.concatenate([corners[:, [a, b]] for a in range(4) for b in range(a)])
+    edges.sort(axis=1)
+    edges = np.stack(np.divmod(np.unique(edges[:, 0] * len(place) + edges[:, 1]), len(place)), axis=1)
+    short = np.linalg.norm(position[edges[:, 0]] - position[edges[:, 1]], axis=1) < 2
+    return System(position=position, connections=edges[short], damping=20.0)
+
+
+def bodies(device: str, quick: bool) -> list[Body]:
+    """Return the bodies, the largest last."""
+    if quick:
+        few = [PLAIN, ("RK4", "float64")]
+        return [
+            Body("cube 10³", "lattice", cube(10).build, few),
+            cube(16),
+            cloth(32),
+            scenes()[1],
+            irregular(True)[0],
+        ]
+    if device == "cpu":
+        cubes, cloths, largest = (3, 6, 10, 16, 25, 32, 40), (32, 64, 128, 256), []
+    else:
+        cubes, cloths = (3, 6, 10, 16, 25, 32, 48, 64, 100), (32, 64, 128, 256, 512, 1024)
+        largest = [cube(160), cloth(2048), cloth(4096), cube(256)]
+    return [*map(cube, cubes), *map(cloth, cloths), *scenes(), *irregular(False), *largest]
+
+
+def simulation(system: System, route: str, method: str, precision: str, device: str) -> Simulation:
+    """Return a simulation with very short steps and a plane far below."""
+    return Simulation(
+        system,
+        colliders=[Plane(offset=-5000.0)],
+        integrator=ALL_METHODS[method],
+        fps=FPS,
+        substeps=SUBSTEPS,
+        allow_unstable=True,
+        energy_limit=math.inf,
+        device=device,
+        precision=precision,
+        route=route,
+    )
+
+
+def moving(system: System) -> System:
+    """Return a system with random velocities."""
+    random = np.random.default_rng(0)
+    return system.with_velocity(random.uniform(-0.5, 0.5, system.position.shape))
+
+
+def compile_kernels(body: Body, route: str, method: str, precision: str, device: str) -> str:
+    """Take a frame, for the kernels that this leaves in Warp's cache; return what went wrong, if anything."""
+    wp.config.log_level = wp.LOG_ERROR
+    try:
+        simulation(body.build(), route, method, precision, device).step()
+    except Exception as error:  # the other kernels are still wanted
+        return f"{body.name}, {route}, {method}, {precision}: {type(error).__name__}: {str(error)[:200]}"
+    return ""
+
+
+def compile_ahead(device: str) -> None:
+    """Compile the kernels of the full product in several processes, as one would take minutes.
+
+    A body whose substeps are one launch has other kernels than a larger one, and the smallest have theirs for each
+    size; large lattices have kernels for columns of particles, and each kind of lattice its own stencil.
+    """
+    start = time.perf_counter()
+    pairs = [(cube(10), route) for route in ROUTES]
+    if device != "cpu":
+        pairs += [*((cube(32), route) for route in ROUTES), (cloth(400), "stencil")]
+    jobs = [(body, route, *kind, device) for kind in PRODUCT for body, route in pairs]
+    small = [cube(3), cube(6), cloth(32), cloth(160), *scenes()]
+    jobs += [(body, route, *PLAIN, device) for body in small for route in ROUTES]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    workers = min(16, cores or 1)
+    try:
+        with multiprocessing.get_context("spawn").Pool(workers) as pool:
+            running = pool.starmap_async(compile_kernels, jobs, chunksize=1)
+            failed = [said for said in running.get(timeout=COMPILING_SECONDS[device == "cpu"]) if said]
+            print(*failed[:3], sep="\n", end="\n" if failed else "")
+    except Exception as error:  # what is missing is compiled when it is first used
+        print(f"compiling ahead: {type(error).__name__}: {str(error)[:200]}")
+    print(f"compiled in {time.perf_counter() - start:.0f} s by {workers} processes", flush=True)
+
+
+class Contestant:
+    """A simulation that is timed in turn with others."""
+
+    def __init__(self, system: System, route: str, kind: tuple[str, str], device: str) -> None:
+        self.simulation, self.device = simulation(system, route, *kind, device), device
+        self.simulation.step(2)  # compiles, and records the frame
+        self.replayed: list[float] = []
+        self.stepped: list[float] = []
+        self.times = 1
+        self.times = max(1, min(200, round(ROUND_SECONDS / self.seconds(self.replay))))
+
+    def replay(self) -> None:
+        """Replay the recorded frame; nothing is read back."""
+        wp.capture_launch(self.simulation._graph)
+
+    def seconds(self, frame: Callable[[], None]) -> float:
+        """Return the time of a frame [s], over several."""
+        wp.synchronize_device(self.device)
+        start = time.perf_counter()
+        for _ in range(self.times):
+            frame()
+        wp.synchronize_device(self.device)
+        return (time.perf_counter() - start) / self.times
+
+    def take_round(self) -> None:
+        """Time the frame both ways."""
+        self.replayed.append(self.seconds(self.replay))
+        self.stepped.append(self.seconds(self.simulation.step))
+
+
+def measure_body(body: Body, device: str, ceilings: dict[str, float], rounds: int) -> list[dict]:
+    """Return a row for every route, method and precision of a body."""
+    system = moving(body.build())
+    automatic = choose_route(system, "auto", on_gpu=device != "cpu")[0]
+    rows = []
+    for kind in body.kinds:
+        running = {}
+        for route in ROUTES:
+            try:
+                running[route] = Contestant(system, route, kind, device)
+            except ValueError as error:  # no lattice, so no stencil
+                if "stencil" not in str(error):
+                    print_failure(body, route, kind)
+            except Exception:
+                print_failure(body, route, kind)
+        for _ in range(rounds):
+            for contestant in running.values():
+                contestant.take_round()
+        for route, contestant in running.items():
+            row = {"body": body.name, "family": body.family, "particles": system.particle_count}
+            row |= {"connections": system.connection_count, "route": route, "automatic": int(route == automatic)}
+            row |= dict(zip(("method", "precision"), kind, strict=True))
+            rows.append(row | results(contestant, row) | shares(contestant, row, ceilings))
+        running.clear()
+        contestant = None  # the last reference to a simulation
+        gc.collect()
+    return rows
+
+
+def print_failure(body: Body, route: str, kind: tuple[str, str]) -> None:
+    """Say what failed; the others go on."""
+    print(f"failed: {body.name}, {route}, {', '.join(kind)}")
+    traceback.print_exc(limit=-3)
+
+
+def results(contestant: Contestant, row: dict) -> dict:
+    """Return what was measured."""
+    substep, evaluations = median(contestant.replayed) / SUBSTEPS, TRAFFIC[row["method"]].evaluations
+    return {
+        "us_per_substep": substep * 1e6,
+        "spread": (max(contestant.replayed) - min(contestant.replayed)) / median(contestant.replayed),
+        "us_per_substep_by_step": median(contestant.stepped) / SUBSTEPS * 1e6,
+        "evaluations": evaluations,
+        "us_per_evaluation": substep / evaluations * 1e6,
+        "connections_per_second": row["connections"] / substep,
+        "updates_per_second": row["connections"] * evaluations / substep,
+        "one_launch": int(contestant.simulation._stepper._stays),
+    }
+
+
+def shares(contestant: Contestant, row: dict, ceilings: dict[str, float]) -> dict:
+    """Return a substep's bytes and operations, and the shares that their floors have of the time measured."""
+    substep = median(contestant.replayed) / SUBSTEPS
+    moved = least_bytes(contestant.simulation, row)
+    computed = operations(contestant.simulation, row)
+    peak = ceilings.get(f"arithmetic, {row['precision']}")
+    return {
+        "bytes_per_substep": moved,
+        "share_of_bandwidth": moved / ceilings["copy"] / substep,
+        "operations_per_substep": computed,
+        "share_of_arithmetic": computed / peak / substep if peak else "",
+    }
+
+
+def least_bytes(simulation: Simulation, row: dict) -> int:
+    """Return the bytes that a substep moves at least; see the module's docstring."""
+    model, (evaluations, others, again) = simulation.model, TRAFFIC[row["method"]]
+    number = 8 if row["precision"] == "float64" else 4
+    particle, connection = 2 * evaluations + others, 0
+    if row["route"] == "scatter":
+        particle += 4 * evaluations + again  # forces added to, read and zeroed
+        connection = (8 + constant_bytes(simulation, number)) * model.connection_count
+    if model.compensated:
+        particle += evaluations + 3 + (row["route"] == "scatter")
+    if row["route"] == "gather":
+        connection = (4 + constant_bytes(simulation, number)) * slots(simulation)
+    own = 4 if row["route"] == "stencil" else 0
+    own += 0 if model.system.mass.strides == (0,) else number
+    particles = model.particle_count * (4 * number * particle + evaluations * own)
+    return particles + evaluations * connection
+
+
+def constant_bytes(simulation: Simulation, number: int) -> int:
+    """Return the bytes of a connection's constants, as `msdwarp.kernels.forces.constants` stores them."""
+    constants = simulation._dynamics.world.forces.constants
+    return 3 * number if hasattr(constants, "rest_length") else int(hasattr(constants, "kind"))
+
+
+def operations(simulation: Simulation, row: dict) -> int:
+    """Return the floating-point operations of a substep's connections; see the module's docstring."""
+    model, each = simulation.model, TRAFFIC[row["method"]].evaluations
+    more = FLOPS_COMPENSATED if model.compensated else 0
+    if row["route"] == "scatter":
+        return each * model.connection_count * (FLOPS_AT_CONNECTION + more)
+    if row["route"] == "gather":
+        return each * slots(simulation) * (FLOPS_AT_END + more)
+    return each * 2 * len(model.lattice.steps) * model.particle_count * (FLOPS_AT_END + more)
+
+
+def slots(simulation: Simulation) -> int:
+    """Return how many slots the table of neighbours has, those that pad it included."""
+    return int(simulation._dynamics.world.forces.first.numpy()[-1])
+
+
+@kernel
+def nothing():
+    """Do nothing: what a launch costs."""
+
+
+_, _, add = records(3, wp.float32)
+
+
+@kernel
+def add_to_records(x: wp.array(dtype=wp.vec3), value: wp.vec3):
+    """Add a vector to a record, as scattered forces are added."""
+    add(x, wp.tid() % x.shape[0], value)
+
+
+def time_of(action: Callable[[], None], device: str, repeats: int = 9) -> float:
+    """Return the median time of an action [s]."""
+    times = []
+    for _ in range(repeats + 1):
+        wp.synchronize_device(device)
+        start = time.perf_counter()
+        action()
+        wp.synchronize_device(device)
+        times.append(time.perf_counter() - start)
+    return median(times[1:])
+
+
+def measure_ceilings(device: str) -> dict[str, float]:
+    """Return what the device can do: bytes copied a second (read and written), seconds a launch, and so on."""
+    found = {"copy": copied_bytes(device)}
+    wp.launch(nothing, 1, device=device)  # compiles
+    with wp.ScopedCapture(device=device) as capture:
+        for _ in range(1000):
+            wp.launch(nothing, 1, device=device)
+    found["launch"] = time_of(partial(wp.capture_launch, capture.graph), device) / 1000
+    found["records added"] = added_records(device)
+    if device != "cpu":
+        gpu = wp.get_device(device)
+        chip = next((chip for name, chip in CHIPS.items() if name in gpu.name), None)
+        for precision in PRECISIONS if chip else ():
+            found[f"arithmetic, {precision}"] = 2 * gpu.sm_count * chip.lanes[precision] * chip.clock
+    return found
+
+
+def copied_bytes(device: str) -> float:
+    """Return how many bytes are read and written in a second by copies of 1 GB, 200 MB on the CPU."""
+    count = 50_000_000 if device == "cpu" else 250_000_000
+    here, there = (wp.zeros(count, dtype=wp.float32, device=device) for _ in range(2))
+
+    def copy() -> None:
+        for _ in range(10):
+            wp.copy(there, here)
+
+    return 10 * 2 * 4 * count / time_of(copy, device)
+
+
+def added_records(device: str) -> float:
+    """Return how many records are added to in a second, neighbours by neighbouring threads, in 16 MB."""
+    particles, threads = 1_000_000, 10_000_000 if device == "cpu" else 200_000_000
+    storage = wp.zeros(4 * particles, dtype=wp.float32, device=device)
+    view = wp.array(ptr=storage.ptr, dtype=wp.vec3, shape=particles, strides=(16,), device=device)
+    inputs = [view, wp.vec3(1.0, 1.0, 1.0)]
+    return threads / time_of(partial(wp.launch, add_to_records, threads, inputs, device=device), device)
+
+
+UNITS = {"copy": "B/s", "launch": "s", "records added": "1/s"}
+
+
+def measure(options) -> None:
+    """Measure everything; what is known is written after each body, in case one ends the process."""
+    device, line = options.device, machine(options.device)
+    if not options.quick:
+        compile_ahead(device)
+    ceilings = measure_ceilings(device)
+    rows = [{"ceiling": name, "value": v, "unit": UNITS.get(name, "1/s")} for name, v in ceilings.items()]
+    write_csv(options.folder / "throughput_ceilings.csv", rows, line)
+    rows = []
+    for body in bodies(device, options.quick):
+        start = time.perf_counter()
+        try:
+            rows += measure_body(body, device, ceilings, 3 if options.quick else ROUNDS)
+        except ImportError as error:
+            print(f"{body.name} left out: {error.name or error} is not installed")
+        except Exception:
+            print_failure(body, "", PLAIN)
+        if rows:
+            write_csv(options.folder / "throughput.csv", rows, line)
+        print(f"{body.name}: {time.perf_counter() - start:.1f} s", flush=True)
+
+
+def show(rows: list[dict], ceilings: list[dict]) -> None:
+    """Print the tables."""
+    lines = [[r["ceiling"], r["unit"], r["value"]] for r in ceilings]
+    table("What the machine can do", ["ceiling", "unit", "value"], lines)
+    columns = ("us_per_substep", "us_per_substep_by_step", "spread", "updates_per_second")
+    columns += ("share_of_bandwidth", "share_of_arithmetic")
+    head = ["body", "route", "particles", "µs/substep", "by step()", "spread", "G updates/s"]
+    head += ["of bandwidth", "of arithmetic"]
+    plain = [r for r in rows if (r["method"], r["precision"]) == PLAIN]
+    printed = [[r["body"], starred(r), r["particles"], *(r[c] for c in columns)] for r in plain]
+    for line in printed:
+        line[6] /= 1e9
+    table("Symplectic Euler, float32; * is what auto takes; shares are those of floors", head, printed)
+    head = ["body", "method, precision", *(f"{route} [µs/substep]" for route in ROUTES), "G updates/s, auto"]
+    table("Methods and precisions", head, product_lines(rows))
+
+
+def starred(row: dict) -> str:
+    """Return a row's route, with a star if it is what "auto" takes."""
+    return row["route"] + (" *" if row["automatic"] else "")
+
+
+def product_lines(rows: list[dict]) -> list[list]:
+    """Return the lines of the table of methods and precisions."""
+    found: dict[tuple, dict] = {}
+    for row in rows:
+        found.setdefault((row["body"], row["method"], row["precision"]), {})[row["route"]] = row
+    several = {body for body, method, precision in found if (method, precision) != PLAIN}
+    lines = []
+    for (body, method, precision), mine in found.items():
+        if body in several:
+            times = [mine[route]["us_per_substep"] if route in mine else "–" for route in ROUTES]
+            automatic = [r["updates_per_second"] / 1e9 for r in mine.values() if r["automatic"]]
+            lines.append([body, f"{method}, {precision}", *times, *(automatic or ["–"])])
+    return lines
+
+
+def main() -> None:
+    """Measure, write, print and draw."""
+    options = arguments(__doc__.splitlines()[0])
+    if not options.plot_only:
+        measure(options)
+    line, rows = read_csv(options.folder / "throughput.csv")
+    _, ceilings = read_csv(options.folder / "throughput_ceilings.csv")
+    print(line)
+    show(rows, ceilings)
+    if not options.quick:
+        draw(rows, ceilings, line, options.folder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
