@@ -66,10 +66,16 @@ class Newton:
     length, stiffness and damping and reads 20 bytes of them and its particles' indices.
     """
 
-    def __init__(self, body, device: str, solver=lambda newton, model: newton.solvers.SolverSemiImplicit(model)):
+    def __init__(
+        self,
+        body,
+        device: str,
+        solver=lambda newton, model: newton.solvers.SolverSemiImplicit(model),
+        by_particle: bool = False,
+    ):
         newton = importlib.import_module("newton")
         self.newton, self.device, self.step_length, self.note = newton, device, body.step, newton.__version__
-        model = newton_model(newton, body, device)
+        model = newton_model(newton, body, device, by_particle=by_particle)
         self.solver = solver(newton, model)
         self.here, self.there = model.state(), model.state()
         self.graphs = {}
@@ -107,9 +113,14 @@ class Newton:
         return self.here.particle_q.numpy().astype(np.float64)
 
 
-def newton_model(newton, body, device: str, colours=None):
-    """Return newton's model of a body; the builder's lists are given as whole arrays, for a body may be large."""
+def newton_model(newton, body, device: str, colours=None, by_particle: bool = False):
+    """Return newton's model of a body; the builder's lists are given as whole arrays, for a body may be large.
+
+    Springs are in the order of the system's connections, direction after direction, in which atomics seldom wait
+    for each other; or `by_particle`, all of a particle before the next one's, as a program's loop would add them.
+    """
     system, n, c = body.system, body.system.particle_count, body.system.connection_count
+    order = np.argsort(system.connections[:, 0], kind="stable") if by_particle else slice(None)
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -body.gravity))
     builder.particle_q = system.position.astype(np.float32)
     builder.particle_qd = system.velocity.astype(np.float32)
@@ -117,10 +128,10 @@ def newton_model(newton, body, device: str, colours=None):
     builder.particle_radius = np.zeros(n, np.float32)
     builder.particle_flags = np.full(n, int(newton.ParticleFlags.ACTIVE), np.int32)
     builder.particle_world = np.full(n, -1, np.int32)
-    builder.spring_indices = system.connections.ravel()
-    builder.spring_rest_length = system.rest_length.astype(np.float32)
-    builder.spring_stiffness = system.stiffness.astype(np.float32)
-    builder.spring_damping = system.damping.astype(np.float32)
+    builder.spring_indices = system.connections[order].ravel()
+    builder.spring_rest_length = system.rest_length[order].astype(np.float32)
+    builder.spring_stiffness = system.stiffness[order].astype(np.float32)
+    builder.spring_damping = system.damping[order].astype(np.float32)
     builder.spring_control = np.zeros(c, np.float32)
     if colours is not None:
         builder.set_coloring(colours)
