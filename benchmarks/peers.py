@@ -41,7 +41,7 @@ PEERS = {
     "msdwarp gather": partial(peer_codes.Msdwarp, route="gather"),
     "msdwarp stencil": partial(peer_codes.Msdwarp, route="stencil"),
     "newton": peer_codes.Newton,
-    "newton, by particle": partial(peer_codes.Newton, by_particle=True),
+    "newton by particle": partial(peer_codes.Newton, by_particle=True),
     "Taichi": peer_codes.Taichi,
     "CUDA lattice": peer_cuda.Marching,
     "CUDA one block": peer_cuda.OneBlock,

@@ -11,11 +11,11 @@ the state and looking it over, once in 48 substeps, are in it), and of `Simulati
 whether the frame was good. The route that "auto" takes is marked; it is one of the three and not timed twice.
 
 Floors. Let V be a vector's record: 16 bytes in float32, 32 in float64; S a number: 4 or 8; C a connection's
-constants: 0 if all connections have the same, 1 if they are of few kinds (lattices), else 3S. What a substep of
-symplectic Euler must move if every particle's neighbours are found in a cache:
+constants: 0 if all connections have the same, 1 if they are of few kinds (lattices; 0 in gather, where the kind is
+packed with the neighbour), else 3S. What a substep of symplectic Euler must move if every particle's neighbours are found in a cache:
 
     stencil   4V + 4 bytes a particle: x, v and mask read; x, v written (float32: 68)
-    gather    4V a particle, 4 + C for each slot of its table (float32 lattice: 64, and 5 a slot)
+    gather    4V a particle, 4 + C for each slot of its table (float32 lattice: 64, and 4 a slot)
     scatter   10V a particle, 8 + C a connection: forces added up in one kernel from x, v, then read, zeroed and
               used with x, v in another (float32 lattice: 160, and 9 a connection)
 
@@ -114,13 +114,13 @@ class Body:
 
 def cube(n: int) -> Body:
     """Return a lattice of n³ particles, each joined with 26 others."""
-    kinds = PRODUCT if n in (10, 32, 100) else [PLAIN]
+    kinds = PRODUCT if n in (10, 100) else [PLAIN]
     return Body(f"cube {n}³", "lattice", partial(box, (n, n, n), damping=20.0), kinds)
 
 
 def cloth(n: int) -> Body:
     """Return a sheet of n² particles, each joined with 8 others."""
-    return Body(f"cloth {n}²", "cloth", partial(sheet, (n, n), damping=20.0), PRODUCT if n == 1024 else [PLAIN])
+    return Body(f"cloth {n}²", "cloth", partial(sheet, (n, n), damping=20.0), [PLAIN])
 
 
 def scenes() -> list[Body]:

@@ -63,6 +63,8 @@ CONSTANTS = ("rest_length", "stiffness", "damping")
 """The constants of a connection."""
 MOST_KINDS = 256
 """Kinds of connections that one byte tells apart."""
+KIND_SHIFT = 24
+"""Bits of a particle's number below the kind of a connection, where a slot holds both."""
 
 TAKE = """
 #if defined(__CUDA_ARCH__)
@@ -78,7 +80,8 @@ def constants(scalar: type, storage: str):
     """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
 
     Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
-    ones) or "own" (three numbers per connection). `take` returns a vector, in the order of CONSTANTS.
+    ones), "packed" (the same table, c being a kind) or "own" (three numbers per connection). `take` returns a
+    vector, in the order of CONSTANTS.
     """
     Three = vector(3, scalar)
     load = records(3, scalar).load
@@ -94,6 +97,17 @@ def constants(scalar: type, storage: str):
             return constants.all
 
         return OneForAll, take_one
+    if storage == "packed":
+
+        @wp.struct
+        class Table:
+            table: wp.array(dtype=Three)
+
+        @wp.func
+        def take_listed(constants: Table, kind: int) -> Three:
+            return load(constants.table, kind)
+
+        return Table, take_listed
     if storage == "kinds":
 
         @wp.func_native(TAKE)
@@ -143,6 +157,8 @@ class Route(NamedTuple):
     """Threads in a block over particles."""
     bounds: tuple[int, int] | None = None
     """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
+    grid_stride: bool | None = None
+    """Whether threads may take several particles (`wp.kernel`): False needs less, but made stencils slower."""
 
 
 @functools.cache
@@ -217,7 +233,7 @@ def scatter(dim: int, scalar: type, damped: bool, compensated: bool, storage: st
         store(forces.f, i, V())
         return f
 
-    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1))
+    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1), grid_stride=False)
 
 
 SLICE = 32
@@ -244,12 +260,14 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str
     The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
     fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
     numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
+    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
     Constants, take = constants(scalar, storage)
+    packed = storage == "packed"
 
     Others = wp.types.vector(CHUNK, int)
 
@@ -279,8 +297,12 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str
             # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
             following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
-                own = take(forces.constants, slot + wp.static(n * SLICE))
                 j = others[n]
+                c = slot + wp.static(n * SLICE)
+                if wp.static(packed):
+                    c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
+                    j = j & wp.static((1 << KIND_SHIFT) - 1)
+                own = take(forces.constants, c)
                 dx = apart(lost, x, x_i, i, j)
                 if wp.static(damped):
                     dv = v_i - load(v, j)
@@ -288,7 +310,8 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str
             slot += wp.static(CHUNK * SLICE)
         return force
 
-    return Route(Gathered, force_at, bounds=(256, 5) if scalar is wp.float32 else None)
+    bounds = (256, 5) if scalar is wp.float32 else None
+    return Route(Gathered, force_at, bounds=bounds, grid_stride=False)
 
 
 class Neighbour(NamedTuple):

@@ -22,11 +22,10 @@ def each_connection(motion: Motion):
     V, Lost = vector(motion.dim, motion.scalar), motion.Lost
     Forces, evaluate = motion.route.Forces, motion.route.evaluate
 
-    @kernel
     def evaluate_forces(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V)):
         evaluate(forces, lost, x, v, wp.tid())
 
-    return evaluate_forces
+    return kernel(evaluate_forces, grid_stride=False)
 
 
 @functools.cache
@@ -42,7 +41,8 @@ def each_particle(motion: Motion, method: Any):
             force = force_at(world.forces, step.lost, step.x, step.v, i)
         advance(world, step, force, i)
 
-    return kernel(advance_particles, launch_bounds=motion.route.bounds)
+    route = motion.route
+    return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
 
 
 @functools.cache

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from .basis import kernel
-from .forces import CHUNK, SLICE
+from .forces import CHUNK, KIND_SHIFT, SLICE
 
 
 @kernel
@@ -60,6 +60,14 @@ def fill_slots(
     c = end[e] / 2
     other[slot] = connections[c][1 - end[e] % 2]
     connection[slot] = c
+
+
+@kernel
+def pack_kinds(connection: wp.array(dtype=int), kind: wp.array(dtype=wp.uint8), other: wp.array(dtype=int)):
+    """Write each connection's kind above the number of the neighbour."""
+    slot = wp.tid()
+    if connection[slot] >= 0:
+        other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
 
 
 @functools.cache

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels import implicit, tables
-from .kernels.forces import CHUNK, CONSTANTS, MOST_KINDS, SLICE, gather, scatter, stencil
+from .kernels.forces import CHUNK, CONSTANTS, KIND_SHIFT, MOST_KINDS, SLICE, gather, scatter, stencil
 from .kernels.stability import add_blocks
 from .model import Model
 from .system import System
@@ -33,9 +33,14 @@ class Gather:
 
     def __init__(self, model: Model) -> None:
         storage, fields = stored_constants(model)
+        packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
+        storage = "packed" if packed else storage
         self.route = gather(model.dim, model.scalar, model.damped, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
+        if packed:
+            kind, other = fields.pop("kind"), self.data.other
+            wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind"
             setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
