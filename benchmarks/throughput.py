@@ -12,7 +12,8 @@ whether the frame was good. The route that "auto" takes is marked; it is one of 
 
 Floors. Let V be a vector's record: 16 bytes in float32, 32 in float64; S a number: 4 or 8; C a connection's
 constants: 0 if all connections have the same, 1 if they are of few kinds (lattices; 0 in gather, where the kind is
-packed with the neighbour), else 3S. What a substep of symplectic Euler must move if every particle's neighbours are found in a cache:
+packed with the neighbour), else 3S. What a substep of symplectic Euler must move if every particle's neighbours
+are found in a cache:
 
     stencil   4V + 4 bytes a particle: x, v and mask read; x, v written (float32: 68)
     gather    4V a particle, 4 + C for each slot of its table (float32 lattice: 64, and 4 a slot)
@@ -386,7 +387,7 @@ def least_bytes(simulation: Simulation, row: dict) -> int:
 
 
 def constant_bytes(simulation: Simulation, number: int) -> int:
-    """Return the bytes of a connection's constants, as `msdwarp.kernels.forces.constants` stores them."""
+    """Return the bytes of a connection's constants, as `msdwarp.kernels.constants` stores them."""
     constants = simulation._dynamics.world.forces.constants
     return 3 * number if hasattr(constants, "rest_length") else int(hasattr(constants, "kind"))
 

@@ -182,14 +182,14 @@ def cost(rows: list[dict], floor: float, on: str, name: str) -> None:
 
 
 def _flat(rows: list[dict], on: str) -> str:
-    """Say how large a block may grow before its substeps take twice as long as the shortest."""
-    mine = [r for r in rows if r["family"] == "lattice" and r["automatic"]]
-    least = min(r["us_per_substep"] for r in mine)
-    same = max(_particles(r) for r in mine if r["us_per_substep"] <= 2 * least)
-    largest = max(mine, key=_particles)
+    """Say what the smallest and the largest block take, and the largest that takes a few times the least."""
+    mine = sorted((r for r in rows if r["family"] == "lattice" and r["automatic"]), key=_particles)
+    least, most = mine[0], mine[-1]
+    flat = max(_particles(r) for r in mine if r["us_per_substep"] <= 6 * least["us_per_substep"])
     return (
-        f"A substep takes {_span(least)} at least, at most twice that up to {_thousands(same)} particles in a"
-        f" block, and {_span(largest['us_per_substep'])} with {_thousands(_particles(largest))} ({on})"
+        f"A substep of a block takes {_span(least['us_per_substep'])} with {_thousands(_particles(least))}"
+        f" particles, not six times that up to {_thousands(flat)}, {_span(most['us_per_substep'])} with "
+        f"{_thousands(_particles(most))} ({on})"
     )
 
 

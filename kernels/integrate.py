@@ -11,9 +11,9 @@ import warp as wp
 
 from .basis import kernel, vector
 from .compensation import compensation
-from .forces import COLUMN
 from .motion import Motion, Stage, world
 from .records import records
+from .stencil import COLUMN
 
 
 @functools.cache
@@ -111,9 +111,18 @@ def finish(motion: Motion):
     return finish_substep
 
 
-@functools.cache
 def symplectic_euler(motion: Motion) -> Stage:
     """Compose v += h a(x, v), then x += h v (report eq. 10), then contact."""
+    return _euler(motion, explicit=False)
+
+
+def explicit_euler(motion: Motion) -> Stage:
+    """Compose x += h v and v += h a(x, v), both from the old state, then contact."""
+    return _euler(motion, explicit=True)
+
+
+@functools.cache
+def _euler(motion: Motion, explicit: bool) -> Stage:
     scalar, World, Lost = motion.scalar, world(motion), motion.Lost
     V = vector(motion.dim, scalar)
     load, store, _ = records(motion.dim, scalar)
@@ -121,7 +130,7 @@ def symplectic_euler(motion: Motion) -> Stage:
     acceleration, finish_substep = particle_acceleration(motion), finish(motion)
 
     @wp.struct
-    class SymplecticEulerStep:
+    class EulerStep:
         h: scalar
         lost: Lost
         x: wp.array(dtype=V)
@@ -130,16 +139,17 @@ def symplectic_euler(motion: Motion) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: SymplecticEulerStep, force: V, i: int):
+    def advance(world: World, step: EulerStep, force: V, i: int):
         v_old = load(step.v, i)
-        dv = step.h * acceleration(world, force, i)
-        v_new = add(v_old, dv, step.lost.v, step.lost.v, i)
-        x_old = load(step.x, i)
-        x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
+        v_new = add(v_old, step.h * acceleration(world, force, i), step.lost.v, step.lost.v, i)
+        dx = step.h * v_new
+        if wp.static(explicit):
+            dx = step.h * v_old
+        x_new, v_end = finish_substep(world.colliders, step.lost, load(step.x, i), v_old, dx, v_new, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)
 
-    return Stage(SymplecticEulerStep, advance)
+    return Stage(EulerStep, advance)
 
 
 @functools.cache
@@ -181,37 +191,6 @@ def extrapolated_leapfrog(motion: Motion) -> Stage:
         store(step.v_out, i, v_new + ahead)
 
     return Stage(ExtrapolatedLeapfrogStep, advance)
-
-
-@functools.cache
-def explicit_euler(motion: Motion) -> Stage:
-    """Compose x += h v and v += h a(x, v), both from the old state, then contact."""
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
-
-    @wp.struct
-    class ExplicitEulerStep:
-        h: scalar
-        lost: Lost
-        x: wp.array(dtype=V)
-        v: wp.array(dtype=V)
-        x_out: wp.array(dtype=V)
-        v_out: wp.array(dtype=V)
-
-    @wp.func
-    def advance(world: World, step: ExplicitEulerStep, force: V, i: int):
-        v_old = load(step.v, i)
-        dv = step.h * acceleration(world, force, i)
-        v_new = add(v_old, dv, step.lost.v, step.lost.v, i)
-        x_old = load(step.x, i)
-        x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_old, v_new, i)
-        store(step.x_out, i, x_new)
-        store(step.v_out, i, v_end)
-
-    return Stage(ExplicitEulerStep, advance)
 
 
 @functools.cache

@@ -5,7 +5,8 @@ import functools
 import warp as wp
 
 from .basis import kernel
-from .forces import CHUNK, KIND_SHIFT, SLICE
+from .constants import KIND_SHIFT
+from .forces import CHUNK, SLICE
 
 
 @kernel

@@ -6,10 +6,10 @@ from typing import Any
 import warp as wp
 
 from .forces import ROUTE_CLASSES
-from .kernels.forces import COLUMN
 from .kernels.integrate import each_column, each_connection, each_particle
 from .kernels.motion import Motion, world
 from .kernels.stay import MOST_THREADS, stay
+from .kernels.stencil import COLUMN
 from .model import Model, State
 
 LEAST_IN_COLUMNS = 30_000

@@ -10,8 +10,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels import implicit, tables
-from .kernels.forces import CHUNK, CONSTANTS, KIND_SHIFT, MOST_KINDS, SLICE, gather, scatter, stencil
+from .kernels.constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
+from .kernels.forces import CHUNK, SLICE, gather, scatter
 from .kernels.stability import add_blocks
+from .kernels.stencil import stencil
 from .model import Model
 from .system import System
 
@@ -49,7 +51,7 @@ class Gather:
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     """Return how the constants of connections are best stored, and the fields of the struct that holds them.
 
-    See `msdwarp.kernels.forces.constants`.
+    See `msdwarp.kernels.constants`.
     """
     three, device = wp.types.vector(3, model.scalar), model.device
     kinds = find_kinds(model.system)

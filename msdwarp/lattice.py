@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels.forces import COLUMN, stencil_rows
+from .kernels.stencil import COLUMN, stencil_rows
 from .system import System
 
 
 class Lattice(NamedTuple):
-    """A system as `msdwarp.kernels.forces.stencil` sees it."""
+    """A system as `msdwarp.kernels.stencil` sees it."""
 
     steps: tuple[tuple[int, int, int], ...]
     """The directions: from a point to half of its neighbours."""

@@ -3,6 +3,10 @@
 import pytest
 import warp as wp
 
+from msdwarp import routes
+from msdwarp.lattice import NotALattice, find_lattice
+from msdwarp.system import System
+
 wp.config.log_level = wp.LOG_ERROR
 
 
@@ -13,6 +17,35 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
-def device(request: pytest.FixtureRequest) -> str:
-    """Each device in turn."""
+def plain_device(request: pytest.FixtureRequest) -> str:
+    """Each device in turn, for tests that choose routes themselves."""
     return request.param
+
+
+def always(route: str):
+    """Return an automatic choice of this route; of "gather" where that is a stencil and there is no lattice."""
+
+    def choose(system: System, *, on_gpu: bool):
+        if route == "stencil":
+            try:
+                return route, find_lattice(system)
+            except NotALattice:
+                return "gather", None
+        return route, None
+
+    return choose
+
+
+@pytest.fixture(
+    params=[
+        "cpu",  # by the route that is chosen there, which scatters
+        *(pytest.param(f"cpu {route}", marks=pytest.mark.slow) for route in ("gather", "stencil")),
+        *(pytest.param(f"cuda:0 {route}", marks=pytest.mark.gpu) for route in routes.ROUTES),
+    ]
+)
+def device(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Each device in turn, by each route to the forces."""
+    name, *route = request.param.split()
+    if route:
+        monkeypatch.setattr(routes, "automatic_route", always(*route))
+    return name

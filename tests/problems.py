@@ -74,6 +74,32 @@ def tumbling_box(*, damping: float = 0.0) -> System:
     return block.replace(position=1.1 * block.position + noise).spin((1.0, 2.0, -0.5))
 
 
+def cut(lattice: System, keep: np.ndarray) -> System:
+    """Return what is left of a lattice when only some particles are kept, numbered anew without gaps."""
+    number = np.cumsum(keep) - 1
+    kept = keep[lattice.connections].all(axis=1)
+    directions, start = {}, 0
+    for name, part in lattice.directions[0].items():
+        directions[name] = slice(start, start + np.count_nonzero(kept[part]))
+        start = directions[name].stop
+    return System(
+        position=lattice.position[keep],
+        velocity=lattice.velocity[keep],
+        mass=lattice.mass[keep],
+        connections=number[lattice.connections[kept]],
+        rest_length=lattice.rest_length[kept],
+        stiffness=lattice.stiffness[kept],
+        damping=lattice.damping[kept],
+        directions=(directions,),
+    )
+
+
+def ball(across: int, **constants: float) -> System:
+    """Return the particles of a box, `across` along each edge, that lie in the sphere that touches its faces."""
+    block = msdwarp.box((across,) * 3, **constants)
+    return cut(block, np.linalg.norm(block.position, axis=1) < (across - 1) / 2 + 0.1)
+
+
 def forces(system: System, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the force on every particle [N]: the report's eq. 7 over the connections, in float64."""
     i, j = system.connections.T

@@ -10,10 +10,11 @@ from msdwarp import Plane, Simulation, System, chain
 from msdwarp.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.contact import plane_contact
-from msdwarp.kernels.forces import gather, scatter, stencil
+from msdwarp.kernels.forces import gather, scatter
 from msdwarp.kernels.integrate import particle_acceleration, symplectic_euler
 from msdwarp.kernels.motion import Motion
 from msdwarp.kernels.stay import stay
+from msdwarp.kernels.stencil import stencil
 from msdwarp.model import Model
 
 PLAIN = chain(3)

@@ -22,8 +22,8 @@ def test_the_wheel_can_be_imported_without_the_sources(tmp_path):
     assert "msdwarp/py.typed" in names
     program = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "import msdwarp.kernels.scatter, msdwarp.scenes.cube\n"
-        "print(msdwarp.kernels.scatter.__file__, msdwarp.scenes.cube.__file__)"
+        "import msdwarp.kernels.forces, msdwarp.scenes.cube\n"
+        "print(msdwarp.kernels.forces.__file__, msdwarp.scenes.cube.__file__)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, tmp_path / "site"],

@@ -10,9 +10,10 @@ import pytest
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
 from msdwarp.dynamics import Dynamics
 from msdwarp.kernels.contact import plane_contact
-from msdwarp.kernels.forces import gather, scatter, stencil
-from msdwarp.kernels.integrate import particle_acceleration, symplectic_euler
+from msdwarp.kernels.forces import gather, scatter
+from msdwarp.kernels.integrate import particle_acceleration
 from msdwarp.kernels.stay import stay
+from msdwarp.kernels.stencil import stencil
 from msdwarp.kernels.watch import look_over
 from msdwarp.model import Model, State
 
@@ -230,7 +231,6 @@ def test_change_composes_no_new_kernels(device):
         gather,
         stencil,
         particle_acceleration,
-        symplectic_euler,
         stay,
         plane_contact,
         look_over,
