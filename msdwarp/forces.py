@@ -97,9 +97,10 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
             if len(missed) == 0:
                 break
             different = np.union1d(different, missed[: MOST_KINDS + 1])
-        kind = kind + (place * np.uint8(count)).astype(np.uint8)
         tables.append(different)
-        count *= len(different)
+        if len(different) > 1:
+            kind = kind + place * np.uint8(count)
+            count *= len(different)
     combined = np.stack(np.meshgrid(*tables[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
     return combined, kind
 

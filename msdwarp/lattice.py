@@ -13,6 +13,10 @@ from .kernels.stencil import COLUMN, stencil_rows
 from .system import System
 
 
+MASK_BITS = 32
+"""Bits that say which neighbours a particle has."""
+
+
 class Lattice(NamedTuple):
     """A system as `msdwarp.kernels.stencil` sees it."""
 
@@ -91,15 +95,25 @@ def find_lattice(system: System) -> Lattice:
         constants differ within a body.
     """
     names = list(dict.fromkeys(name for body in system.directions for name in body))
+    if 2 * len(names) > MASK_BITS:
+        raise NotALattice(f"there are {len(names)} directions, more than {MASK_BITS // 2}")
     steps = tuple(step_of(name) for name in names)
     rows, _ = stencil_rows(steps)
+    count = system.connection_count
     parts = [
-        _Part(b, names.index(name), step[0], rows.index(step[1:]), rows.index((-step[1], -step[2])), part)
+        _Part(
+            b,
+            names.index(name),
+            step[0],
+            rows.index(step[1:]),
+            rows.index((-step[1], -step[2])),
+            slice(*part.indices(count)),
+        )
         for b, body in enumerate(system.directions)
         for name, part in body.items()
         for step in [step_of(name)]
     ]
-    _check_cover([part.connections for part in parts], system.connection_count)
+    _check_cover([part for body in system.directions for part in body.values()], count)
     kinds, constants = _constants(system, parts, len(steps))
     shift = _common_shift(system, parts, len(rows))
     if shift is None:
@@ -112,10 +126,11 @@ def find_lattice(system: System) -> Lattice:
 def _check_cover(slices: list[slice], count: int) -> None:
     """Check that every connection is in one direction of one body."""
     end = 0
-    for part in sorted(slices, key=lambda part: (part.start, part.stop)):
-        if part.start != end or part.step not in (None, 1):
+    for start, stop, step in sorted(part.indices(max(count, part.stop or 0)) for part in slices):
+        if start != end or step != 1:
+            end = -1
             break
-        end = part.stop
+        end = stop
     if not slices or end != count:
         raise NotALattice("not every connection is in one direction of a lattice")
 

@@ -400,3 +400,35 @@ def test_a_meddled_lattice_is_refused_or_still_right(seed):
                 held += 1
     assert refused > 20
     assert held > 20
+
+
+def test_more_directions_than_a_mask_has_bits_for_are_no_lattice():
+    names = [
+        "x",
+        "-x",
+        "y",
+        "-y",
+        "z",
+        "-z",
+        "x+y",
+        "-x-y",
+        "x-y",
+        "-x+y",
+        "x+z",
+        "-x-z",
+        "x-z",
+        "-x+z",
+        "y+z",
+        "-y-z",
+        "y-z",
+    ]
+    system = System(
+        position=np.random.default_rng(0).random((800, 3)),
+        connections=[[2 * k, 2 * k + 1] for k in range(400)],
+        rest_length=1.0,
+        directions=({name: slice(k, k + 1 if k < 16 else 400) for k, name in enumerate(names)},),
+    )
+    with pytest.raises(NotALattice, match="17 directions"):
+        find_lattice(system)
+    with pytest.raises(NotALattice):
+        find_lattice(system.replace(directions=({"x": slice(None), "y": slice(None)},)))

@@ -50,6 +50,8 @@ METHODS = {
 }
 SCENES = {"cube": {"size": 4}, "cloth": {"size": 7}, "worm": {"length": 6}}
 """What makes each scene small."""
+FAR = (5e4, 0, 0)
+"""So far out [m] float32 rounds positions to 4 mm, which springs feel and compensated precision must not."""
 every_route = pytest.mark.parametrize("route", ROUTES)
 every_method = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
 gathering = pytest.mark.parametrize("route", ["gather", "stencil"])
@@ -111,7 +113,7 @@ def test_forces_of_a_tangle(plain_device, dim, own, damped, route):
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_forces_of_a_tangle_in_single_precision(plain_device, precision, route):
     for count in (3, 33, 200):
-        far = tangle(3, count, CONSTANTS, damped=True).translate((500.0, 0, 0))
+        far = tangle(3, count, CONSTANTS, damped=True).translate(FAR)
         assert_forces_are_right(far, plain_device, precision, route)
 
 
@@ -188,8 +190,53 @@ def test_forces_in_columns(plain_device, in_columns, name, damping):
 @pytest.mark.parametrize("shape", [(3, 4, 2), (3, 4, 3), (4, 3, 6), (2, 2, 9)])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_forces_in_columns_in_single_precision(plain_device, in_columns, precision, shape):
-    far = moving(box(shape, stiffness=30.0, damping=2.0)).translate((500.0, 0, 0))
+    far = moving(box(shape, stiffness=30.0, damping=2.0)).translate(FAR)
     assert_forces_are_right(far, plain_device, precision, "stencil")
+
+
+def test_stencils_of_equally_many_rows_are_not_taken_for_one(plain_device):
+    cube, cloth = box((3, 3, 3)), sheet((4, 4)).translate((9, 0, 0))
+    for system in (cube + cloth, cloth + cube):  # the directions in another order
+        assert_forces_are_right(moving(system), plain_device, "float64", "stencil")
+
+
+@pytest.mark.parametrize("columns", [False, True])
+def test_directions_may_be_named_in_any_order(plain_device, request, columns):
+    if columns:
+        request.getfixturevalue("in_columns")
+    grid = moving(sheet((5, 4), stiffness=30.0, damping=2.0))
+    stiffness = np.empty(grid.connection_count)
+    for k, part in enumerate(grid.directions[0].values()):
+        stiffness[part] = 10.0 * (k + 1)
+    names = list(grid.directions[0])
+    for order in (names, names[::-1]):
+        named = grid.replace(stiffness=stiffness, directions=({n: grid.directions[0][n] for n in order},))
+        assert_forces_are_right(named, plain_device, "float64", "stencil")
+
+
+def skewed() -> System:
+    """Return particles that are a lattice by their numbers alone: y and z lead 5 and 20 further, y+z leads 27."""
+    random = np.random.default_rng(9)
+    steps = {"y": 5, "z": 20, "y+z": 27}
+    connections = [np.stack([np.arange(60 - step), np.arange(step, 60)], axis=1) for step in steps.values()]
+    ends = np.cumsum([0, *map(len, connections)])
+    directions = {name: slice(*ends[k : k + 2]) for k, name in enumerate(steps)}
+    return System(
+        position=random.normal(size=(60, 3)),
+        velocity=random.normal(size=(60, 3)),
+        connections=np.concatenate(connections),
+        rest_length=1.0,
+        stiffness=30.0,
+        damping=1.0,
+        directions=(directions,),
+    )
+
+
+def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_columns):
+    lattice = find_lattice(skewed())
+    assert lattice.uniform
+    assert lattice.stride == 0
+    assert_forces_are_right(skewed(), plain_device, "float64", "stencil")
 
 
 @pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
@@ -203,7 +250,7 @@ def test_lattices_without_layers_have_no_columns(in_columns, name):
 @pytest.mark.parametrize("name", ["box 26", "ball"])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_forces_of_a_lattice_in_single_precision(plain_device, precision, name, route):
-    far = moving(lattices(2.0)[name]).translate((500.0, 0, 0))
+    far = moving(lattices(2.0)[name]).translate(FAR)
     assert_forces_are_right(far, plain_device, precision, route)
 
 

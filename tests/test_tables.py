@@ -117,3 +117,15 @@ def test_rare_kinds_are_found():
 
 def test_without_connections_there_is_one_kind():
     assert_kinds_are_right(System(position=np.zeros((3, 3))), 1)
+
+
+def test_256_kinds_and_a_list_of_one_number():
+    system = System(
+        position=np.arange(257.0)[:, None],
+        connections=[(k, k + 1) for k in range(256)],
+        rest_length=np.arange(1.0, 257.0),
+        stiffness=np.full(256, 5.0),
+    )
+    table, kind = find_kinds(system)
+    np.testing.assert_array_equal(table[kind, 0], system.rest_length)
+    np.testing.assert_array_equal(table[kind, 1], 5.0)
