@@ -403,25 +403,8 @@ def test_a_meddled_lattice_is_refused_or_still_right(seed):
 
 
 def test_more_directions_than_a_mask_has_bits_for_are_no_lattice():
-    names = [
-        "x",
-        "-x",
-        "y",
-        "-y",
-        "z",
-        "-z",
-        "x+y",
-        "-x-y",
-        "x-y",
-        "-x+y",
-        "x+z",
-        "-x-z",
-        "x-z",
-        "-x+z",
-        "y+z",
-        "-y-z",
-        "y-z",
-    ]
+    half = ["x", "y", "z", "x+y", "x-y", "x+z", "x-z", "y+z"]
+    names = [*half, *(f"-{name}" for name in half), "y-z"]
     system = System(
         position=np.random.default_rng(0).random((800, 3)),
         connections=[[2 * k, 2 * k + 1] for k in range(400)],
