@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from .kernels.stencil import COLUMN, stencil_rows
 from .system import System
 
-
 MASK_BITS = 32
 """Bits that say which neighbours a particle has."""
 
