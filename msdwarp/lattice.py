@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernels.constants import CONSTANTS
 from .kernels.stencil import COLUMN, stencil_rows
 from .system import System
 
@@ -181,17 +182,16 @@ def _constants(
     system: System, parts: list[_Part], direction_count: int
 ) -> tuple[list[int], dict[str, NDArray[np.float64]]]:
     """Return the kind of each body, and each kind's constants by name, shape [kind_count, direction_count]."""
-    names = ("rest_length", "stiffness", "damping")
-    bodies = np.zeros((len(system.directions), len(names), direction_count))
+    bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:
-        for k, name in enumerate(names):
+        for k, name in enumerate(CONSTANTS):
             values = getattr(system, name)[part.connections]
             if len(values):
                 bodies[part.body, k, part.direction] = values[0]
                 if values.strides != (0,) and (values != values[0]).any():
                     raise NotALattice(f"{name} differs among the connections of a direction")
     kinds, kind = np.unique(bodies, axis=0, return_inverse=True)
-    return list(map(int, kind.ravel())), {name: kinds[:, k] for k, name in enumerate(names)}
+    return list(map(int, kind.ravel())), {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
 
 
 def _kind_by_particle(system: System, parts: list[_Part], kinds: list[int]) -> NDArray[np.int32]:
