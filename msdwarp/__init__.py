@@ -1,6 +1,7 @@
 """msdwarp: elastic bodies as particles joined by springs and dampers, on the GPU."""
 
-from .colliders import Plane
+from .colliders import Box, Capsule, Cone, Plane, Sphere
+from .dampers import CoulombDamper, QuadraticDamper
 from .integrators import (
     RK4,
     RKC2,
@@ -16,7 +17,8 @@ from .scene import Look, Scene
 from .shapes import box, chain, sheet
 from .simulation import Frame, Simulation
 from .stability import UnstableStep, stability_limit
-from .system import Surface, System
+from .surface import Surface
+from .system import System
 from .watch import SimulationDiverged
 
 __version__ = "0.1.0"
@@ -24,6 +26,10 @@ __version__ = "0.1.0"
 __all__ = [
     "RK4",
     "RKC2",
+    "Box",
+    "Capsule",
+    "Cone",
+    "CoulombDamper",
     "ExplicitEuler",
     "Frame",
     "Integrator",
@@ -32,10 +38,12 @@ __all__ = [
     "Look",
     "Measures",
     "Plane",
+    "QuadraticDamper",
     "Renderer",
     "Scene",
     "Simulation",
     "SimulationDiverged",
+    "Sphere",
     "Surface",
     "SymplecticEuler",
     "System",

@@ -53,6 +53,27 @@ def within(name: str, values: NDArray, *limits: tuple[Callable[[NDArray], NDArra
             every(name, values, holds(values), allowed)
 
 
+def indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.int32]:
+    """Return `value` as a new read-only int32 array of shape (any, width) with 0 <= entries < below."""
+    given = np.asarray(value)
+    if given.size == 0:
+        given = given.reshape(0, width).astype(np.int32)
+    if given.ndim != 2 or given.shape[1] != width or given.dtype.kind not in "iu":
+        raise ValueError(
+            f"{name} has shape {given.shape} and type {given.dtype}; "
+            f"it must hold whole numbers in the shape (any, {width})"
+        )
+    within(name, given, index_below(below))
+    result = np.array(given, dtype=np.int32)
+    result.flags.writeable = False
+    return result
+
+
+def index_below(count: int) -> tuple[Callable[[NDArray], NDArray], str]:
+    """Return the limit of an index into `count` things."""
+    return lambda index: (index >= 0) & (index < count), f"an index from 0 to {count - 1}"
+
+
 def positive(name: str, value: float) -> float:
     """Return `value` as a float; raise ValueError unless it is finite and above zero."""
     return _number(name, value, inclusive=False)

@@ -1,23 +1,31 @@
-"""Colliders: fixed obstacles, as frozen dataclasses."""
+"""Colliders: obstacles, fixed or moved, as frozen dataclasses.
+
+What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.contact`; a shape says
+only how deep a place lies in it, and which way is out (`msdwarp.kernels.distance`).
+"""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import checks
+from .system import rotation_matrix
+
+Motion = Callable[[float], Any]
+"""What moves a collider: at time t [s] it is displaced by so much from where it was given [m], shape [d], or, as a
+pair (displacement, turn), also turned about its centre by a rotation vector [rad], shape [3] (in 2-D a number)."""
 
 
-@dataclass(frozen=True)
-class Plane:
-    """The half-space below a plane, which particles are kept out of: points x with normal·x < offset.
+@dataclass(frozen=True, kw_only=True)
+class Collider:
+    """An obstacle that particles are kept out of: what all shapes have.
 
     Parameters
     ----------
-    normal
-        Direction out of the obstacle, any length; as many coordinates as the particles have.
-    offset
-        Distance of the plane from the origin along the normal [m].
     restitution
         Normal speed after a bounce over that before it, 0 … 1.
     friction
@@ -27,6 +35,77 @@ class Plane:
         0 leaves all to Coulomb's friction.
     rest_speed
         Slower approaches than this do not bounce [m/s].
+    motion
+        A function of time that displaces and turns it (see `Motion`); it must be smooth, and be where the
+        collider was given at time 0 for a body that touches it then. By default it is fixed.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is out of its range.
+    """
+
+    restitution: float = 0.5
+    friction: float = 0.5
+    tangential_factor: float = 0.0
+    rest_speed: float = 0.01
+    motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.between("restitution", self.restitution, 0, 1)
+        checks.between("tangential_factor", self.tangential_factor, 0, 1)
+        checks.non_negative("friction", self.friction, infinite=True)
+        checks.non_negative("rest_speed", self.rest_speed)
+        if self.motion is not None and not callable(self.motion):
+            raise ValueError(f"motion is {self.motion!r}; it must be a function of time")
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return None
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return what `msdwarp.kernels.distance` reads: points a and b [dim], sizes [dim], axes [dim, dim]."""
+        raise NotImplementedError
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the point about which it turns [m], shape [dim]."""
+        return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
+
+    def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (R, o): at `time` a point y of it as given lies at R y + o.
+
+        Raises
+        ------
+        ValueError
+            If `motion` returns neither a displacement nor a pair, or what is not finite.
+        """
+        if self.motion is None:
+            return np.eye(dim), np.zeros(dim)
+        given = self.motion(time)
+        # A displacement in 2-D may be a pair too, of numbers.
+        turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
+        displacement, turn = given if turned else (given, None)
+        shift = checks.broadcast(f"motion({time:g})", displacement, (dim,))
+        matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of motion({time:g})")
+        if not (np.isfinite(shift).all() and np.isfinite(matrix).all()):
+            raise ValueError(f"motion({time:g}) is {given!r}; it must be finite")
+        centre = self.centre(dim)
+        return matrix, shift + centre - matrix @ centre
+
+
+@dataclass(frozen=True)
+class Plane(Collider):
+    """The half-space below a plane: points x with normal·x < offset.
+
+    Parameters
+    ----------
+    normal
+        Direction out of the obstacle, any length, as many coordinates as the particles have; by default upwards.
+    offset
+        Distance of the plane from the origin along the normal [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
 
     Raises
     ------
@@ -34,22 +113,241 @@ class Plane:
         If a coefficient is out of its range or the normal is zero.
     """
 
-    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+    normal: tuple[float, ...] | None = None
     offset: float = 0.0
-    restitution: float = 0.5
-    friction: float = 0.5
-    tangential_factor: float = 0.0
-    rest_speed: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the arguments and give the normal unit length."""
-        normal = checks.array("normal", self.normal)
-        if normal.ndim != 1 or not np.isfinite(normal).all() or not normal.any():
-            raise ValueError(f"normal is {self.normal!r}; it must be a finite direction other than zero")
-        unit = normal / np.linalg.norm(normal)
-        object.__setattr__(self, "normal", tuple(float(c) for c in unit))
+        super().__post_init__()
+        if self.normal is not None:
+            object.__setattr__(self, "normal", _direction("normal", self.normal))
         checks.between("offset", self.offset, -sys.float_info.max, sys.float_info.max)
-        checks.between("restitution", self.restitution, 0, 1)
-        checks.between("tangential_factor", self.tangential_factor, 0, 1)
-        checks.non_negative("friction", self.friction, infinite=True)
-        checks.non_negative("rest_speed", self.rest_speed)
+
+    def unit_normal(self, dim: int) -> NDArray[np.float64]:
+        """Return the normal in a space of `dim` coordinates, shape [dim]."""
+        return np.eye(dim)[-1] if self.normal is None else np.array(self.normal)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("normal", self.normal, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the normal as a and a point of the plane as b."""
+        normal = self.unit_normal(dim)
+        return {"a": normal, "b": self.offset * normal}
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the point of the plane next to the origin [m]."""
+        return self.offset * self.unit_normal(dim)
+
+
+@dataclass(frozen=True)
+class Sphere(Collider):
+    """A ball; in two dimensions a disc.
+
+    Parameters
+    ----------
+    position
+        Its centre [m].
+    radius
+        Its radius [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    radius: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        object.__setattr__(self, "position", _point("position", self.position))
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("position", self.position, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the centre as a."""
+        return {"a": self.position, "radius": self.radius}
+
+
+@dataclass(frozen=True)
+class Box(Collider):
+    """A solid block.
+
+    Parameters
+    ----------
+    position
+        Its centre [m].
+    size
+        Its edges [m].
+    turn
+        Rotation vector about its centre [rad], shape [3]; in two dimensions an angle, in one without meaning.
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    size: tuple[float, ...] = (1.0, 1.0, 1.0)
+    turn: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        object.__setattr__(self, "position", _point("position", self.position))
+        size = _point("size", self.size)
+        if len(size) != len(self.position) or min(size) <= 0:
+            raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
+        object.__setattr__(self, "size", size)
+        if self.turn is not None:
+            rotation(self.turn, len(size), "turn")
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("position", self.position, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the centre as a, half the edges as b, and the directions of the edges."""
+        axes = np.eye(dim) if self.turn is None else rotation(self.turn, dim, "turn")
+        return {"a": self.position, "b": np.array(self.size) / 2, "axes": axes}
+
+
+@dataclass(frozen=True)
+class Capsule(Collider):
+    """All points within `radius` of a line: a rod with round ends.
+
+    Parameters
+    ----------
+    start, end
+        The ends of the line [m].
+    radius
+        Its radius [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the ends are one point.
+    """
+
+    start: tuple[float, ...] = (-0.5, 0.0, 0.0)
+    end: tuple[float, ...] = (0.5, 0.0, 0.0)
+    radius: float = 0.25
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        _check_ends(self, "start", "end")
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("start", self.start, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the ends as a and b."""
+        return {"a": self.start, "b": self.end, "radius": self.radius}
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the middle of the line [m]."""
+        return (np.array(self.start) + self.end) / 2
+
+
+@dataclass(frozen=True)
+class Cone(Collider):
+    """A solid cone with a flat base; in two dimensions a triangle.
+
+    Parameters
+    ----------
+    apex
+        Its tip [m].
+    base
+        Middle of its base [m].
+    radius
+        Radius of the base [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the base is at the apex.
+    """
+
+    apex: tuple[float, ...] = (0.0, 0.0, 1.0)
+    base: tuple[float, ...] = (0.0, 0.0, 0.0)
+    radius: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        _check_ends(self, "apex", "base")
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return "a cone needs at least 2 coordinates" if dim == 1 else _wrong_length("apex", self.apex, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the apex as a and the middle of the base as b."""
+        return {"a": self.apex, "b": self.base, "radius": self.radius}
+
+
+def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
+    """Return the matrix of a rotation vector [rad], or in two dimensions of an angle.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape.
+    """
+    if dim == 1:
+        raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
+    if dim == 2:
+        return rotation_matrix(2, float(checks.broadcast(name, turn, ())))
+    vector = checks.broadcast(name, turn, (3,))
+    angle = float(np.linalg.norm(vector))
+    return rotation_matrix(3, angle, vector) if angle else np.eye(3)
+
+
+def _point(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """Return a point as a tuple; raise ValueError if it is none."""
+    point = checks.array(name, value)
+    if point.ndim != 1 or not 1 <= len(point) <= 3 or not np.isfinite(point).all():
+        raise ValueError(f"{name} is {value!r}; it must be 1 to 3 finite numbers")
+    return tuple(map(float, point))
+
+
+def _direction(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """Return a direction of unit length as a tuple; raise ValueError if it is none."""
+    direction = checks.array(name, value)
+    if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
+        raise ValueError(f"{name} is {value!r}; it must be a finite direction other than zero")
+    return tuple(map(float, direction / np.linalg.norm(direction)))
+
+
+def _check_ends(collider: Any, first: str, second: str) -> None:
+    """Turn the two points that a collider spans into tuples, and check that they are two."""
+    for name in (first, second):
+        object.__setattr__(collider, name, _point(name, getattr(collider, name)))
+    a, b = getattr(collider, first), getattr(collider, second)
+    if len(a) != len(b) or a == b:
+        raise ValueError(f"{second} is {b}; it must be another point than {first}, with as many coordinates")
+
+
+def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:
+    """Return that a collider has another number of coordinates, where it has."""
+    return None if value is None or len(value) == dim else f"{name} is {value}; it must have {dim} coordinates"

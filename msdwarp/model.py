@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
-from .colliders import Plane
+from .colliders import Collider, Plane
 from .kernels.basis import vector
 from .kernels.compensation import compensation
 from .kernels.contact import NoColliders, plane_contact
@@ -88,7 +88,7 @@ class Model:
         system: System,
         *,
         gravity: ArrayLike = 9.82,
-        colliders: Sequence[Plane] = (),
+        colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         device: str | None = None,
         precision: str = "float32",
@@ -162,11 +162,11 @@ class Model:
         for k, plane in enumerate(planes):
             if not isinstance(plane, Plane):
                 raise ValueError(f"colliders[{k}] is {plane!r}; it must be a Plane")
-            if len(plane.normal) != self.dim:
-                raise ValueError(f"colliders[{k}].normal is {plane.normal}; it must have {self.dim} coordinates")
+            if wrong := plane.fits(self.dim):
+                raise ValueError(f"colliders[{k}].{wrong}")
         Planes, collide = plane_contact(self.dim, self.scalar, contact)
         data = Planes()
-        normals = np.array([plane.normal for plane in planes])
+        normals = np.array([plane.unit_normal(self.dim) for plane in planes])
         data.normal = wp.array(normals, dtype=self.vector, device=self.device)
         for name in ("offset", "restitution", "friction", "tangential_factor", "rest_speed"):
             values = np.array([getattr(plane, name) for plane in planes], dtype=np.float64)

@@ -166,7 +166,7 @@ class Ground:
     def __init__(self, scene: Scene, points: NDArray) -> None:
         plane, look = scene.ground, scene.look
         assert plane is not None
-        self.normal = in_space(np.array([plane.normal]), np.float64)[0]
+        self.normal = in_space(plane.unit_normal(scene.system.dim)[None], np.float64)[0]
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
         self.centre = centre - (centre @ self.normal - plane.offset) * self.normal
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)

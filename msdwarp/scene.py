@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
-from .colliders import Plane
+from .colliders import Collider, Plane
 from .system import System
 
 
@@ -80,7 +80,7 @@ class Scene:
     system
         What is simulated.
     colliders
-        Obstacles; the one that faces most upwards is drawn as the ground.
+        Obstacles; the fixed plane that faces most upwards is drawn as the ground.
     gravity
         Acceleration of free fall [m/s²]; see `Simulation`.
     duration
@@ -90,7 +90,7 @@ class Scene:
     """
 
     system: System
-    colliders: Sequence[Plane] = ()
+    colliders: Sequence[Collider] = ()
     gravity: ArrayLike = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
@@ -103,6 +103,8 @@ class Scene:
 
     @property
     def ground(self) -> Plane | None:
-        """The collider that faces most upwards, if one does."""
-        upwards = [plane for plane in self.colliders if plane.normal[-1] > 0]
-        return max(upwards, key=lambda plane: plane.normal[-1], default=None)
+        """The fixed plane that faces most upwards, if one does."""
+        dim = self.system.dim
+        planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
+        upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]
+        return max(upwards, key=lambda plane: plane.unit_normal(dim)[-1], default=None)

@@ -75,12 +75,8 @@ def _lattice(
         checks.within(name, values, (np.isfinite, "finite"))
     lattice = System._of_own(
         position=position,
-        velocity=np.broadcast_to(0.0, position.shape),
-        mass=np.broadcast_to(1.0, len(position)),
         connections=connections,
         rest_length=rest_length,
-        stiffness=np.broadcast_to(1000.0, len(connections)),
-        damping=np.broadcast_to(0.0, len(connections)),
         surface=surface,
         directions=(slices,),
     )

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
-from .colliders import Plane
+from .colliders import Collider
 from .dynamics import Dynamics, Stepper
 from .integrators import Integrator, Rates, SymplecticEuler
 from .measure import Measures, measure
@@ -91,7 +91,7 @@ class Simulation:
         system: System,
         *,
         gravity: ArrayLike = 9.82,
-        colliders: Sequence[Plane] = (),
+        colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         integrator: Integrator | None = None,
         fps: float = 60.0,

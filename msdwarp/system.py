@@ -1,7 +1,7 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
+from .dampers import LINEAR, Damper
+from .surface import Surface
 
 _FINITE = (np.isfinite, "finite")
 _LIMITS = {
@@ -18,7 +20,28 @@ _LIMITS = {
     "rest_length": (_FINITE, (lambda length: length > 0, "above 0")),
     "stiffness": (_FINITE, (lambda stiffness: stiffness >= 0, "at least 0")),
     "damping": (_FINITE, (lambda damping: damping >= 0, "at least 0")),
+    "yield_strain": ((lambda strain: strain >= 0, "at least 0 (inf never yields)"),),
+    "relaxation_time": (_FINITE, (lambda time: time >= 0, "at least 0")),
+    "largest_plastic_strain": ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),),
 }
+_OF_CONNECTIONS = (
+    "rest_length",
+    "stiffness",
+    "damping",
+    "yield_strain",
+    "relaxation_time",
+    "largest_plastic_strain",
+    "original_length",
+)
+_DEFAULTS = {
+    "stiffness": 1000.0,
+    "damping": 0.0,
+    "yield_strain": np.inf,
+    "relaxation_time": 0.1,
+    "largest_plastic_strain": 0.5,
+}
+_LIMITS["original_length"] = _LIMITS["rest_length"]
+
 
 _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
 
@@ -36,30 +59,9 @@ def _positions(value: ArrayLike) -> NDArray[np.float64]:
     return position
 
 
-def _indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.int32]:
-    """Return `value` as a new read-only int32 array of shape (any, width) with 0 <= entries < below."""
-    given = np.asarray(value)
-    if given.size == 0:
-        given = given.reshape(0, width).astype(np.int32)
-    if given.ndim != 2 or given.shape[1] != width or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"{name} has shape {given.shape} and type {given.dtype}; "
-            f"it must hold whole numbers in the shape (any, {width})"
-        )
-    checks.within(name, given, _index_below(below))
-    result = np.array(given, dtype=np.int32)
-    result.flags.writeable = False
-    return result
-
-
-def _index_below(count: int) -> tuple[Callable[[NDArray], NDArray], str]:
-    """Return the limit of an index into `count` things."""
-    return lambda index: (index >= 0) & (index < count), f"an index from 0 to {count - 1}"
-
-
 def _pairs(value: ArrayLike, particle_count: int) -> NDArray[np.int32]:
     """Return `value` as a new read-only array of the two particles of each connection."""
-    connections = _indices("connections", value, 2, particle_count)
+    connections = checks.indices("connections", value, 2, particle_count)
     itself = connections[:, 0] == connections[:, 1]
     if itself.any():
         c = int(np.argmax(itself))
@@ -77,40 +79,14 @@ def _lengths(position: NDArray[np.float64], connections: NDArray[np.int32]) -> N
     return result
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Surface:
-    """The triangles that are drawn, with vertices of their own, so that edges and textures can be sharp.
+def constant(values: NDArray) -> bool:
+    """Return whether an array is one number, stored once, seen many times."""
+    return len(values) > 1 and values.strides == (0,)
 
-    Parameters
-    ----------
-    particle
-        The particle that each vertex moves with, shape [vertex_count].
-    uv
-        Texture coordinates in 0 … 1, shape [vertex_count, 2].
-    triangles
-        Vertices of each triangle, counter-clockwise seen from outside, shape [triangle_count, 3].
-    """
 
-    particle: NDArray[np.int32]
-    uv: NDArray[np.float64]
-    triangles: NDArray[np.int32]
-
-    def __init__(self, *, particle: ArrayLike, uv: ArrayLike, triangles: ArrayLike) -> None:
-        given = np.asarray(particle)
-        if given.ndim != 1 or given.dtype.kind not in "iu":
-            raise ValueError(
-                f"particle has shape {given.shape} and type {given.dtype}; "
-                "it must hold whole numbers in the shape (vertex_count,)"
-            )
-        own = given.astype(np.int32)
-        own.flags.writeable = False
-        object.__setattr__(self, "particle", own)
-        object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
-        object.__setattr__(self, "triangles", _indices("triangles", triangles, 3, len(own)))
-
-    def shifted(self, particles: int, vertices: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Return (particle, uv, triangles) as they are behind so many other particles and vertices."""
-        return self.particle + particles, self.uv, self.triangles + vertices
+def _group(name: str, particles: ArrayLike, particle_count: int) -> NDArray[np.int32]:
+    """Return a group's particles as a new read-only array of indices."""
+    return checks.indices(f"groups[{name!r}]", np.reshape(particles, (-1, 1)), 1, particle_count)[:, 0]
 
 
 def _join(a: NDArray, b: NDArray) -> NDArray:
@@ -144,10 +120,23 @@ class System:
         Spring constants k [N/m], shape [connection_count].
     damping
         Damper constants b [N s/m], shape [connection_count].
+    damper
+        The law of all dampers: what force a rate of lengthening meets; see `msdwarp.dampers`.
+    yield_strain
+        Strain beyond which a spring gives way for good, shape [connection_count]; inf: it never does. See
+        `msdwarp.kernels.plasticity`.
+    relaxation_time
+        Time in which the excess falls to 1/e [s], shape [connection_count]; 0 yields at once.
+    largest_plastic_strain
+        Bound of |rest_length / original_length − 1|, below 1, shape [connection_count].
+    original_length
+        Rest length before anything yielded [m], shape [connection_count]; by default the rest length.
     surface
         The triangles that are drawn, if there are any.
     directions
         For each body in the system, the slice of connections of each lattice direction, by name.
+    groups
+        Particles by the name of what they make up, indices of shape [any]; see `named`.
 
     Raises
     ------
@@ -164,8 +153,14 @@ class System:
     rest_length: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     damping: NDArray[np.float64]
+    damper: Damper
+    yield_strain: NDArray[np.float64]
+    relaxation_time: NDArray[np.float64]
+    largest_plastic_strain: NDArray[np.float64]
+    original_length: NDArray[np.float64]
     surface: Surface | None
     directions: tuple[Mapping[str, slice], ...]
+    groups: Mapping[str, NDArray[np.int32]]
 
     def __init__(
         self,
@@ -175,21 +170,29 @@ class System:
         mass: ArrayLike = 1.0,
         connections: ArrayLike = (),
         rest_length: ArrayLike | None = None,
-        stiffness: ArrayLike = 1000.0,
-        damping: ArrayLike = 0.0,
+        stiffness: ArrayLike = _DEFAULTS["stiffness"],
+        damping: ArrayLike = _DEFAULTS["damping"],
+        damper: Damper = LINEAR,
+        yield_strain: ArrayLike = _DEFAULTS["yield_strain"],
+        relaxation_time: ArrayLike = _DEFAULTS["relaxation_time"],
+        largest_plastic_strain: ArrayLike = _DEFAULTS["largest_plastic_strain"],
+        original_length: ArrayLike | None = None,
         surface: Surface | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
+        groups: Mapping[str, ArrayLike] | None = None,
         _known: "System | None" = None,
     ) -> None:
         # An array of `_known` itself is valid and nobody writes to it: it is shared, as long as it fits.
         known: dict[str, Any] = {} if _known is None else vars(_known)
 
-        def is_known(name: str, value: ArrayLike) -> bool:
+        def is_known(name: str, value: Any) -> bool:
             return name in known and value is known[name]
 
         def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
             if is_known(name, value) and known[name].shape == shape:
                 return known[name]
+            if is_known(name, value) and constant(known[name]):
+                value = known[name][0]  # whatever their number
             values = checks.broadcast(name, value, shape)
             checks.within(name, values, *_LIMITS[name])
             return values
@@ -205,21 +208,38 @@ class System:
         joined = known["connections"] if fits else _pairs(connections, len(x))
         if rest_length is None:
             rest_length = _lengths(x, joined)
-        fields = {"position": x, "velocity": v, "mass": m, "connections": joined}
-        for name, value in {"rest_length": rest_length, "stiffness": stiffness, "damping": damping}.items():
-            fields[name] = numbers(name, value, joined.shape[:1])
+        fields: dict[str, Any] = {"position": x, "velocity": v, "mass": m, "connections": joined}
+        of_connections = (
+            *(rest_length, stiffness, damping, yield_strain, relaxation_time, largest_plastic_strain),
+            rest_length if original_length is None else original_length,
+        )
+        for name, value in zip(_OF_CONNECTIONS, of_connections, strict=True):
+            same = name == "original_length" and value is rest_length
+            fields[name] = fields["rest_length"] if same else numbers(name, value, joined.shape[:1])
+        if not isinstance(damper, Damper):
+            raise ValueError(f"damper is {damper!r}; it must be a law of damping, such as CoulombDamper()")
         if surface is not None:
-            checks.within("surface.particle", surface.particle, _index_below(len(x)))
+            checks.within("surface.particle", surface.particle, checks.index_below(len(x)))
 
-        fields |= {"surface": surface, "directions": directions}
+        if groups is None or not (is_known("groups", groups) and len(x) == len(known["position"])):
+            groups = {name: _group(name, particles, len(x)) for name, particles in (groups or {}).items()}
+        fields |= {"damper": damper, "surface": surface, "directions": directions, "groups": groups}
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     @classmethod
     def _of_own(cls, **fields: Any) -> Self:
-        """Return a system of valid fields whose arrays nobody else holds: nothing is checked or copied."""
+        """Return a system of valid fields whose arrays nobody else holds: nothing is checked or copied.
+
+        What is left out is as it is by default.
+        """
         system = cls.__new__(cls)
-        for name, value in fields.items():
+        count = len(fields["connections"])
+        missing = {name: np.broadcast_to(value, count) for name, value in _DEFAULTS.items()}
+        missing |= {"velocity": np.broadcast_to(0.0, fields["position"].shape)}
+        missing |= {"mass": np.broadcast_to(1.0, len(fields["position"]))}
+        missing |= {"original_length": fields["rest_length"], "damper": LINEAR, "surface": None, "groups": {}}
+        for name, value in (missing | fields).items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(system, name, value)
@@ -244,6 +264,11 @@ class System:
     def pinned(self) -> NDArray[np.bool_]:
         """Which particles are pinned, shape [particle_count]."""
         return np.isinf(self.mass)
+
+    @property
+    def yields(self) -> bool:
+        """Whether any connection can give way for good."""
+        return bool(np.isfinite(self.yield_strain[:1] if constant(self.yield_strain) else self.yield_strain).any())
 
     @property
     def length(self) -> NDArray[np.float64]:
@@ -275,7 +300,12 @@ class System:
         return self.directions[body][name]
 
     def replace(self, **changes: Any) -> Self:
-        """Return this system with some of its fields changed and validated; the others are shared."""
+        """Return this system with some of its fields changed and validated; the others are shared.
+
+        A new rest length is the original one too, unless that is given.
+        """
+        if "rest_length" in changes:
+            changes.setdefault("original_length", None)
         return dataclasses.replace(self, _known=self, **changes)
 
     def translate(self, displacement: ArrayLike) -> Self:
@@ -301,7 +331,7 @@ class System:
             If the system is one-dimensional, or the axis is zero.
         """
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
-        turn = _rotation_matrix(self.dim, angle, axis)
+        turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
 
     def spin(self, angular_velocity: ArrayLike) -> Self:
@@ -354,8 +384,26 @@ class System:
         return self.replace(mass=mass, velocity=velocity)
 
     def freeze(self) -> Self:
-        """Return this system with every rest length set to the present length: a body keeps its shape."""
+        """Return this system with every rest length set to the present length: a body keeps its shape.
+
+        It has then never yielded.
+        """
         return self.replace(rest_length=self.length)
+
+    def named(self, name: str) -> Self:
+        """Return this system with all its particles in a group of this name, beside the groups it has."""
+        return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
+
+    def group(self, name: str) -> NDArray[np.bool_]:
+        """Return which particles are in a group, shape [particle_count].
+
+        Raises
+        ------
+        ValueError
+            If there is no group of that name; the message lists those there are.
+        """
+        checks.one_of("group", name, self.groups)
+        return np.isin(np.arange(self.particle_count), self.groups[name])
 
     def __add__(self, other: "System") -> Self:
         """Return one system that holds both, with the particles and connections of `other` behind."""
@@ -363,31 +411,33 @@ class System:
             return NotImplemented
         if other.dim != self.dim:
             raise ValueError(f"cannot add a system of {other.dim} coordinates to one of {self.dim}")
+        if self.damper != other.damper and self.damping.any() and other.damping.any():
+            raise ValueError(f"cannot add a system damped by {other.damper} to one damped by {self.damper}")
         n, c = self.particle_count, self.connection_count
-        surface = self.surface or other.surface
-        if self.surface and other.surface:
-            behind = other.surface.shifted(n, len(self.surface.particle))
-            joined = (np.concatenate(pair) for pair in zip(self.surface.shifted(0, 0), behind, strict=True))
-            surface = Surface(**dict(zip(("particle", "uv", "triangles"), joined, strict=True)))
-        elif other.surface:
-            particle, uv, triangles = other.surface.shifted(n, 0)
-            surface = Surface(particle=particle, uv=uv, triangles=triangles)
+        surface = self.surface
+        if other.surface is not None:
+            surface = other.surface.behind(surface, n)
         shifted = tuple(
             {name: slice(part.start + c, part.stop + c) for name, part in body.items()}
             for body in other.directions
         )
         connections = np.concatenate([self.connections, other.connections])
         connections[c:] += n
-        same = ("position", "velocity", "mass", "rest_length", "stiffness", "damping")
+        groups = dict(self.groups)
+        for name, particles in other.groups.items():
+            groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
+        same = ("position", "velocity", "mass", *_OF_CONNECTIONS)
         return self._of_own(
             **{name: _join(getattr(self, name), getattr(other, name)) for name in same},
             connections=connections,
+            damper=self.damper if self.damping.any() else other.damper,
             surface=surface,
             directions=self.directions + shifted,
+            groups=groups,
         )
 
 
-def _rotation_matrix(dim: int, angle: float, axis: ArrayLike) -> NDArray[np.float64]:
+def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
     """Return the matrix of a turn by `angle` [rad]; in three dimensions by Rodrigues' formula."""
     cosine, sine = np.cos(angle), np.sin(angle)
     if dim == 2:

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 TIERS = [
     {"kernels"},
     {"checks"},
+    {"surface", "dampers"},
     {"system"},
     {"shapes", "colliders", "trajectory"},
     {"lattice"},

@@ -107,7 +107,7 @@ def test_what_is_given_is_never_shared():
         (lambda s: s.with_velocity((1.0, 2.0, 3.0)), {"velocity"}),
         (lambda s: s.pin(0), {"mass", "velocity"}),
         (lambda s: s.replace(stiffness=7.0), {"stiffness"}),
-        (lambda s: s.freeze(), {"rest_length"}),
+        (lambda s: s.freeze(), {"rest_length", "original_length"}),
     ],
     ids=["translate", "rotate", "spin", "with_velocity", "pin", "replace", "freeze"],
 )
