@@ -28,8 +28,8 @@ def constants(scalar: type, storage: str):
     """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
 
     Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
-    ones), "packed" (the same table, c being a kind) or "own" (three numbers per connection). `take` returns a
-    vector, in the order of CONSTANTS.
+    ones), "packed" (the same table, c being a kind), "own" (three numbers per connection) or "listed" (the
+    same, c being a slot that names one). `take` returns a vector, in the order of CONSTANTS.
     """
     Three = vector(3, scalar)
     load = records(3, scalar).load
@@ -74,6 +74,22 @@ def constants(scalar: type, storage: str):
 
     @wp.func_native(TAKE)
     def number(values: wp.array(dtype=scalar), c: int) -> scalar: ...
+
+    if storage == "listed":
+
+        @wp.struct
+        class Listed:
+            connection: wp.array(dtype=int)
+            rest_length: wp.array(dtype=scalar)
+            stiffness: wp.array(dtype=scalar)
+            damping: wp.array(dtype=scalar)
+
+        @wp.func
+        def take_named(constants: Listed, slot: int) -> Three:
+            c = wp.max(constants.connection[slot], 0)  # slots that pad name none, and exert no force
+            return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
+
+        return Listed, take_named
 
     @wp.struct
     class Own:

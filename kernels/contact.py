@@ -1,10 +1,11 @@
-"""Contact of particles with fixed obstacles: one rule, and the shapes it is applied to."""
+"""Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
 import functools
 
 import warp as wp
 
 from .basis import vector
+from .distance import signed_distance, solids
 
 
 @wp.struct
@@ -60,46 +61,121 @@ def contact_response(dim: int, scalar: type, rule: str):
 
 
 @functools.cache
-def plane_contact(dim: int, scalar: type, rule: str):
-    """Compose (Planes, collide): half-spaces n·x < offset that particles are kept out of.
+def touch(dim: int, scalar: type, rule: str):
+    """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
 
-    A particle found inside and approaching is put back on the surface. By rule "coulomb" friction also takes
-    back its share of this substep's way along the surface, so that what sticks does not creep.
+    A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
+    this substep's way along the surface, so that what sticks does not creep. A particle already on its way out is
+    left alone. Velocities and ways are those relative to the surface. Returns (x, v).
     """
-    V = vector(dim, scalar)
+    V, Surface = vector(dim, scalar), surface(scalar)
     coulomb = rule == "coulomb"
     respond = contact_response(dim, scalar, rule)
 
+    @wp.func
+    def put_back(s: Surface, p: int, distance: scalar, normal: V, x: V, v: V, x_old: V, v_old: V):
+        if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
+            v, share = respond(
+                v,
+                v_old,
+                normal,
+                s.restitution[p],
+                s.friction[p],
+                s.tangential_factor[p],
+                s.rest_speed[p],
+            )
+            x = x - distance * normal
+            if wp.static(coulomb):
+                way = x - x_old
+                along = way - wp.dot(way, normal) * normal
+                x = x - (scalar(1.0) - share) * along
+        return x, v
+
+    return put_back
+
+
+@functools.cache
+def surface(scalar: type):
+    """Compose the struct of what all obstacles have."""
+
     @wp.struct
-    class Planes:
-        normal: wp.array(dtype=V)
-        offset: wp.array(dtype=scalar)
+    class Surface:
         restitution: wp.array(dtype=scalar)
         friction: wp.array(dtype=scalar)
         tangential_factor: wp.array(dtype=scalar)
         rest_speed: wp.array(dtype=scalar)
 
+    return Surface
+
+
+@functools.cache
+def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
+    """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other."""
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+
+    @wp.struct
+    class Obstacles:
+        count: int
+        solids: Solids
+        surface: Surface
+
     @wp.func
-    def collide(planes: Planes, x: V, v: V, x_old: V, v_old: V):
-        for p in range(planes.normal.shape[0]):
-            normal = planes.normal[p]
-            distance = wp.dot(x, normal) - planes.offset[p]
-            # A particle already on its way out is left alone.
-            if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
-                v, share = respond(
-                    v,
-                    v_old,
-                    normal,
-                    planes.restitution[p],
-                    planes.friction[p],
-                    planes.tangential_factor[p],
-                    planes.rest_speed[p],
-                )
-                x = x - distance * normal
-                if wp.static(coulomb):
-                    way = x - x_old
-                    along = way - wp.dot(way, normal) * normal
-                    x = x - (scalar(1.0) - share) * along
+    def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
+        for p in range(obstacles.count):
+            found = distance_from(obstacles.solids, p, x)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         return x, v
 
-    return Planes, collide
+    return Obstacles, collide
+
+
+@functools.cache
+def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
+    """Compose the same for obstacles that move, which a particle meets as if they stood still.
+
+    When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
+    the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
+    is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
+    """
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    Turn = wp.types.matrix((dim, dim), scalar)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+
+    @wp.struct
+    class MovingObstacles:
+        count: int
+        solids: Solids
+        surface: Surface
+        turn: wp.array2d(dtype=Turn)
+        shift: wp.array2d(dtype=V)
+        turning: wp.array2d(dtype=Turn)
+        speed: wp.array2d(dtype=V)
+        substep: int
+        inverse_mass: wp.array(dtype=scalar)
+
+    @wp.func
+    def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
+        n = obstacles.substep
+        for p in range(obstacles.count):
+            turn = obstacles.turn[n + 1, p]
+            shift = obstacles.shift[n + 1, p]
+            y = wp.transpose(turn) * (x - shift)
+            found = distance_from(obstacles.solids, p, y)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            normal = turn * normal
+            u = obstacles.turning[n + 1, p] * y + obstacles.speed[n + 1, p]
+            # Where it was, and how fast, as seen from the obstacle.
+            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
+            start = turn * y_old + shift
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
+            v = v + u
+        return x, v
+
+    return MovingObstacles, collide

@@ -13,6 +13,7 @@ import warp as wp
 from .basis import vector
 from .compensation import compensation
 from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import LINEAR, Law, damper_force
 from .records import records
 
 RSQRT = """
@@ -39,13 +40,15 @@ def inverse_root(scalar: type):
 
 
 @functools.cache
-def spring_damper(dim: int, scalar: type, damped: bool):
+def spring_damper(dim: int, scalar: type, damper: Law | None):
     """Compose the force density q of a connection: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Without `damped` the damper term is not compiled.
+    gets −F. Another law of damping takes the place of b Δv·Δx̂; without a damper that is not compiled.
     """
     V = vector(dim, scalar)
+    linear, damped = damper == LINEAR, damper is not None
+    resistance = damper_force(scalar, damper or LINEAR)
     rsqrt = inverse_root(scalar)
     tiny = TINY[scalar]
 
@@ -53,8 +56,10 @@ def spring_damper(dim: int, scalar: type, damped: bool):
     def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
         inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
         tension = -stiffness * rest_length  # but for k |Δx|, which is k in the density
-        if wp.static(damped):
+        if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
+        if wp.static(damped and not linear):
+            tension += resistance(wp.dot(dv, dx) * inverse_length, damping)
         return stiffness + tension * inverse_length
 
     return force_density
@@ -113,7 +118,7 @@ def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
 
 
 @functools.cache
-def scatter(dim: int, scalar: type, damped: bool, compensated: bool, storage: str) -> Route:
+def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
     """Compose the route by connections: each adds its force to one end and subtracts it from the other.
 
     The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
@@ -122,8 +127,9 @@ def scatter(dim: int, scalar: type, damped: bool, compensated: bool, storage: st
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
-    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
+    damped = damper is not None
 
     @wp.struct
     class Scattered:
@@ -172,7 +178,7 @@ NEIGHBOURS = f"""
 
 
 @functools.cache
-def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str) -> Route:
+def gather(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
     """Compose the route by particles: each sums the forces of its own connections, from a table of neighbours.
 
     The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
@@ -183,9 +189,9 @@ def gather(dim: int, scalar: type, damped: bool, compensated: bool, storage: str
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
-    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
-    packed = storage == "packed"
+    packed, damped = storage == "packed", damper is not None
 
     Others = wp.types.vector(CHUNK, int)
 

@@ -67,8 +67,8 @@ def each_column(motion: Motion, method: Any):
 def particle_acceleration(motion: Motion):
     """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
 
-    A pinned particle stands still, so no collider ever finds it approaching: this is the only test for it,
-    and it is compiled only where a particle is pinned.
+    A pinned particle stands still, so no fixed collider ever finds it approaching: where none moves this is the
+    only test for it, and it is compiled only where a particle is pinned.
     """
     scalar, World, pinned = motion.scalar, world(motion), motion.pinned
     V = vector(motion.dim, scalar)
@@ -95,10 +95,14 @@ def finish(motion: Motion):
     Lost, add = compensation(motion.dim, motion.scalar, motion.compensated)
     _, store, _ = records(motion.dim, motion.scalar)
     has_colliders, compensated = collide is not None, motion.compensated
+    pinned_among_moving = motion.pinned and motion.moving
 
     @wp.func
     def finish_substep(colliders: Colliders, lost: Lost, x_old: V, v_old: V, dx: V, v_new: V, i: int):
         x_new = add(x_old, dx, lost.x, lost.x_out, i)
+        if wp.static(pinned_among_moving):
+            if colliders.inverse_mass[i] == motion.scalar(0.0):
+                return x_new, v_new  # what moves passes through it
         if wp.static(has_colliders):
             x_free = x_new
             x_new, v_new = collide(colliders, x_free, v_new, x_old, v_old)

@@ -9,6 +9,7 @@ import functools
 import warp as wp
 
 from .basis import kernel, vector
+from .dampers import Law, damper_force
 
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
 """Columns of what `sum_particles` gives: one, one, three and three."""
@@ -56,9 +57,9 @@ def sum_particles(dim: int, scalar: type):
 
 
 @functools.cache
-def sum_connections(dim: int, scalar: type, compensated: bool):
+def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
     """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost."""
-    V = vector(dim, scalar)
+    V, resistance = vector(dim, scalar), damper_force(wp.float64, law)
 
     @kernel
     def sum_over_connections(
@@ -91,7 +92,7 @@ def sum_connections(dim: int, scalar: type, compensated: bool):
             shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
-                shares[share, 1] += wp.float64(damping[c]) * rate * rate
+                shares[share, 1] += resistance(rate, wp.float64(damping[c])) * rate
             shares[share, 2] = wp.max(shares[share, 2], wp.abs(stretch) / rest)
             c += shares.shape[0]
 

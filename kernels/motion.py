@@ -8,6 +8,7 @@ import warp as wp
 from .basis import vector
 from .compensation import compensation
 from .forces import Route
+from .plasticity import plastic_flow
 
 
 class Motion(NamedTuple):
@@ -25,6 +26,10 @@ class Motion(NamedTuple):
     """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no colliders."""
     compensated: bool
     """Whether sums keep what rounding takes away."""
+    moving: bool = False
+    """Whether any collider moves."""
+    yields: bool = False
+    """Whether any connection gives way for good (see `plasticity`)."""
 
     @property
     def Lost(self) -> Any:
@@ -47,6 +52,18 @@ class Stage(NamedTuple):
 def world(motion: Motion):
     """Compose the struct of what acts on particles: the same in every stage of every method."""
     Forces, Colliders = motion.route.Forces, motion.Colliders
+    if motion.yields:
+        Flow, _ = plastic_flow(motion.dim, motion.scalar, motion.compensated)
+
+        @wp.struct
+        class YieldingWorld:
+            forces: Forces
+            inverse_mass: wp.array(dtype=motion.scalar)
+            gravity: vector(motion.dim, motion.scalar)
+            colliders: Colliders
+            flow: Flow
+
+        return YieldingWorld
 
     @wp.struct
     class World:

@@ -8,6 +8,7 @@ import warp as wp
 
 from .basis import vector
 from .compensation import compensation
+from .dampers import Law
 from .forces import Route, difference, spring_damper
 from .records import records
 
@@ -47,7 +48,7 @@ def _layout(rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tuple, uniform: bool) -> Route:
+def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, uniform: bool) -> Route:
     """Compose the gathering route for lattices, whose neighbours need no table.
 
     A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
@@ -57,7 +58,8 @@ def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tupl
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
-    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damped)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    damped = damper is not None
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
@@ -128,7 +130,7 @@ def stencil(dim: int, scalar: type, damped: bool, compensated: bool, steps: tupl
                     force -= q * dx
         return force
 
-    columns = column_forces(dim, scalar, damped, compensated, steps, Lattice) if uniform else None
+    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice) if uniform else None
     # In float64 more threads would not find registers for columns.
     return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128)
 
@@ -138,7 +140,7 @@ COLUMN = 2
 
 
 @functools.cache
-def column_forces(dim: int, scalar: type, damped: bool, compensated: bool, steps: tuple, Lattice: Any):
+def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, Lattice: Any):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
@@ -147,7 +149,7 @@ def column_forces(dim: int, scalar: type, damped: bool, compensated: bool, steps
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
-    force_density = spring_damper(dim, scalar, damped)
+    force_density, damped = spring_damper(dim, scalar, damper), damper is not None
     rows, neighbours = stencil_rows(steps)
     axis = 1 if any(z for _, z in rows) else 0  # layers are along z, in a sheet along y
     inner = [row for row in rows if row[axis] == 0]

@@ -59,8 +59,9 @@ class Reference(NamedTuple):
 
 
 def simulation_of(scene: Scene, **options: Any) -> Simulation:
-    """Return the simulation of a scene: its system in its surroundings, with options of `Simulation`."""
-    return Simulation(scene.system, gravity=scene.gravity, colliders=scene.colliders, **options)
+    """Return the simulation of a scene: all but its look, with options of `Simulation`."""
+    surroundings = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
+    return Simulation(scene.system, **surroundings, **options)
 
 
 def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:

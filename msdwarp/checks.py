@@ -2,8 +2,9 @@
 
 import math
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,6 +114,13 @@ def count(name: str, value: int, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} is {value!r}; it must be a whole number of at least {least}")
     return int(value)
+
+
+def member(name: str, of: Mapping[str, Any], key: str) -> Any:
+    """Return an entry of a mapping; raise ValueError that names both if it is missing."""
+    if key not in of:
+        raise ValueError(f"{name} lacks {key!r}; it has {', '.join(map(repr, of)) or 'nothing'}")
+    return of[key]
 
 
 def writable_folder(name: str, value: Path, folder: Path) -> None:

@@ -8,6 +8,7 @@ import warp as wp
 from .forces import ROUTE_CLASSES
 from .kernels.integrate import each_column, each_connection, each_particle
 from .kernels.motion import Motion, world
+from .kernels.plasticity import flow_each, plastic_flow
 from .kernels.stay import MOST_THREADS, stay
 from .kernels.stencil import COLUMN
 from .model import Model, State
@@ -28,14 +29,45 @@ class Dynamics:
     def __init__(self, model: Model) -> None:
         self.model = model
         forces = ROUTE_CLASSES[model.route](model)
+        around = model.surroundings
         self.motion = Motion(
-            model.dim, model.scalar, forces.route, model.pinned, model.Colliders, model.collide, model.compensated
+            model.dim,
+            model.scalar,
+            forces.route,
+            model.pinned,
+            around.Colliders,
+            around.collide,
+            model.compensated,
+            around.moving,
+            model.yields,
         )
         self.world = world(self.motion)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
-        self.world.gravity, self.world.colliders = model.gravity, model.colliders
+        self.world.gravity, self.world.colliders = model.gravity, around.data
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Prepare for frames of so many substeps of `dt` seconds."""
+        model = self.model
+        model.surroundings.begin(model.inverse_mass, substeps, dt)
+        self.world.colliders = model.surroundings.data
+        if model.yields:
+            flow = plastic_flow(model.dim, model.scalar, model.compensated)[0]()
+            flow.h, flow.connections, flow.rest_length = dt, model.connections, model.rest_length
+            for name in ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain"):
+                setattr(flow, name, model.per_connection(name))
+            self.world.flow = flow
+
+    def begin_substep(self, state: State, substep: int) -> None:
+        """Begin substep number `substep`: connections yield, and colliders move."""
+        model = self.model
+        if model.yields:
+            inputs = [self.world.flow, state.here.lost, state.here.x]
+            wp.launch(flow_each(self.motion), model.connection_count, inputs, device=model.device)
+        if model.surroundings.moving:
+            model.surroundings.data.substep = substep
+            self.world.colliders = model.surroundings.data
 
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
@@ -114,20 +146,24 @@ class Stepper:
         self._kept = [step for _, step in stages]
         self._steps = wp.array(self._kept, dtype=method(dynamics.motion).Step, device=device)
 
-    def take(self, substeps: int) -> None:
-        """Take substeps; the state then lies where it lay before."""
+    def take(self, substeps: int, first: int = 0) -> None:
+        """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
         if not self._stays:
-            for _ in range(substeps):
+            for k in range(substeps):
+                self._dynamics.begin_substep(self._state, first + k)
                 self._take_substep()
         else:
-            self._stay(substeps * self._per_substep)
+            self._stay(substeps * self._per_substep, first)
             if substeps % 2:
                 self._state.flip()
         self._state.settle()
 
-    def _stay(self, stages: int) -> None:
+    def _stay(self, stages: int, first: int) -> None:
         model, (blocks, threads) = self._dynamics.model, self._blocks
         everyone = blocks * threads
+        if model.surroundings.moving:
+            model.surroundings.data.substep = first
+            self._dynamics.world.colliders = model.surroundings.data
         wp.launch(
             self._kernel,
             dim=everyone,

@@ -23,7 +23,7 @@ class Scatter:
 
     def __init__(self, model: Model) -> None:
         storage, fields = stored_constants(model)
-        self.route = scatter(model.dim, model.scalar, model.damped, model.compensated, storage)
+        self.route = scatter(model.dim, model.scalar, model.damper, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.f, self.data.connections = model.vectors(), model.connections
         for name, value in fields.items():
@@ -36,13 +36,15 @@ class Gather:
     def __init__(self, model: Model) -> None:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
-        storage = "packed" if packed else storage
-        self.route = gather(model.dim, model.scalar, model.damped, model.compensated, storage)
+        storage = "packed" if packed else "listed" if model.yields else storage
+        self.route = gather(model.dim, model.scalar, model.damper, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
             kind, other = fields.pop("kind"), self.data.other
             wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
+        if model.yields:  # rest lengths change, and both ends must see it
+            fields["connection"] = connection
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind"
             setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
@@ -54,7 +56,7 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     See `msdwarp.kernels.constants`.
     """
     three, device = wp.types.vector(3, model.scalar), model.device
-    kinds = find_kinds(model.system)
+    kinds = None if model.yields else find_kinds(model.system)
     if kinds is None:
         own = {name: getattr(model, name) for name in CONSTANTS}
         return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
@@ -150,7 +152,7 @@ class Stencil:
     def __init__(self, model: Model) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        kinds = (model.dim, model.scalar, model.damped, model.compensated)
+        kinds = (model.dim, model.scalar, model.damper, model.compensated)
         self.route = stencil(*kinds, lattice.steps, lattice.uniform)
         data = self.data = self.route.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
@@ -178,7 +180,7 @@ def add_linearised(
 ) -> None:
     """Add scale (spring·K + damper·B) p to z, K and B linearised at x; by scattering, whatever the route."""
     if model.connection_count:
-        constants = [model.connections, model.rest_length, model.stiffness, model.damping]
+        constants = [model.connections, model.rest_length, model.stiffness, model.steepest_damping]
         wp.launch(
             implicit.add_linearised(model.dim, model.scalar),
             dim=model.connection_count,
@@ -196,7 +198,7 @@ def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers:
         wp.launch(
             add_blocks(model.dim, model.scalar),
             dim=model.connection_count,
-            inputs=[model.connections, model.rest_length, model.stiffness, model.damping, x],
+            inputs=[model.connections, model.rest_length, model.stiffness, model.steepest_damping, x],
             outputs=[springs, dampers],
             device=model.device,
         )

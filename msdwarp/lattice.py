@@ -94,6 +94,8 @@ def find_lattice(system: System) -> Lattice:
         If some connection is in no direction, a direction's connections do not follow its step, or their
         constants differ within a body.
     """
+    if system.yields:
+        raise NotALattice("connections yield, and then each has a rest length of its own")
     names = list(dict.fromkeys(name for body in system.directions for name in body))
     if 2 * len(names) > MASK_BITS:
         raise NotALattice(f"there are {len(names)} directions, more than {MASK_BITS // 2}")

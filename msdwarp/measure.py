@@ -21,7 +21,7 @@ class Measures(NamedTuple):
     gravitational_energy: float
     """−Σ m g·x [J]."""
     dissipated_power: float
-    """Σ b l'², what the dampers turn to heat [W]."""
+    """Σ b l'² or by another law, what the dampers turn to heat [W]."""
     momentum: NDArray[np.float64]
     """Σ m v [kg m/s], shape [d]."""
     angular_momentum: NDArray[np.float64]
@@ -57,7 +57,8 @@ def measure(
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
         shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
         inputs = [*constants, state.x, v, x_lost if compensated else state.x]
-        _launch(sum_connections(model.dim, model.scalar, compensated), inputs, shares, model)
+        kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
+        _launch(kernel, inputs, shares, model)
         parts = shares.numpy()
         connections = np.append(parts[:, :2].sum(axis=0), parts[:, columns.STRAIN].max())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]

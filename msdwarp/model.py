@@ -8,12 +8,12 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
-from .colliders import Collider, Plane
+from .colliders import Collider
 from .kernels.basis import vector
 from .kernels.compensation import compensation
-from .kernels.contact import NoColliders, plane_contact
 from .kernels.records import record_length
 from .routes import choose_route, scatter_order
+from .surroundings import Surroundings
 from .system import System
 
 PRECISIONS = {
@@ -112,17 +112,27 @@ class Model:
 
         self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
-        self.damped = bool(system.damping.any())
+        self.damper = system.damper.law if system.damping.any() else None
+        self.yields = system.yields
         self.pinned = bool(system.pinned.any())
 
         self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
         self.inverse_mass = self._upload(_uniform(1.0 / system.mass, system.mass), "1 / mass")
         self._order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
-        self.rest_length = self._upload(self.ordered(system.rest_length), "rest_length")
+        rest_length = system.rest_length
+        if self.yields:  # each connection has its own, which the run changes
+            rest_length = np.array(rest_length)
+        self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload(self.ordered(system.stiffness), "stiffness")
         self.damping = self._upload(self.ordered(system.damping), "damping")
-        self.Colliders, self.colliders, self.collide = self._planes(tuple(colliders), contact)
+        # What an explicit step must bear: the steepest slope of the dampers' law.
+        slope = system.damper.steepest
+        self.steepest_damping = self.damping
+        if self.damper and slope != 1:
+            steepest = _uniform(slope * system.damping, system.damping)
+            self.steepest_damping = self._upload(self.ordered(steepest), "damping")
+        self.surroundings = Surroundings(colliders, contact, dim=self.dim, scalar=self.scalar, device=self.device)
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
@@ -132,6 +142,18 @@ class Model:
     def ordered(self, values: NDArray) -> NDArray:
         """Return what connections have in the order that connections are in on the device."""
         return values if self._order is None or values.strides == (0,) else values[self._order]
+
+    def in_system_order(self, values: NDArray) -> NDArray:
+        """Return what connections have on the device in the order of the system's connections."""
+        if self._order is None:
+            return values
+        result = np.empty_like(values)
+        result[self._order] = values
+        return result
+
+    def per_connection(self, name: str) -> wp.array:
+        """Upload an array that the system has for its connections, a number for each."""
+        return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
 
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
@@ -154,24 +176,6 @@ class Model:
     def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
         self.check_range(values, name)
         return scalar_array(values, self.scalar, self.device)
-
-    def _planes(self, planes: tuple[Plane, ...], contact: str) -> tuple[Any, Any, Any]:
-        """Return the struct type of the colliders, the struct and the contact function."""
-        if not planes:
-            return NoColliders, NoColliders(), None
-        for k, plane in enumerate(planes):
-            if not isinstance(plane, Plane):
-                raise ValueError(f"colliders[{k}] is {plane!r}; it must be a Plane")
-            if wrong := plane.fits(self.dim):
-                raise ValueError(f"colliders[{k}].{wrong}")
-        Planes, collide = plane_contact(self.dim, self.scalar, contact)
-        data = Planes()
-        normals = np.array([plane.unit_normal(self.dim) for plane in planes])
-        data.normal = wp.array(normals, dtype=self.vector, device=self.device)
-        for name in ("offset", "restitution", "friction", "tangential_factor", "rest_speed"):
-            values = np.array([getattr(plane, name) for plane in planes], dtype=np.float64)
-            setattr(data, name, wp.array(values, dtype=self.scalar, device=self.device))
-        return Planes, data, collide
 
 
 class Instant(NamedTuple):

@@ -1,7 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,8 +15,9 @@ from .dynamics import Dynamics, Stepper
 from .integrators import Integrator, Rates, SymplecticEuler
 from .measure import Measures, measure
 from .model import Model, State
+from .schedule import Change
 from .stability import SAFETY, StepChoice, UnstableStep, choose_forced, choose_substeps, rate_bounds
-from .system import System
+from .system import CONNECTION_FIELDS, PARTICLE_FIELDS, System, constant
 from .watch import Backup, SimulationDiverged, Watch, describe
 
 
@@ -77,6 +78,8 @@ class Simulation:
     route
         How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
         "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
+    schedule
+        Changes of parameters at set times, made by `msdwarp.at`.
 
     Raises
     ------
@@ -103,6 +106,7 @@ class Simulation:
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
+        schedule: Sequence[Change] = (),
     ) -> None:
         self.fps = checks.positive("fps", fps)
         integrator = SymplecticEuler() if integrator is None else integrator
@@ -116,6 +120,11 @@ class Simulation:
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+        for k, change in enumerate(schedule):
+            if not isinstance(change, Change):
+                raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
+            change.applied_to(system)  # what is wrong with it is said before anything runs
+        self._schedule = sorted(schedule, key=lambda change: change.time)
         self._method = integrator
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
@@ -131,13 +140,14 @@ class Simulation:
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
+        self._due = list(self._schedule)
         self._load(self._initial)
 
-    def _load(self, system: System) -> None:
-        """Upload a system and prepare to advance it."""
+    def _load(self, system: System, choice: StepChoice | None = None) -> None:
+        """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
         state = State.of(system, model, self._method.carried)
-        choice = self._choose(rate_bounds(system, model, state))
+        choice = choice or self._choose(rate_bounds(system, model, state))
         self.model, self.state, self.system = model, state, system
         self._dynamics = Dynamics(model)
         self._start(choice)
@@ -158,6 +168,7 @@ class Simulation:
         """Begin to step with these substeps, from velocities at the instant of the positions."""
         self.choice = choice
         self.integrator = self._method.fitted(choice.rates, self.dt)
+        self._dynamics.begin(self.substeps, self.dt)
         self._work = self.integrator.workspace(self.state)
         self._backup = Backup(self.state)
         self._watch = Watch(self.model, self.state, self._energy_limit * choice.energy_swing)
@@ -196,10 +207,13 @@ class Simulation:
             is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
+            while self._due and self._due[0].time <= self.time:
+                self._load(self._due.pop(0).applied_to(self.snapshot()))
             if self._refresh:
                 self._choose_anew()
             if self._graph is None:
                 self._graph = self._record_frame()
+            self.model.surroundings.place(self.time)
             wp.capture_launch(self._graph)
             if self._watch.finds_trouble():
                 raise self._divergence()
@@ -230,7 +244,7 @@ class Simulation:
         substep = 0
         while True:
             substep += 1
-            self._stepper.take(1)
+            self._stepper.take(1, substep - 1)
             self._watch.look()
             if self._watch.finds_trouble() or substep == self.substeps:
                 break
@@ -239,7 +253,8 @@ class Simulation:
         self._backup.restore()
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
-        return describe(self.system, good, self.time, self.dt, substep, self.substeps, particle, needed)
+        system = self.system.replace(**self._yielded())
+        return describe(system, good, self.time, self.dt, substep, self.substeps, particle, needed)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
@@ -279,9 +294,66 @@ class Simulation:
     def snapshot(self) -> System:
         """Return the system as it is now: present positions and velocities, present parameters."""
         _, position, velocity = self.frame()
-        return self.system.replace(position=position, velocity=velocity)
+        return self.system.replace(position=position, velocity=velocity, **self._yielded())
 
-    def change(self, **parameters: Any) -> None:
+    def _yielded(self) -> dict[str, Any]:
+        """Return the fields of the system that yielding has changed."""
+        if not self.model.yields:
+            return {}
+        rest_length = self.model.in_system_order(self.model.rest_length.numpy())
+        return {"rest_length": rest_length, "original_length": self.system.original_length}
+
+    def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
+        """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers."""
+        arrays = {name: np.array(array.numpy()) for name, array in self._moving().items()}
+        for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+            values = getattr(self.system, name)
+            arrays[f"system.{name}"] = np.array(values[:1] if constant(values) else values)
+        choice = self.choice
+        numbers = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
+        numbers |= {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
+        numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
+        return arrays, numbers
+
+    def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
+        """Go back, or forward, to a checkpoint of a simulation made with the same arguments.
+
+        Raises
+        ------
+        ValueError
+            If the checkpoint is of another system, precision or integrator; nothing has changed then.
+        """
+        particles, connections = self._initial.particle_count, self._initial.connection_count
+        fields = {}
+        for names, count in ((PARTICLE_FIELDS, particles), (CONNECTION_FIELDS, connections)):
+            for name in names:
+                values = checks.member("checkpoint", arrays, f"system.{name}")
+                if len(values) not in (1, count):
+                    raise ValueError(f"checkpoint is of another system: its {name} has {len(values)} entries")
+                fields[name] = values[0] if len(values) < count else values
+        rates = Rates(*(float(checks.member("checkpoint", numbers, f"rates.{name}")) for name in Rates._fields))
+        limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
+        choice = StepChoice(rates, float(limit), int(least), int(substeps), self.fps)
+        moving = self._moving()
+        for name, array in moving.items():
+            found = checks.member("checkpoint", arrays, name)
+            if (found.shape, found.dtype) != (array.numpy().shape, array.numpy().dtype):
+                raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
+        self._load(self._initial.replace(**fields), choice)
+        self.frame_index = int(numbers["frame_index"])
+        self._due = self._schedule[int(numbers["changes"]) :]
+        for name, array in self._moving().items():
+            array.assign(arrays[name])
+
+    def _moving(self) -> dict[str, wp.array]:
+        """Return what a substep leaves to the next, by name."""
+        now, model = self.state.here, self.model
+        arrays = {"x": now.x, "v": now.v} | {f"carried.{k}": array for k, array in enumerate(now.carried)}
+        if model.compensated:
+            arrays |= {"lost.x": now.lost.x, "lost.v": now.lost.v}
+        return arrays | ({"rest_length": model.rest_length} if model.yields else {})
+
+    def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
         A mass of inf pins a particle where it is.
@@ -289,19 +361,18 @@ class Simulation:
         pinned particle, or connections that come in many more kinds than before. The route is chosen anew where
         that was left open, and so are the substeps.
 
+        Parameters
+        ----------
+        group, freeze, parameters
+            What changes, and to what; see `msdwarp.schedule.at`.
+
         Raises
         ------
         ValueError
             If a name is none of these, or a value is out of its range; nothing has changed then.
         """
-        for name in parameters:
-            checks.one_of("parameter", name, ("mass", "stiffness", "damping", "rest_length"))
-        now = self.snapshot()
-        velocity = now.velocity
-        if "mass" in parameters:  # what is pinned stops where it is
-            pinned = np.isinf(checks.broadcast("mass", parameters["mass"], now.mass.shape))
-            velocity = np.where(pinned[:, None], 0.0, velocity)
-        self._load(now.replace(velocity=velocity, **parameters))
+        change = Change(self.time, group, freeze, parameters)
+        self._load(change.applied_to(self.snapshot()))
 
 
 def _to_host(array: wp.array) -> NDArray:

@@ -24,7 +24,9 @@ _LIMITS = {
     "relaxation_time": (_FINITE, (lambda time: time >= 0, "at least 0")),
     "largest_plastic_strain": ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),),
 }
-_OF_CONNECTIONS = (
+PARTICLE_FIELDS = ("position", "velocity", "mass")
+"""Arrays of a system with an entry for each particle."""
+CONNECTION_FIELDS = (
     "rest_length",
     "stiffness",
     "damping",
@@ -33,6 +35,7 @@ _OF_CONNECTIONS = (
     "largest_plastic_strain",
     "original_length",
 )
+"""Arrays of a system with an entry for each connection."""
 _DEFAULTS = {
     "stiffness": 1000.0,
     "damping": 0.0,
@@ -213,7 +216,7 @@ class System:
             *(rest_length, stiffness, damping, yield_strain, relaxation_time, largest_plastic_strain),
             rest_length if original_length is None else original_length,
         )
-        for name, value in zip(_OF_CONNECTIONS, of_connections, strict=True):
+        for name, value in zip(CONNECTION_FIELDS, of_connections, strict=True):
             same = name == "original_length" and value is rest_length
             fields[name] = fields["rest_length"] if same else numbers(name, value, joined.shape[:1])
         if not isinstance(damper, Damper):
@@ -426,7 +429,7 @@ class System:
         groups = dict(self.groups)
         for name, particles in other.groups.items():
             groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
-        same = ("position", "velocity", "mass", *_OF_CONNECTIONS)
+        same = (*PARTICLE_FIELDS, *CONNECTION_FIELDS)
         return self._of_own(
             **{name: _join(getattr(self, name), getattr(other, name)) for name in same},
             connections=connections,

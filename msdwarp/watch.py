@@ -61,6 +61,8 @@ class Watch:
         scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
         scale += _rounding_energy(model, state)
         self._most = start.energy + energy_limit * scale if scale > 0 else np.inf
+        if model.surroundings.moving:  # what moves works on what it touches
+            self._most = np.inf
 
     def look(self) -> None:
         """Launch what finds out about the present state."""
@@ -89,6 +91,8 @@ class Backup:
     def __init__(self, state: State) -> None:
         self._state = state
         self._kept = state.empty_vectors(len(self._live()))
+        model = state.model
+        self._yielded = [(model.rest_length, wp.clone(model.rest_length))] if model.yields else []
 
     def _live(self) -> list[wp.array]:
         lost = self._state.lost.v
@@ -98,11 +102,15 @@ class Backup:
         """Keep the present state."""
         for live, kept in zip(self._live(), self._kept, strict=True):
             copy_vectors(kept, live)
+        for live, kept in self._yielded:
+            wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
         for live, kept in zip(self._live(), self._kept, strict=True):
             copy_vectors(live, kept)
+        for live, kept in self._yielded:
+            wp.copy(live, kept)
 
 
 def describe(

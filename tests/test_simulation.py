@@ -9,7 +9,7 @@ import pytest
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
 from msdwarp.dynamics import Dynamics
-from msdwarp.kernels.contact import plane_contact
+from msdwarp.kernels.contact import fixed_contact
 from msdwarp.kernels.forces import gather, scatter
 from msdwarp.kernels.integrate import particle_acceleration
 from msdwarp.kernels.stay import stay
@@ -232,7 +232,7 @@ def test_change_composes_no_new_kernels(device):
         stencil,
         particle_acceleration,
         stay,
-        plane_contact,
+        fixed_contact,
         look_over,
     )
     simulation = Simulation(block(), colliders=[Plane()], device=device)

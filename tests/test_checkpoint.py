@@ -1,0 +1,85 @@
+"""A simulation goes on from a checkpoint to the last bit, whatever it is made of."""
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+from msdwarp import RK4, RKC2, Leapfrog, LinearlyImplicitEuler, Plane, Simulation, Sphere, SymplecticEuler, at, box
+
+INTEGRATORS = {
+    "symplectic euler": SymplecticEuler(),
+    "leapfrog": Leapfrog(),
+    "extrapolated leapfrog": Leapfrog(damper_extrapolation=0.5),
+    "rk4": RK4(),
+    "rkc2": RKC2(),
+    "linearly implicit euler": LinearlyImplicitEuler(iterations=5),
+}
+
+
+def scene(**options) -> Simulation:
+    """Return a simulation of all that a checkpoint must hold: what yields, moves, and changes."""
+    block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).rotate(0.3, (1, 0, 0))
+    block = block.translate((0, 0, 0.3)).replace(yield_strain=0.05)
+    ball = Sphere((0, 0, -0.4), 0.5, motion=lambda t: (0, 0, 0.1 * np.sin(9 * t)))
+    return Simulation(
+        block,
+        colliders=[Plane(), ball],
+        schedule=[at(0.1, stiffness=lambda k: 2 * k), at(0.4, mass=0.02)],
+        **options,
+    )
+
+
+def assert_same(a: Simulation, b: Simulation) -> None:
+    assert a.time == b.time
+    for one, other in zip(a.frame(), b.frame(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    for name in ("rest_length", "original_length", "stiffness", "mass"):
+        np.testing.assert_array_equal(getattr(a.snapshot(), name), getattr(b.snapshot(), name))
+
+
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
+@pytest.mark.parametrize("integrator", INTEGRATORS.values(), ids=INTEGRATORS)
+def test_it_goes_on_as_if_it_had_never_stopped(device, integrator, precision):
+    options = {"integrator": integrator, "precision": precision, "device": device}
+    whole = scene(**options)
+    if device.startswith("cuda") and whole.model.route == "scatter":
+        pytest.skip("scattered sums on the GPU are not repeatable")
+    whole.step(15)
+    checkpoint = whole.checkpoint()
+    whole.step(15)
+    resumed = scene(**options)
+    resumed.restore(*checkpoint)
+    resumed.step(15)
+    assert_same(resumed, whole)
+
+
+def test_it_goes_back_too():
+    simulation, twin = scene(device="cpu"), scene(device="cpu")
+    simulation.step(3)
+    checkpoint = simulation.checkpoint()
+    simulation.step(9)
+    simulation.restore(*checkpoint)
+    twin.step(3)
+    assert_same(simulation, twin)
+    simulation.step(4)
+    twin.step(4)
+    assert_same(simulation, twin)
+
+
+def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
+    simulation, twin = scene(device="cpu"), scene(device="cpu")
+    for each in (simulation, twin):
+        each.step(2)
+    arrays, numbers = simulation.checkpoint()
+    other = Simulation(box((2, 2, 2)), device="cpu").checkpoint()
+    with pytest.raises(ValueError, match="another system"):
+        simulation.restore(*other)
+    with pytest.raises(ValueError, match=r"checkpoint holds x .*float64"):
+        simulation.restore(*scene(device="cpu", precision="float64").checkpoint())
+    with pytest.raises(ValueError, match=r"checkpoint lacks 'carried\.0'"):
+        scene(device="cpu", integrator=msd.Leapfrog(damper_extrapolation=0.5)).restore(arrays, numbers)
+    with pytest.raises(ValueError, match="checkpoint lacks 'substeps'"):
+        simulation.restore(arrays, {k: v for k, v in numbers.items() if k != "substeps"})
+    for each in (simulation, twin):
+        each.step(2)
+    assert_same(simulation, twin)
