@@ -11,11 +11,16 @@ from .integrators import (
     LinearlyImplicitEuler,
     SymplecticEuler,
 )
+from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .measure import Measures
+from .meshes import from_mesh
+from .outlines import cloth
 from .render import Renderer
 from .scene import Look, Scene
-from .shapes import box, chain, sheet
+from .schedule import at
+from .shapes import box, chain, lattice, sheet
 from .simulation import Frame, Simulation
+from .solids import ball, cone, cylinder
 from .stability import UnstableStep, stability_limit
 from .surface import Surface
 from .system import System
@@ -24,8 +29,13 @@ from .watch import SimulationDiverged
 __version__ = "0.1.0"
 
 __all__ = [
+    "COTTON",
+    "FOAM",
+    "JELLY",
     "RK4",
     "RKC2",
+    "RUBBER",
+    "STEEL_WIRE",
     "Box",
     "Capsule",
     "Cone",
@@ -36,6 +46,7 @@ __all__ = [
     "Leapfrog",
     "LinearlyImplicitEuler",
     "Look",
+    "Material",
     "Measures",
     "Plane",
     "QuadraticDamper",
@@ -48,8 +59,15 @@ __all__ = [
     "SymplecticEuler",
     "System",
     "UnstableStep",
+    "at",
+    "ball",
     "box",
     "chain",
+    "cloth",
+    "cone",
+    "cylinder",
+    "from_mesh",
+    "lattice",
     "sheet",
     "stability_limit",
 ]

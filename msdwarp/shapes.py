@@ -1,51 +1,61 @@
 """Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
 
-import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
+from .grid import (
+    cell_shares,
+    count_pieces,
+    first_loose,
+    grid_surface,
+    lattice_connections,
+    lattice_directions,
+    longest_extent,
+    whole_cells,
+)
+from .materials import Material
 from .system import Surface, System
 
 
-def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:
-    """Return the steps from a lattice point to half of its neighbours, by name.
+class _Stuff(NamedTuple):
+    """What a lattice is made of: a material, or constants."""
 
-    Axes come first, then face diagonals, then space diagonals: by length, as in the report. Without
-    `diagonals` there are `dim` of them, with them (3^dim − 1)/2. The name of (1, −1, 0) is "x-y".
-    """
-    steps = [step for step in itertools.product((1, 0, -1), repeat=dim) if step > (0,) * dim]
-    steps.sort(key=lambda step: (sum(map(abs, step)), tuple(-s for s in step)))
-    named = {}
-    for step in steps[: None if diagonals else dim]:
-        parts = (("+" if s > 0 else "-") + axis for axis, s in zip("xyz", step, strict=False) if s)
-        named["".join(parts).removeprefix("+")] = step
-    return named
+    constants: dict[str, ArrayLike]
+    material: Material | None = None
+    section: float = 1.0
+    """Cross section of a chain [m²], thickness of a sheet [m]; 1 if it is solid."""
 
 
-def lattice_connections(
-    shape: Sequence[int], directions: dict[str, tuple[int, ...]]
-) -> tuple[NDArray[np.int32], dict[str, slice]]:
-    """Join every lattice point with its neighbour in each direction, direction after direction.
-
-    Returns the connections, shape [connection_count, 2], and the slice of each direction.
-    """
-    index = np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1])  # z, y, x
-    ends = {}
-    for name, step in directions.items():
-        here = tuple(slice(max(0, -s), min(n, n - s)) for s, n in zip(step, shape, strict=True))
-        there = tuple(slice(max(0, s), min(n, n + s)) for s, n in zip(step, shape, strict=True))
-        ends[name] = index[here[::-1]], index[there[::-1]]
-    connections = np.empty((sum(first.size for first, _ in ends.values()), 2), dtype=np.int32)
-    slices, start = {}, 0
-    for name, (first, second) in ends.items():
-        slices[name] = slice(start, start + first.size)
-        start += first.size
-        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written where it belongs
-        pairs[..., 0], pairs[..., 1] = first, second
-    return connections, slices
+def _stuff(
+    material: Material | None,
+    mass: ArrayLike | None,
+    stiffness: ArrayLike | None,
+    damping: ArrayLike | None,
+    **section: float | None,
+) -> _Stuff:
+    """Return what a lattice is made of; raise ValueError if that is given twice or in part."""
+    named = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {name: value for name, value in named.items() if value is not None}
+    if material is None:
+        for name, value in section.items():
+            if value is not None:
+                raise ValueError(f"{name} is {value!r}; without a material it must be left out")
+        return _Stuff(constants)
+    if not isinstance(material, Material):
+        raise ValueError(f"material is {material!r}; it must be a Material, such as msdwarp.RUBBER")
+    if constants:
+        name, value = next(iter(constants.items()))
+        raise ValueError(f"{name} is {value!r}; with a material, which determines it, it must be left out")
+    size = 1.0
+    for name, value in section.items():
+        if value is None:
+            raise ValueError(f"{name} is None; with a material it must be a number above 0")
+        size *= checks.positive(name, value)
+    return _Stuff({}, material, size)
 
 
 def _lattice(
@@ -54,19 +64,27 @@ def _lattice(
     diagonals: bool,
     dim: int,
     surface: Surface | None,
-    mass: ArrayLike,
-    stiffness: ArrayLike,
-    damping: ArrayLike,
+    stuff: _Stuff,
+    mask: NDArray[np.bool_] | None = None,
 ) -> System:
-    """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates."""
+    """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates.
+
+    With a mask, shape [nx, ny, nz], only where it is True.
+    """
     spacing = checks.positive("spacing", spacing)
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
     position = np.zeros((*shape[::-1], dim))  # z, y, x
     for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
         position[..., k] = coordinates
-    position = position.reshape(-1, dim)
+    position = position.reshape(-1, dim) if mask is None else position[mask.T]
     directions = lattice_directions(len(shape), diagonals=diagonals)
-    connections, slices = lattice_connections(shape, directions)
+    # A material fills whole cells: what joins particles across a gap between them is not of it.
+    whole = None if stuff.material is None or mask is None else whole_cells(mask)
+    if mask is not None and whole is not None:
+        _check_no_loose_particle(mask, whole)
+    connections, slices = lattice_connections(shape, directions, mask, whole)
+    if mask is not None:
+        _check_one_piece(mask, connections)
     rest_length = np.empty(len(connections))
     for name, step in directions.items():
         rest_length[slices[name]] = spacing * np.sqrt(sum(map(abs, step)))  # exactly 1, √2 or √3 spacings
@@ -80,7 +98,29 @@ def _lattice(
         surface=surface,
         directions=(slices,),
     )
-    return lattice.replace(mass=mass, stiffness=stiffness, damping=damping)
+    if stuff.material is None:
+        return lattice.replace(**stuff.constants)
+    mask = np.ones(shape, dtype=bool) if mask is None else mask
+    return lattice.replace(**_constants_of(stuff.material, stuff.section, mask, spacing, diagonals))
+
+
+def _constants_of(
+    material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
+) -> dict[str, NDArray[np.float64]]:
+    """Return mass, stiffness and damping of a lattice of a material, each cell's share by share."""
+    whole = whole_cells(mask)
+    by_axes = material.cell_stiffness(mask.ndim, spacing, section, diagonals=diagonals)
+    stiffness = np.concatenate(
+        [
+            by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step)
+            for step in lattice_directions(mask.ndim, diagonals=diagonals).values()
+        ]
+    )
+    return {
+        "mass": material.cell_mass(mask.ndim, spacing, section) * cell_shares(whole, (0,) * mask.ndim),
+        "stiffness": stiffness,
+        "damping": material.damping_time(spacing * longest_extent(mask)) * stiffness,
+    }
 
 
 def _check_shape(shape: Sequence[int], axes: int) -> None:
@@ -95,9 +135,11 @@ def chain(
     count: int,
     spacing: float = 1.0,
     *,
-    mass: ArrayLike = 1.0,
-    stiffness: ArrayLike = 1000.0,
-    damping: ArrayLike = 0.0,
+    material: Material | None = None,
+    area: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
     dim: int = 3,
 ) -> System:
     """Return `count` particles in a row along x, each joined with the next.
@@ -108,8 +150,12 @@ def chain(
         Number of particles, at least 2.
     spacing
         Distance of neighbours and rest length [m].
+    material
+        What it is made of, in place of the three that follow; see `Material`.
+    area
+        Cross section [m²], if there is a material.
     mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`.
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     dim
         Number of coordinates: 1, 2 or 3.
 
@@ -120,7 +166,7 @@ def chain(
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
-    return _lattice((count,), spacing, False, dim, None, mass, stiffness, damping)
+    return _lattice((count,), spacing, False, dim, None, _stuff(material, mass, stiffness, damping, area=area))
 
 
 def sheet(
@@ -128,9 +174,11 @@ def sheet(
     spacing: float = 1.0,
     *,
     neighbours: int = 8,
-    mass: ArrayLike = 1.0,
-    stiffness: ArrayLike = 1000.0,
-    damping: ArrayLike = 0.0,
+    material: Material | None = None,
+    thickness: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
     dim: int = 3,
 ) -> System:
     """Return a rectangular sheet of particles in the x-y plane.
@@ -144,8 +192,12 @@ def sheet(
     neighbours
         4 joins neighbours along the axes (such a sheet collapses by shearing: report fig. 7); 8 adds the
         diagonals (fig. 8).
+    material
+        What it is made of, in place of the three that follow; see `Material`.
+    thickness
+        Thickness [m], if there is a material.
     mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`.
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     dim
         Number of coordinates: 2 or 3.
 
@@ -157,10 +209,8 @@ def sheet(
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
     _check_shape(shape, 2)
-    index = np.arange(np.prod(shape)).reshape(shape[::-1])
-    particle, uv, triangles = _grid_face(index.T)
-    surface = Surface(particle=particle, uv=uv, triangles=triangles)
-    return _lattice(shape, spacing, neighbours == 8, dim, surface, mass, stiffness, damping)
+    stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
+    return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff)
 
 
 def box(
@@ -168,9 +218,10 @@ def box(
     spacing: float = 1.0,
     *,
     neighbours: int = 26,
-    mass: ArrayLike = 1.0,
-    stiffness: ArrayLike = 1000.0,
-    damping: ArrayLike = 0.0,
+    material: Material | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
 ) -> System:
     """Return a solid block of particles.
 
@@ -186,8 +237,10 @@ def box(
     neighbours
         6 joins neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals
         of faces and cells.
+    material
+        What it is made of, in place of the three that follow; see `Material`.
     mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`.
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
 
     Raises
     ------
@@ -196,40 +249,104 @@ def box(
     """
     checks.one_of("neighbours", neighbours, (6, 26))
     _check_shape(shape, 3)
-    return _lattice(shape, spacing, neighbours == 26, 3, _box_surface(shape), mass, stiffness, damping)
+    stuff = _stuff(material, mass, stiffness, damping)
+    return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), stuff)
 
 
-def _grid_face(index: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Return (particle, uv, triangles) of a grid of particles [a, b], facing a × b."""
-    a, b = index.shape
-    vertex = np.arange(a * b).reshape(a, b)
-    corner, along_a, along_b, across = vertex[:-1, :-1], vertex[1:, :-1], vertex[:-1, 1:], vertex[1:, 1:]
-    triangles = np.concatenate(
-        [
-            np.stack([corner, along_a, across], axis=-1).reshape(-1, 3),
-            np.stack([corner, across, along_b], axis=-1).reshape(-1, 3),
-        ]
-    )
-    u, v = np.meshgrid(np.linspace(0, 1, a), np.linspace(0, 1, b), indexing="ij")
-    return index.ravel(), np.stack([u.ravel(), v.ravel()], axis=1), triangles
+def lattice(
+    mask: ArrayLike,
+    spacing: float = 1.0,
+    *,
+    neighbours: int | None = None,
+    material: Material | None = None,
+    thickness: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    dim: int | None = None,
+    surface: Surface | None = None,
+) -> System:
+    """Return a body of any form, cut from a lattice.
+
+    Particles are numbered x fastest, then y, then z, without gaps. The centre of the whole mask is the
+    origin, whichever of its points are particles.
+
+    Parameters
+    ----------
+    mask
+        Which points of the lattice are particles: bool, shape [nx, ny, nz] for a solid body, [nx, ny] for
+        a sheet in the x-y plane.
+    spacing
+        Distance of neighbours along an axis [m].
+    neighbours
+        26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
+    material
+        What it is made of, in place of the three that follow; see `Material`. It fills the
+        whole cells, those with particles at all corners: every particle must be at one, and particles that
+        have none in common are not joined.
+    thickness
+        Thickness of a sheet [m], if there is a material.
+    mass, stiffness, damping
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    dim
+        Number of coordinates: 3, or 2 for a sheet; by default 3.
+    surface
+        The triangles that are drawn. By default the squares around the whole cells, those with particles
+        at all corners, each of the six directions in the tile of the texture that it has for `box`; for a
+        sheet its whole cells, facing up. There is none if no cell is whole.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, a particle is joined with no other, or the body is in pieces.
+    """
+    try:
+        points = np.array(mask)
+    except ValueError as error:
+        raise ValueError(f"mask must be an array of True and False, not {mask!r}") from error
+    if points.dtype != bool or points.ndim not in (2, 3):
+        raise ValueError(
+            f"mask has shape {points.shape} and type {points.dtype}; "
+            "it must hold True and False in the shape (nx, ny) or (nx, ny, nz)"
+        )
+    if not points.any():
+        raise ValueError("mask is False everywhere; it must have at least two particles")
+    axes = points.ndim
+    allowed = {2: (8, 4), 3: (26, 6)}[axes]
+    neighbours = allowed[0] if neighbours is None else neighbours
+    checks.one_of("neighbours", neighbours, allowed)
+    dim = 3 if dim is None else dim
+    checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
+    if axes == 2:
+        stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
+    else:
+        stuff = _stuff(material, mass, stiffness, damping)
+        if thickness is not None:
+            raise ValueError(f"thickness is {thickness!r}; for a solid body it must be left out")
+    surface = grid_surface(points.shape, points) if surface is None else surface
+    return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points)
 
 
-def _box_surface(shape: tuple[int, int, int]) -> Surface:
-    """Return the six faces of a box, facing outwards, each in its tile of the texture."""
-    index = np.arange(np.prod(shape)).reshape(shape[::-1]).transpose(2, 1, 0)  # x, y, z
-    faces = (
-        index[0].T,  # −x: spanned by z × y
-        index[-1],  # +x: y × z
-        index[:, 0],  # −y: x × z
-        index[:, -1].T,  # +y: z × x
-        index[:, :, 0].T,  # −z: y × x
-        index[:, :, -1],  # +z: x × y
-    )
-    particles, uvs, triangles, vertices = [], [], [], 0
-    for k, face in enumerate(faces):
-        particle, uv, triangle = _grid_face(face)
-        particles.append(particle)
-        uvs.append((uv + np.array([k % 3, k // 3])) / (3, 2))
-        triangles.append(triangle + vertices)
-        vertices += len(particle)
-    return Surface(particle=np.concatenate(particles), uv=np.concatenate(uvs), triangles=np.concatenate(triangles))
+def _check_no_loose_particle(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> None:
+    """Check that every particle of a mask is a corner of a whole cell."""
+    loose = first_loose(mask, whole)
+    if loose is not None:
+        raise ValueError(
+            f"mask{list(loose)} is True, but it is a corner of no whole cell; a material fills whole cells"
+        )
+
+
+def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:
+    """Check that connections join all the particles of a mask."""
+    joined = np.zeros(np.count_nonzero(mask), dtype=bool)
+    joined[connections] = True
+    if not joined.all():
+        alone = np.argwhere(mask.T)[np.argmin(joined)][::-1].tolist()
+        raise ValueError(
+            f"mask{alone} is True, but none of its neighbours is; every particle must be joined with another"
+        )
+    pieces = count_pieces(len(joined), connections)
+    if pieces > 1:
+        raise ValueError(
+            f"mask is {pieces} pieces that no connection joins; it must be one (systems can be added)"
+        )

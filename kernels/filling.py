@@ -1,0 +1,18 @@
+"""Filling: which points are inside a closed surface of triangles."""
+
+import warp as wp
+
+from .basis import kernel
+
+
+@kernel
+def find_inside(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, inside: wp.array(dtype=wp.bool)):
+    """Find whether the surface winds around each point.
+
+    The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
+    outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
+    winding numbers"); no point is further than `reach` from the surface.
+    """
+    i = wp.tid()
+    found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)
+    inside[i] = found.result and found.sign < 0.0
