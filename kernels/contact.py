@@ -53,7 +53,9 @@ def contact_response(dim: int, scalar: type, rule: str):
         if wp.static(coulomb):
             speed = wp.length(v_t)
             loss = friction * (v_n_after - v_n)
-            if loss < (scalar(1.0) - tangential_factor) * speed:
+            if loss <= scalar(0.0):  # whatever the speed: the way that it has come is not taken back either
+                share = scalar(1.0)
+            elif loss < (scalar(1.0) - tangential_factor) * speed:
                 share = scalar(1.0) - loss / speed
         return share * v_t + v_n_after * normal, share
 
@@ -169,9 +171,9 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
             for k in range(wp.static(dim)):
                 normal[k] = found[k]
             normal = turn * normal
-            u = obstacles.turning[n + 1, p] * y + obstacles.speed[n + 1, p]
-            # Where it was, and how fast, as seen from the obstacle.
+            # Where it was, and the speeds of that place, as given by the obstacle.
             y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
             u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
             start = turn * y_old + shift
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)

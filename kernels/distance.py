@@ -14,7 +14,7 @@ KINDS = ("Plane", "Sphere", "Box", "Capsule", "Cone")
 def solids(dim: int, scalar: type):
     """Compose the struct of what describes solids, by their numbers.
 
-    Plane: a is the normal, b a point of it. Sphere: centre a, `radius`. Box: centre a, half edges b along the
+    Plane: normal a, and its offset as `radius`. Sphere: centre a, `radius`. Box: centre a, half edges b along the
     columns of `axes`. Capsule: from a to b, `radius`. Cone: apex a, middle of the base b, `radius` of the base.
     """
     V, Axes = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
@@ -63,7 +63,8 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
 
     @wp.func
     def plane(s: Solids, p: int, x: V) -> Result:
-        return result(s.a[p], wp.dot(x - s.b[p], s.a[p]))
+        normal = s.a[p]
+        return result(normal, wp.dot(x, normal) - s.radius[p])
 
     @wp.func
     def sphere(s: Solids, p: int, x: V) -> Result:

@@ -13,25 +13,67 @@ def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), po
 
 
 @kernel
-def add_face_normals(
-    points: wp.array(dtype=wp.vec3), triangles: wp.array(dtype=wp.vec3i), normals: wp.array(dtype=wp.vec3)
+def place_mixtures(
+    x: wp.array(dtype=wp.vec3),
+    particle: wp.array2d(dtype=int),
+    weights: wp.array2d(dtype=float),
+    points: wp.array(dtype=wp.vec3),
 ):
-    """Add each triangle's normal, weighted by its area, to its three vertices."""
+    """Put every surface vertex at the weighted sum of its particles."""
+    i = wp.tid()
+    point = wp.vec3()
+    for k in range(particle.shape[1]):
+        point += weights[i, k] * x[particle[i, k]]
+    points[i] = point
+
+
+@kernel
+def add_face_normals(
+    points: wp.array(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    normal_of: wp.array(dtype=int),
+    sums: wp.array(dtype=wp.vec3),
+):
+    """Add each triangle's normal, weighted by its area, at the vertices whose normals its corners take."""
     t = wp.tid()
     a = triangles[t][0]
     b = triangles[t][1]
     c = triangles[t][2]
     normal = wp.cross(points[b] - points[a], points[c] - points[a])
-    wp.atomic_add(normals, a, normal)
-    wp.atomic_add(normals, b, normal)
-    wp.atomic_add(normals, c, normal)
+    wp.atomic_add(sums, normal_of[a], normal)
+    wp.atomic_add(sums, normal_of[b], normal)
+    wp.atomic_add(sums, normal_of[c], normal)
 
 
 @kernel
-def normalise(normals: wp.array(dtype=wp.vec3)):
-    """Give every normal unit length."""
+def take_normals(sums: wp.array(dtype=wp.vec3), normal_of: wp.array(dtype=int), normals: wp.array(dtype=wp.vec3)):
+    """Give every vertex the unit normal of the vertex that it shares it with."""
     i = wp.tid()
-    normals[i] = wp.normalize(normals[i])
+    normals[i] = wp.normalize(sums[normal_of[i]])
+
+
+@kernel
+def place_balls(
+    x: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), radius: float, points: wp.array(dtype=wp.vec3)
+):
+    """Put a ball, given by the directions from its middle to its vertices, at every particle."""
+    p, k = wp.tid()
+    points[p * directions.shape[0] + k] = x[p] + radius * directions[k]
+
+
+@kernel
+def place_rigid(
+    given_points: wp.array(dtype=wp.vec3),
+    given_normals: wp.array(dtype=wp.vec3),
+    turn: wp.mat33,
+    shift: wp.vec3,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+):
+    """Turn and shift a mesh as one."""
+    i = wp.tid()
+    points[i] = turn * given_points[i] + shift
+    normals[i] = turn * given_normals[i]
 
 
 @wp.func

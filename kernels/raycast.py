@@ -15,7 +15,6 @@ class Body:
     uv: wp.array(dtype=wp.vec2)
     texture: wp.array2d(dtype=wp.vec3)
     textured: int
-    smooth: int
     gloss: float
 
 
@@ -41,6 +40,8 @@ class Surroundings:
     head: float
     shadow: float
     has_ground: int
+    below: float
+    """What is further below the ground is not seen [m]."""
     ground: wp.array2d(dtype=wp.vec3)
     ground_centre: wp.vec3
     ground_normal: wp.vec3
@@ -74,9 +75,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     j = wp.mesh_get_index(body.mesh, 3 * hit.face + 1)
     k = wp.mesh_get_index(body.mesh, 3 * hit.face + 2)
     w = 1.0 - hit.u - hit.v
-    normal = hit.normal
-    if body.smooth == 1:
-        normal = wp.normalize(hit.u * body.normals[i] + hit.v * body.normals[j] + w * body.normals[k])
+    normal = wp.normalize(hit.u * body.normals[i] + hit.v * body.normals[j] + w * body.normals[k])
     if wp.dot(normal, ray) > 0.0:
         normal = -normal
     colour = hit.u * body.colours[i] + hit.v * body.colours[j] + w * body.colours[k]
@@ -100,11 +99,17 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
 
 
 @wp.func
+def height(view: Surroundings, spot: wp.vec3) -> float:
+    """Return how far a point is above the ground [m]."""
+    return wp.dot(spot - view.ground_centre, view.ground_normal)
+
+
+@wp.func
 def seen(body: Body, view: Surroundings, column: float, row: float) -> wp.vec3:
     """Return the colour at a point of the picture, given in pixels from its upper left corner."""
     ray = wp.normalize(view.corner + column * view.across + row * view.down)
     hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
-    if hit.result:
+    if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
         return seen_body(body, view, hit, ray)
     slope = wp.dot(ray, view.ground_normal)
     if view.has_ground == 1 and slope < 0.0:

@@ -78,7 +78,7 @@ class Collider:
         Raises
         ------
         ValueError
-            If `motion` returns neither a displacement nor a pair, or what is not finite.
+            If `motion` returns neither a displacement nor a pair, or one that is not finite.
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
@@ -86,10 +86,9 @@ class Collider:
         # A displacement in 2-D may be a pair too, of numbers.
         turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
         displacement, turn = given if turned else (given, None)
-        shift = checks.broadcast(f"motion({time:g})", displacement, (dim,))
-        matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of motion({time:g})")
-        if not (np.isfinite(shift).all() and np.isfinite(matrix).all()):
-            raise ValueError(f"motion({time:g}) is {given!r}; it must be finite")
+        name = f"motion({time:g})"
+        shift = _vector(name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim)
+        matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of {name}")
         centre = self.centre(dim)
         return matrix, shift + centre - matrix @ centre
 
@@ -132,9 +131,8 @@ class Plane(Collider):
         return _wrong_length("normal", self.normal, dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the normal as a and a point of the plane as b."""
-        normal = self.unit_normal(dim)
-        return {"a": normal, "b": self.offset * normal}
+        """Return the normal as a, and the offset in place of a radius."""
+        return {"a": self.unit_normal(dim), "radius": self.offset}
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the point of the plane next to the origin [m]."""
@@ -180,7 +178,7 @@ class Sphere(Collider):
 
 @dataclass(frozen=True)
 class Box(Collider):
-    """A solid block.
+    """A solid block. One that stands on a plane must reach below it: what slides there would come in from beneath.
 
     Parameters
     ----------
@@ -255,6 +253,8 @@ class Capsule(Collider):
 
     def fits(self, dim: int) -> str | None:
         """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        if dim == 1:
+            return f"start is {self.start}; a capsule needs at least 2 coordinates: in one a Box is the same"
         return _wrong_length("start", self.start, dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
@@ -268,7 +268,7 @@ class Capsule(Collider):
 
 @dataclass(frozen=True)
 class Cone(Collider):
-    """A solid cone with a flat base; in two dimensions a triangle.
+    """A solid cone with a flat base; in two dimensions a triangle. On a plane it is as with a `Box`.
 
     Parameters
     ----------
@@ -299,7 +299,9 @@ class Cone(Collider):
 
     def fits(self, dim: int) -> str | None:
         """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        return "a cone needs at least 2 coordinates" if dim == 1 else _wrong_length("apex", self.apex, dim)
+        if dim == 1:
+            return f"apex is {self.apex}; a cone needs at least 2 coordinates"
+        return _wrong_length("apex", self.apex, dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return the apex as a and the middle of the base as b."""
@@ -312,15 +314,25 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If it has another shape.
+        If it has another shape or is not finite.
     """
     if dim == 1:
         raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
     if dim == 2:
-        return rotation_matrix(2, float(checks.broadcast(name, turn, ())))
-    vector = checks.broadcast(name, turn, (3,))
+        angle: Any = [turn]
+        return rotation_matrix(2, float(_vector(name, angle, 1)[0]))
+    vector = _vector(name, turn, 3)
     angle = float(np.linalg.norm(vector))
     return rotation_matrix(3, angle, vector) if angle else np.eye(3)
+
+
+def _vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Return so many finite numbers as an array; raise ValueError if it is anything else."""
+    vector = checks.array(name, value)
+    if vector.shape != (count,) or not np.isfinite(vector).all():
+        numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise ValueError(f"{name} is {value!r}; it must be {numbers}")
+    return vector
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, ...]:

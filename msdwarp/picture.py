@@ -1,5 +1,6 @@
 """What both renderers share: the triangles that follow the particles, the camera, the light, the ground."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -8,17 +9,21 @@ import warp as wp
 from numpy.typing import NDArray
 
 from . import checks
-from .kernels import drawing
+from .obstacles import extent, meshes
+from .parts import Balls, Obstacle, Part, Skin, Tubes
 from .scene import Look, Scene, rgb
+from .textures import atlas, plain
 
 COLOURINGS = ("texture", "strain")
 
 # The light: a key light from the upper left behind the camera, and a weaker one at the camera.
-AMBIENT, KEY, HEAD = 0.34, 0.52, 0.30
+AMBIENT, KEY, HEAD = 0.40, 0.49, 0.30
 SHADOW = 0.66
 """Brightness of the ground in shadow over that in light."""
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
+MOST_BALLS = 200
+"""Particles of the largest system whose particles are drawn as balls unless the look says otherwise."""
 
 
 def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
@@ -34,69 +39,102 @@ def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
 
 
 class Drawing:
-    """Triangles that follow the particles, on the CPU or another device.
+    """Triangles that follow the particles and the colliders, on the CPU or another device.
 
     The surface of the system, or, where `colouring` is "strain" or there is no surface, a tube along each
-    connection. `points`, `normals` and `colours` are float32 of shape [vertex_count, 3].
+    connection and, in small systems, a ball at each particle; behind them the solid colliders. `points`,
+    `normals` and `colours` are float32 of shape [vertex_count, 3].
     """
 
     def __init__(self, scene: Scene, colouring: str, device: str = "cpu") -> None:
         checks.one_of("colour", colouring, COLOURINGS)
         system, look = scene.system, scene.look
         self.strained = colouring == "strain" or system.surface is None
+        self.gloss = 0.0 if self.strained else look.gloss
         self.device = device
-        self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
-        if self.strained:
-            self._full_strain = look.full_strain
-            self._radius = 0.045 * float(np.median(system.rest_length))
-            self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
-            self._rest_length = wp.array(system.rest_length, dtype=float, device=device)
-            vertices = 6 * system.connection_count
-            side = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 0, 5], [5, 0, 1]])
-            first = 6 * np.arange(system.connection_count)[:, None, None]
-            self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
-            self.uv = np.zeros((vertices, 2), dtype=np.float32)
-            self.texture = None
-            self.smooth = True
-            self.gloss = 0.0
-        else:
-            assert system.surface is not None
-            vertices = len(system.surface.particle)
-            self._particle = wp.array(system.surface.particle, dtype=int, device=device)
-            self.triangles = system.surface.triangles
-            self._triangles = wp.array(self.triangles, dtype=wp.vec3i, device=device)
-            self.uv = system.surface.uv.astype(np.float32)
-            self.texture = look.texture
-            self.smooth = look.smooth
-            self.gloss = look.gloss
-        self.points = wp.zeros(vertices, dtype=wp.vec3, device=device)
-        self.normals = wp.zeros(vertices, dtype=wp.vec3, device=device)
-        colour = (1.0, 1.0, 1.0) if self.texture is not None else rgb("colour", look.colour)
-        self.colours = wp.full(vertices, wp.vec3(*colour), dtype=wp.vec3, device=device)
+        body = self._body_of(scene)
+        colour = np.array(rgb("obstacle", look.obstacle))
+        obstacles = [(one, Obstacle(one, mesh, system.dim, colour, device)) for one, mesh in meshes(scene)]
 
-    def follow(self, position: NDArray) -> None:
-        """Move to particle positions [m] of shape [particle_count, d]."""
-        self._x.assign(in_space(position))
-        if self.strained:
-            wp.launch(
-                drawing.place_tubes,
-                dim=len(self._connections),
-                inputs=[self._x, self._connections, self._rest_length, self._radius, self._full_strain],
-                outputs=[self.points, self.normals, self.colours],
-                device=self.device,
-            )
-            return
-        vertices = len(self.points)
-        wp.launch(drawing.place_vertices, vertices, [self._x, self._particle], [self.points], device=self.device)
-        self.normals.zero_()
-        wp.launch(
-            drawing.add_face_normals,
-            len(self.triangles),
-            [self.points, self._triangles],
-            [self.normals],
-            device=self.device,
+        parts = [*body, *(part for _, part in obstacles)]
+        self.below = max(part.radius for part in parts)
+        """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
+        counts = [len(part.uv) for part in parts]
+        last = list(itertools.accumulate(counts))
+        first = [0, *last[:-1]]
+        self.triangles = np.concatenate(
+            [part.triangles + np.int32(n) for part, n in zip(parts, first, strict=True)]
         )
-        wp.launch(drawing.normalise, vertices, [self.normals], device=self.device)
+        self.texture, uvs = self._textured(look, parts, len(body))
+        self.uv = np.concatenate(uvs).astype(np.float32)
+        paint = [np.broadcast_to(part.colour, (n, 3)) for part, n in zip(parts, counts, strict=True)]
+        paint = np.ones((last[-1], 3)) if self.texture is not None else np.concatenate(paint)
+        self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
+        self.points = wp.zeros(last[-1], dtype=wp.vec3, device=device)
+        self.normals = wp.zeros(last[-1], dtype=wp.vec3, device=device)
+        self.colours = wp.array(paint, dtype=wp.vec3, device=device)
+        arrays = (self.points, self.normals, self.colours)
+        placed = [(part, [a[m:n] for a in arrays]) for part, m, n in zip(parts, first, last, strict=True)]
+        self._body = placed[: len(body)]
+        self._moving = [
+            place for (one, _), place in zip(obstacles, placed[len(body) :], strict=True) if one.motion is not None
+        ]
+        for part, own in placed[len(body) :]:
+            part.place(self._x, 0.0, *own)
+
+    def _body_of(self, scene: Scene) -> list[Part]:
+        """Return the parts that follow the particles."""
+        system, look = scene.system, scene.look
+        if not self.strained:
+            assert system.surface is not None
+            return [Skin(system.surface, np.array(rgb("colour", look.colour)), look.smooth, self.device)]
+        body: list[Part] = [Tubes(system, look.full_strain, self.device)]
+        few = system.particle_count <= MOST_BALLS
+        if look.particles or (look.particles is None and few):
+            body.append(Balls(system, self.device))
+        return body
+
+    def _textured(self, look: Look, parts: list[Part], body: int) -> tuple[NDArray | None, list[NDArray]]:
+        """Return the texture of all parts, of which the first `body` are the body's, and their coordinates."""
+        uvs = [part.uv for part in parts]
+        if self.strained:
+            return None, uvs
+        if len(parts) == body or (look.texture is None and look.obstacle_texture is None):
+            return look.texture, uvs
+        images = [
+            plain(rgb(name, colour)) if image is None else image
+            for name, image, colour in (
+                ("colour", look.texture, look.colour),
+                ("obstacle", look.obstacle_texture, look.obstacle),
+            )
+        ]
+        texture, moves = atlas(images)
+        return texture, [moves[int(k >= body)](uv) for k, uv in enumerate(uvs)]
+
+    def follow(self, position: NDArray, time: float = 0.0) -> None:
+        """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`."""
+        self._x.assign(in_space(position))
+        for part, own in (*self._body, *self._moving):
+            part.place(self._x, time, *own)
+
+    def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
+        """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
+        for _, (points, *_) in self._body:
+            points.fill_(wp.vec3(*out_of_sight))
+        for part, own in self._moving:
+            part.place(self._x, time, *own)
+
+
+def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
+    """Return what the camera must see: the particles, and what of the solid colliders is not below the ground.
+
+    `positions` are of shape [..., d]; the points [m] returned are of shape [any, 3].
+    """
+    obstacles = extent(scene)
+    if scene.ground is not None:
+        normal = in_space(scene.ground.unit_normal(scene.system.dim), np.float64)
+        obstacles = obstacles - np.minimum(obstacles @ normal - scene.ground.offset, 0.0)[:, None] * normal
+    return np.concatenate([in_space(positions, np.float64).reshape(-1, 3), obstacles])
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +204,7 @@ class Ground:
     def __init__(self, scene: Scene, points: NDArray) -> None:
         plane, look = scene.ground, scene.look
         assert plane is not None
-        self.normal = in_space(plane.unit_normal(scene.system.dim)[None], np.float64)[0]
+        self.normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
         self.centre = centre - (centre @ self.normal - plane.offset) * self.normal
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)

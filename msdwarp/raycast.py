@@ -31,7 +31,6 @@ class RayCaster:
         blank = np.full((1, 1, 3), 255, dtype=np.uint8)
         self._body.texture = _image(blank if drawing.texture is None else drawing.texture, device)
         self._body.textured = int(drawing.texture is not None)
-        self._body.smooth = int(drawing.smooth)
         self._body.gloss = drawing.gloss
 
         view = self._view = raycast.Surroundings()
@@ -42,8 +41,8 @@ class RayCaster:
         view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))
         view.light, view.towards_viewer = wp.vec3(*camera.light), wp.vec3(*-camera.forward)
         view.background = wp.vec3(*rgb("background", look.background))
-        view.ambient, view.key, view.head, view.shadow = AMBIENT, KEY, HEAD, SHADOW
-        view.has_ground = int(ground is not None)
+        view.ambient, view.key, view.head = AMBIENT, KEY, HEAD
+        view.has_ground, view.below = int(ground is not None), drawing.below
         view.ground = _image(blank, device)
         if ground is not None:
             view.ground = _image(ground.texture[::-1], device)
@@ -53,8 +52,9 @@ class RayCaster:
         self._rays = wp.zeros((height, width), dtype=wp.vec3, device=device)
         self._pixels = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
 
-    def draw(self) -> NDArray[np.uint8]:
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        self._view.shadow = SHADOW if shadows else 1.0
         width, height = self._size
         drawing, device = self.drawing, self.drawing.device
         if self._mesh is None:  # made here, since its search tree is as good as the points it is built for

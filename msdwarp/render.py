@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from . import checks
 from .kernels.drawing import halve_over
+from .legend import with_strain_bar
 from .opengl import ADVICE, opengl_window
-from .overlay import with_strain_bar
-from .picture import AMBIENT, HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, in_space
+from .picture import AMBIENT, HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, in_view
 from .raycast import RayCaster
 from .scene import Scene, rgb
 
@@ -24,8 +24,8 @@ from .scene import Scene, rgb
 class Backend(Protocol):
     """Draws one picture of a drawing as it stands."""
 
-    def draw(self) -> NDArray[np.uint8]:
-        """Return the picture, uint8 of shape [height, width, 3]."""
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture, with shadows on the ground or without, uint8 of shape [height, width, 3]."""
         ...
 
 
@@ -37,11 +37,13 @@ class Renderer:
     scene
         What is drawn.
     positions
-        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many.
+        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many. Solid
+        colliders it keeps in view too, wherever they are while the scene lasts.
     resolution
         Width and height in pixels.
     colouring
-        "texture" for the scene's look, "strain" for connections from green (rest) to red (strained).
+        "texture" for the surface as it looks, "strain" for connections from green (rest) to red (strained); by
+        default what the scene's look says.
     backend
         "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
 
@@ -59,18 +61,20 @@ class Renderer:
         positions: NDArray,
         *,
         resolution: tuple[int, int] = (1280, 720),
-        colouring: str = "texture",
+        colouring: str | None = None,
         backend: str = "auto",
     ) -> None:
         checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
         self.width, self.height = (checks.count("resolution", n, 16) for n in resolution)
+        if colouring is None:
+            colouring = "strain" if scene.look.strain else "texture"
         self.drawing = Drawing(scene, colouring)
         self.look = scene.look
         positions, self._shape = np.asarray(positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
         checks.every("positions", positions, np.isfinite(positions), "finite")
-        points = in_space(positions, np.float64).reshape(-1, 3)
+        points = in_view(scene, positions)
         self.camera = Camera.that_sees(points, scene.look, self.width / self.height)
         self.ground = Ground(scene, points) if scene.ground else None
         window = opengl_window()
@@ -84,20 +88,43 @@ class Renderer:
         else:
             self._backend = RayCaster(self.drawing, self.camera, self.ground, self.look, (self.width, self.height))
 
-    def image(self, position: NDArray) -> NDArray[np.uint8]:
+    def image(self, position: NDArray, time: float = 0.0) -> NDArray[np.uint8]:
         """Return the picture of a frame, uint8 of shape [height, width, 3].
+
+        Parameters
+        ----------
+        position
+            Particle positions [m], shape [particle_count, d].
+        time
+            When that is [s]: where moving colliders are drawn.
 
         Raises
         ------
         ValueError
             If `position` is not finite or not of the system's shape.
         """
+        return self.with_legend(self.bare(position, time))
+
+    def bare(self, position: NDArray | None, time: float = 0.0, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of a frame without a legend; without the body where `position` is None.
+
+        Raises
+        ------
+        ValueError
+            If `position` is not finite or not of the system's shape.
+        """
+        if position is None:
+            self.drawing.follow_without_body(self.camera.eye - self.camera.forward, time)
+            return self._backend.draw(shadows=shadows)
         position = np.asarray(position)
         if position.shape != self._shape:
             raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
         checks.every("position", position, np.isfinite(position), "finite")
-        self.drawing.follow(position)
-        image = self._backend.draw()
+        self.drawing.follow(position, time)
+        return self._backend.draw(shadows=shadows)
+
+    def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a picture with the strain bar, where connections are drawn in the colours of their strain."""
         return with_strain_bar(image, self.look) if self.drawing.strained else image
 
 
@@ -124,7 +151,8 @@ class OpenGL:
         red, green, blue = (round(255 * c) for c in rgb("background", renderer.look.background))
         self._backdrop = wp.full(shape, red + (green << 8) + (blue << 16), dtype=wp.uint32, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
-        self._shadow = None
+        self._shadow: Any = None
+        self._shadow_actor: Any = None
         weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
         if self.ground is not None:
@@ -166,10 +194,18 @@ class OpenGL:
         assert self.ground is not None
         shadow = self._triangles(pv)
         shadow.active_texture_coordinates = np.zeros((shadow.n_points, 2), np.float32)
-        self._plotter.add_mesh(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
-        self._along_light = self.camera.light / (self.camera.light @ self.ground.normal)
-        self._lift = 3e-5 * self.ground.half * self.ground.normal
+        actor = self._plotter.add_mesh(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
+        self._only_above_ground(pv, actor, 0.0)
+        # Not quite all the way, so that what is below the ground stays below it and is cut off.
+        self._along_light = (1 - 1e-3) * self.camera.light / (self.camera.light @ self.ground.normal)
+        self._shadow_actor = actor
         return shadow
+
+    def _only_above_ground(self, pv: Any, actor: Any, below: float) -> None:
+        """Cut off what is further below the ground [m]: it is drawn before all else and hides nothing."""
+        assert self.ground is not None
+        origin = self.ground.centre - below * self.ground.normal
+        actor.mapper.AddClippingPlane(pv.generate_plane(self.ground.normal, origin))
 
     def _add_body(self, pv: Any) -> Any:
         drawing, body = self.drawing, self._triangles(pv)
@@ -186,14 +222,16 @@ class OpenGL:
             body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
             style |= {"scalars": "colours", "rgb": True}
         actor = self._plotter.add_mesh(body, **style)
-        actor.prop.interpolation = "Phong" if drawing.smooth else "Flat"
+        actor.prop.interpolation = "Phong"
+        if self.ground is not None:
+            self._only_above_ground(pv, actor, drawing.below)
         return body
 
     def _triangles(self, pv: Any) -> Any:
         points = np.zeros((len(self.drawing.points), 3), np.float32)
         return pv.PolyData.from_regular_faces(points, self.drawing.triangles)
 
-    def draw(self) -> NDArray[np.uint8]:
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
         drawing, body = self.drawing, self._body
         body.GetPoints().Modified()
@@ -203,8 +241,9 @@ class OpenGL:
         points = drawing.points.numpy()
         drawn = [points]
         if self._shadow is not None and self.ground is not None:
+            self._shadow_actor.visibility = shadows
             height = (points - self.ground.centre) @ self.ground.normal
-            landed = points - np.maximum(height, 0.0)[:, None] * self._along_light + self._lift
+            landed = points - height[:, None] * self._along_light
             self._shadow.points[:] = landed
             self._shadow.GetPoints().Modified()
             self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)

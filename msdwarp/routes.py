@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
-from .lattice import Lattice, NotALattice, find_lattice
+from .lattices import Lattice, NotALattice, find_lattice
 from .system import System
 
 ROUTES = ("scatter", "gather", "stencil")

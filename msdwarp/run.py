@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
+from PIL import Image
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -22,6 +23,7 @@ from .opengl import ADVICE
 from .render import Renderer
 from .scene import Scene
 from .simulation import Simulation, frame_count
+from .timelapse import timelapse
 from .watch import SimulationDiverged
 
 
@@ -57,13 +59,15 @@ class Options:
     frames
         Format of the single frames.
     video
-        Format of the film; mp4 needs the extra `video`. With both none it only simulates.
+        Format of the film; mp4 needs the extra `video`. With both none and no overlay it only simulates.
+    overlay
+        Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
     resolution
         Width and height of the pictures in pixels.
     log
         Write energies, momentum and strain of every frame to this CSV file, and a plot beside it.
     colour
-        The scene's look, or connections from green (rest) to red (strained).
+        The surface, or connections from green (rest) to red (strained); by default as the scene looks best.
     force
         Replace an earlier run's results in --out and --log.
     quiet
@@ -87,9 +91,10 @@ class Options:
     out: Path | None = None
     frames: Literal["png", "none"] = "png"
     video: Literal["webp", "mp4", "gif", "none"] = "webp"
+    overlay: int | None = None
     resolution: str = "1280x720"
     log: Path | None = None
-    colour: Literal["texture", "strain"] = "texture"
+    colour: Literal["texture", "strain"] | None = None
     force: Annotated[bool, Parameter(negative=())] = False
     quiet: Annotated[bool, Parameter(negative=())] = False
     verbose: Annotated[bool, Parameter(negative=())] = False
@@ -126,9 +131,15 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     checks.writable_folder("out", folder, folder)
     if force:
         stale = [*folder.glob("frame_[0-9]*.png"), *(folder / f"{name}.{end}" for end in film.FILM_FORMATS)]
+        stale.append(overlay_path(folder / name))
         for path in stale:
             path.unlink(missing_ok=True)
     return folder
+
+
+def overlay_path(target: Path) -> Path:
+    """Return the file of the picture of several poses, beside the film `target`, given without its ending."""
+    return target.with_name(f"{target.name}_overlay.png")
 
 
 def run_scene(name: str, scene: Scene, options: Options) -> None:
@@ -145,6 +156,8 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
     resolution = parse_resolution(options.resolution)
     duration = scene.duration if options.duration is None else options.duration
     count = frame_count(duration, options.fps) + 1
+    if options.overlay is not None and checks.count("overlay", options.overlay, 2) > count:
+        raise ValueError(f"overlay is {options.overlay}; the run has {count} frames, and it must be at most that")
     talk = Console(stderr=True, quiet=options.quiet)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
@@ -160,7 +173,7 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
         route=options.route,
     )
     log = None if options.log is None else EnergyLog(options.log, force=options.force)
-    drawing = not options.frames == options.video == "none"
+    drawing = options.overlay is not None or not options.frames == options.video == "none"
     folder = result_folder(name, options.out, options.force) if drawing else None
     with tempfile.TemporaryDirectory() as scratch, _progress(talk) as progress:
         # Positions wait on disk until all are known, so that one camera can be chosen that sees them all.
@@ -215,18 +228,26 @@ def _draw(
     renderer = Renderer(scene, positions, resolution=resolution, colouring=options.colour)
     if not renderer.uses_opengl:
         progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
-    count, folder, name = len(positions), target.parent, target.name
-    images = map(renderer.image, progress.track(positions, count, description="drawing"))
-    path = film.write(
-        images, count, folder, name=name, fps=options.fps, frames=options.frames, video=options.video
-    )
+    count, folder, drawn, results = len(positions), target.parent, [], []
+    if not options.frames == options.video == "none":
+        shown = progress.track(positions, count, description="drawing")
+        images = (renderer.image(position, k / options.fps) for k, position in enumerate(shown))
+        path = film.write(
+            images, count, folder, name=target.name, fps=options.fps, frames=options.frames, video=options.video
+        )
+        drawn.append(f"{count} frames")
+        if options.frames == "png":
+            results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
+        if path is not None:
+            results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+    if options.overlay is not None:
+        chosen = np.unique(np.linspace(0, count - 1, options.overlay).round().astype(int))
+        path = overlay_path(target)
+        Image.fromarray(timelapse(renderer, positions[chosen], chosen / options.fps)).save(path)
+        drawn.append(f"an overlay of {len(chosen)} poses")
+        results.append(str(path))
     seconds = time.perf_counter() - began
-    results = []
-    if options.frames == "png":
-        results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
-    if path is not None:
-        results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    return f"drew {count} frames in {seconds:.2f} s: " + " and ".join(results)
+    return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
 
 
 def _progress(console: Console) -> Progress:

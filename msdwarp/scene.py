@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import checks
 from .colliders import Collider, Plane
+from .schedule import Change
 from .system import System
 
 
@@ -39,13 +40,21 @@ class Look:
         the horizon.
     background, ground
         Colours of the backdrop and of the ground beneath the body, "#rrggbb".
+    obstacle
+        Colour of the solid colliders, "#rrggbb"; in strain colours even where they have a texture.
+    obstacle_texture
+        An image laid over them as over the body; see `msdwarp.obstacles.mesh_of` for where.
+    strain
+        Draw connections in the colours of their strain, unless a run asks for the look.
     full_strain
         The strain at which a connection is drawn red.
+    particles
+        Draw particles as balls between the connections; None: where there are not too many.
 
     Raises
     ------
     ValueError
-        If a colour, the texture or the full strain is none.
+        If a colour, a texture, the full strain or a choice is none.
     """
 
     colour: str = "#d9603b"
@@ -56,19 +65,32 @@ class Look:
     elevation: float = 16.0
     background: str = "#eef1f4"
     ground: str = "#cfd6dc"
+    obstacle: str = "#c9c3ba"
+    obstacle_texture: NDArray[np.uint8] | None = None
+    strain: bool = False
     full_strain: float = 0.2
+    particles: bool | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        for name in ("colour", "background", "ground"):
+        for name in ("colour", "background", "ground", "obstacle"):
             rgb(name, getattr(self, name))
+        for name in ("texture", "obstacle_texture"):
+            _check_image(name, getattr(self, name))
+        checks.one_of("strain", self.strain, (False, True))
         checks.positive("full_strain", self.full_strain)
-        texture = self.texture
-        if texture is not None and (texture.dtype != np.uint8 or texture.ndim != 3 or texture.shape[2] != 3):
-            raise ValueError(
-                f"texture has shape {texture.shape} and type {texture.dtype}; "
-                "it must be uint8 of shape (height, width, 3)"
-            )
+        checks.one_of("particles", self.particles, (None, False, True))
+
+
+def _check_image(name: str, image: object) -> None:
+    """Raise ValueError unless `image` is None or a picture of some size, uint8 of shape [height, width, 3]."""
+    if image is None:
+        return
+    given = np.asarray(image)
+    if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
+        raise ValueError(
+            f"{name} has shape {given.shape} and type {given.dtype}; it must be uint8 of shape (height, width, 3)"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +109,8 @@ class Scene:
         Simulated time [s].
     look
         How it is drawn.
+    schedule
+        Changes of parameters at set times, made by `msdwarp.at`.
     """
 
     system: System
@@ -94,6 +118,7 @@ class Scene:
     gravity: ArrayLike = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
+    schedule: Sequence[Change] = ()
 
     def __post_init__(self) -> None:
         """Check the arguments."""

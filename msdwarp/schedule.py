@@ -46,7 +46,7 @@ class Change:
             If the group is unknown, or a value is out of its range.
         """
         chosen = self._particles(system)
-        joined = chosen[system.connections].all(axis=1)
+        joined: NDArray[np.bool_] = np.all(chosen[system.connections], axis=1)
         values = dict(self.parameters)
         if self.freeze:
             values["rest_length"] = system.length[joined]
@@ -54,7 +54,7 @@ class Change:
         for name, value in values.items():
             old = getattr(system, name)
             where = chosen if name in OF_PARTICLES else joined
-            new = value(old[where]) if callable(value) else value
+            new: Any = value(old[where]) if callable(value) else value
             fields[name] = new if where.all() else _with(name, old, where, new)
         if "rest_length" in fields and not joined.all():  # what has yielded elsewhere still has
             fields["original_length"] = np.where(joined, fields["rest_length"], system.original_length)

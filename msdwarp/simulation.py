@@ -207,8 +207,9 @@ class Simulation:
             is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
-            while self._due and self._due[0].time <= self.time:
-                self._load(self._due.pop(0).applied_to(self.snapshot()))
+            while self._due and self._due[0].time * self.fps < self.frame_index + 1e-6:  # times may be rounded up
+                self._load(self._due[0].applied_to(self.snapshot()))
+                del self._due[0]  # now that it has been possible
             if self._refresh:
                 self._choose_anew()
             if self._graph is None:

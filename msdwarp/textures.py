@@ -1,8 +1,12 @@
-"""Textures, painted by code: uint8 images of shape [height, width, 3]."""
+"""Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import checks
 from .scene import rgb
 
 BOX_TILES = (3, 2)
@@ -26,6 +30,21 @@ def _on_box(face: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.tile(face, (BOX_TILES[1], BOX_TILES[0], 1))
 
 
+def _faces(images: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return the texture of a box from its faces −x, +x, −y, +y, −z, +z: the first three are the lower row."""
+    return np.concatenate([np.concatenate(images[3:], axis=1), np.concatenate(images[:3], axis=1)])
+
+
+def _shaded(image: NDArray[np.uint8], light: NDArray) -> NDArray[np.uint8]:
+    """Return the image, brightened where light is above 1 and darkened where it is below."""
+    return np.clip(np.round(image * light[..., None]), 0, 255).astype(np.uint8)
+
+
+def _step(distance: NDArray, width: float) -> NDArray:
+    """Return 0 where distance is below 0 and 1 where it is above, blended over a width around it."""
+    return np.clip(distance / width + 0.5, 0, 1)
+
+
 def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray[np.uint8]:
     """Return, for a box, faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
@@ -47,3 +66,279 @@ def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np
     """Return, for a long upright box, faces with `count` rings around it."""
     _, v = _grid(size)
     return _on_box(_mix(0.5 - 0.5 * np.cos(2 * np.pi * count * v), colour, light))
+
+
+PIPS = {
+    1: [(0, 0)],
+    2: [(-1, -1), (1, 1)],
+    3: [(-1, -1), (0, 0), (1, 1)],
+    4: [(-1, -1), (-1, 1), (1, -1), (1, 1)],
+    5: [(-1, -1), (-1, 1), (0, 0), (1, -1), (1, 1)],
+    6: [(-1, -1), (-1, 0), (-1, 1), (1, -1), (1, 0), (1, 1)],
+}
+"""Where the dots of a die's face are: right of and above its middle."""
+DIE = (5, 2, 4, 3, 6, 1)
+"""Dots on the faces −x, +x, −y, +y, −z, +z of a die: opposite ones sum to 7; 1, 2, 3 go round anticlockwise."""
+
+
+def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
+    """Return, for a box, the faces of a die: one to six dots, hollowed out of faces with worn edges."""
+    u, v = (2 * w - 1 for w in _grid(size))
+    # Light on a rounded edge: the face's own, but for a rim.
+    rim = (np.abs(u) ** 12 + np.abs(v) ** 12) ** (1 / 12)
+    face = _shaded(_mix(np.zeros_like(u), colour, dot), 1 - 0.10 * _step(rim - 0.95, 0.1))
+    images = []
+    for count in DIE:
+        image = face
+        for column, row in PIPS[count]:
+            x, y = u - 0.5 * column, v - 0.5 * row
+            hollow = 1 - _step(np.hypot(x, y) - 0.18, 4 / size)
+            bowl = 1 + 0.9 * np.clip((0.6 * x - 0.8 * y) / 0.18, -1, 1)  # its lower wall is lit from above
+            dots = _shaded(_mix(np.ones_like(u), colour, dot), 0.8 + 0.2 * bowl)
+            image = np.where(hollow[..., None] > 0, _over(image, dots, hollow), image)
+        images.append(image)
+    return _faces(images)
+
+
+def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) -> NDArray[np.uint8]:
+    """Return one image laid over another, opaque where share is 1."""
+    return np.round(below + share[..., None] * (above.astype(float) - below)).astype(np.uint8)
+
+
+def weave(warp: str, weft: str, *, count: int = 48, over: int = 2, size: int = 1024) -> NDArray[np.uint8]:
+    """Return cloth seen close: threads both ways, in turn over and under each other.
+
+    Parameters
+    ----------
+    warp, weft
+        Colours of the threads along v and along u, "#rrggbb".
+    count
+        Threads either way; a multiple of twice `over` repeats without a seam.
+    over
+        How many threads each lies on before it dives: 1 for plain weave, 2 for twill with its slanting ribs.
+    size
+        Pixels along an edge.
+    """
+    checks.count("count", count, 1)
+    checks.count("over", over, 1)
+    u, v = _grid(size)
+    place = (np.floor(count * u) + np.floor(count * v)) % (2 * over)
+    warp_above = place < over
+    # A thread is round across, and bends down at the ends of where it is seen.
+    across = 2 * (np.where(warp_above, count * u, count * v) % 1.0) - 1
+    along = 2 * ((place % over + np.where(warp_above, count * v, count * u) % 1.0) / over) - 1
+    light = np.sqrt(1 - 0.8 * across**2) * (1.08 - 0.38 * along**4)
+    return _shaded(_mix(np.where(warp_above, 0.0, 1.0), warp, weft), light)
+
+
+def waffle(
+    colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
+) -> NDArray[np.uint8]:
+    """Return a waffle: square hollows between ridges.
+
+    Parameters
+    ----------
+    colour, groove
+        Of the ridges and of the floor of the hollows, "#rrggbb".
+    counts
+        Hollows along u and v; with `diagonal`, where rows of hollows run slantwise, hollows around and half
+        of those along a ridge. Either way the pattern closes around a cone.
+    diagonal
+        Turn the rows, as on an ice cream cone.
+    size
+        Pixels along an edge.
+    """
+    checks.count("counts[0]", counts[0], 1)
+    checks.count("counts[1]", counts[1], 1)
+    u, v = _grid(size)
+    a, b = counts[0] * u, counts[1] * v
+    lines = (a + b, b - a) if diagonal else (a, b)
+    right, up = (2 * (w % 1.0) - 1 for w in lines)  # −1 … 1 within a hollow
+    edge = np.maximum(np.abs(right), np.abs(up))
+    floor = 1 - _step(edge - 0.68, 0.22)
+    # The walls that fall off from the light, above and to the left, are dark; those facing it are bright.
+    wall = np.exp(-(((edge - 0.68) / 0.11) ** 2))
+    side = np.where(np.abs(right) > np.abs(up), np.sign(right), -np.sign(up))
+    return _shaded(_mix(floor, colour, groove), 1 + 0.22 * wall * side - 0.06 * _step(edge - 0.93, 0.1))
+
+
+def waffle_box(
+    colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), size: int = 512
+) -> NDArray[np.uint8]:
+    """Return, for a flat box, a waffle on its upper and lower face and a crust around.
+
+    See `waffle`; `counts` are hollows along x and y.
+    """
+    upper = waffle(colour, groove, counts=counts, size=size)
+    u, v = _grid(size)
+    crust = [
+        _shaded(_mix(0.75 - 0.75 * np.abs(2 * w - 1) ** 2, colour, groove), np.full_like(w, 0.97))
+        for w in (u, v, v, u)
+    ]
+    return _faces([*crust, waffle(colour, groove, counts=(counts[1], counts[0]), size=size), upper])
+
+
+def ticking(
+    colour: str,
+    stripe: str,
+    *,
+    shape: tuple[float, float, float] = (20.0, 7.0, 2.0),
+    stripes: int = 9,
+    buttons: int = 3,
+    size: int = 512,
+) -> NDArray[np.uint8]:
+    """Return, for a long flat box, a mattress: striped lengthwise, tufted with buttons, piped along its edges.
+
+    Parameters
+    ----------
+    colour, stripe
+        Of the cloth and of its stripes, "#rrggbb".
+    shape
+        Proportions of the box along x, y and z, so that buttons are round.
+    stripes
+        Groups of three stripes across the upper face.
+    buttons
+        Rows of buttons along x.
+    size
+        Pixels along the edge of a face.
+    """
+    length, width, height = (checks.positive(f"shape[{k}]", n) for k, n in enumerate(shape))
+    checks.count("stripes", stripes, 1)
+    checks.count("buttons", buttons, 1)
+    s, t = _grid(size)
+    rows = np.arange(buttons) * width / buttons + width / buttons / 2
+    columns_apart = width / buttons
+    many = max(1, round(length / columns_apart))
+    columns = (np.arange(many) + 0.5) * length / many
+
+    def top(x: NDArray, y: NDArray) -> NDArray[np.uint8]:
+        """Paint the upper face at distances x and y from its corner."""
+        image = _mix(_bands(stripes * y / width), colour, stripe)
+        nearest = [np.abs(w[..., None] - at).min(axis=-1) for w, at in ((x, columns), (y, rows))]
+        distance = np.hypot(*nearest) / columns_apart
+        light = 1 - 0.22 * np.exp(-((distance / 0.17) ** 2)) + 0.03 * np.exp(-(((distance - 0.42) / 0.2) ** 2))
+        image = _shaded(image, light)
+        knob = 1 - _step(distance - 0.055, 0.02)
+        image = _over(image, _mix(np.ones_like(x), colour, stripe), knob)
+        return _piped(image, np.minimum.reduce([x, length - x, y, width - y]))
+
+    def side(along: NDArray, up: NDArray, whole: float) -> NDArray[np.uint8]:
+        """Paint a side at distances along its edge and up from its foot."""
+        image = _mix(_bands(stripes * along / width), colour, stripe)
+        return _piped(image, np.minimum.reduce([along, whole - along, up, height - up]))
+
+    def _piped(image: NDArray[np.uint8], from_edge: NDArray) -> NDArray[np.uint8]:
+        """Lay a rolled hem along the edges."""
+        roll = from_edge / (0.03 * width)
+        hem = _shaded(_mix(np.full_like(roll, 0.9), colour, stripe), 1.2 - 0.6 * np.abs(roll - 0.5))
+        return _over(image, hem, 1 - _step(roll - 1, 0.2))
+
+    across = partial(side, whole=width)
+    along = partial(side, whole=length)
+    return _faces(
+        [
+            across(width * t, height * s),
+            across(width * s, height * t),
+            along(length * s, height * t),
+            along(length * t, height * s),
+            top(length * t, width * s),
+            top(length * s, width * t),
+        ]
+    )
+
+
+def _bands(place: NDArray) -> NDArray:
+    """Return 1 on a broad stripe and a narrow one on either side of it, once a unit; else 0."""
+    off = np.abs(place % 1.0 - 0.5)
+    return np.maximum(1 - _step(off - 0.11, 0.03), 1 - _step(np.abs(off - 0.2) - 0.025, 0.03))
+
+
+def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
+    """Return, for a ball (u around it, v from pole to pole), ice cream: softly mottled, with flecks.
+
+    Parameters
+    ----------
+    colour, fleck
+        Of the ice cream and of what is in it, "#rrggbb".
+    flecks
+        How many.
+    seed
+        Of where they are; the same seed gives the same image.
+    size
+        Pixels from pole to pole; twice as many around.
+    """
+    checks.count("flecks", flecks, 0)
+    random = np.random.default_rng(checks.count("seed", seed, 0))
+    turn, tilt = np.meshgrid(
+        2 * np.pi * (np.arange(2 * size) + 0.5) / (2 * size), np.pi * (0.5 - (np.arange(size) + 0.5) / size)
+    )
+    place = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=-1)
+    # Waves in space, seen where they cut the sphere: no seam and no poles.
+    mottle = np.zeros(turn.shape)
+    for octave, share in ((4.0, 0.5), (9.0, 0.35), (21.0, 0.25)):
+        for _ in range(14):
+            wave = octave * (0.7 + 0.6 * random.random()) * _direction(random)
+            mottle += share / np.sqrt(14) * np.cos(place @ wave + 2 * np.pi * random.random())
+    image = _shaded(_mix(np.zeros_like(turn), colour, fleck), 1 + 0.07 * mottle)
+    for _ in range(flecks):
+        middle, length = _direction(random), 0.015 + 0.03 * random.random()
+        grain = np.cross(middle, _direction(random))
+        grain /= np.linalg.norm(grain)
+        offset = place @ middle
+        if abs(middle[2]) < 0.95:  # only the rows that it can reach
+            rows = slice(
+                *np.searchsorted(-tilt[:, 0], [-np.arcsin(middle[2]) - 0.06, -np.arcsin(middle[2]) + 0.06])
+            )
+        else:
+            rows = slice(None)
+        near = place[rows]
+        along = near @ grain
+        across = np.sqrt(np.maximum(1 - along**2 - (near @ middle) ** 2, 0))
+        distance = np.hypot(along / length, across / (0.45 * length))
+        share = np.where(offset[rows] > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
+        image[rows] = _over(image[rows], _mix(np.ones(share.shape), colour, fleck), share)
+    return image
+
+
+def _direction(random: np.random.Generator) -> NDArray:
+    """Return a random unit vector."""
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
+    """Return, for a box, faces that light seems to come through: deep in the middle, bright at the edges."""
+    u, v = (2 * w - 1 for w in _grid(size))
+    # Less lies behind a place near an edge.
+    through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75
+    return _on_box(_mix(0.08 + 0.8 * through**1.5, colour, light))
+
+
+def plain(colour: tuple[float, float, float]) -> NDArray[np.uint8]:
+    """Return an image of one pixel."""
+    return np.round(255 * np.array(colour)).astype(np.uint8)[None, None]
+
+
+def atlas(
+    images: Sequence[NDArray[np.uint8]],
+) -> tuple[NDArray[np.uint8], list[Callable[[NDArray], NDArray]]]:
+    """Return one image of several, on top of each other, and what turns coordinates in each into those in it.
+
+    Each is framed by its own outermost pixels, so that what is seen at its edges is the same as without the
+    others: half a pixel beyond them is looked at.
+    """
+    framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
+    width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)
+    whole = np.zeros((height, width, 3), dtype=np.uint8)
+    moves, row = [], 0
+    for image, (rows, columns, _) in zip(framed, (image.shape for image in framed), strict=True):
+        whole[row : row + rows, :columns] = image
+        scale = np.array([(columns - 2) / width, (rows - 2) / height])
+        corner = np.array([1 / width, 1 - (row + rows - 1) / height])
+        moves.append(partial(_moved, scale=scale, corner=corner))
+        row += rows
+    return whole, moves
+
+
+def _moved(uv: NDArray, *, scale: NDArray, corner: NDArray) -> NDArray:
+    return corner + scale * uv

@@ -4,7 +4,7 @@ import pytest
 import warp as wp
 
 from msdwarp import routes
-from msdwarp.lattice import NotALattice, find_lattice
+from msdwarp.lattices import NotALattice, find_lattice
 from msdwarp.system import System
 
 wp.config.log_level = wp.LOG_ERROR

@@ -42,7 +42,8 @@ def assert_same(a: Simulation, b: Simulation) -> None:
 def test_it_goes_on_as_if_it_had_never_stopped(device, integrator, precision):
     options = {"integrator": integrator, "precision": precision, "device": device}
     whole = scene(**options)
-    if device.startswith("cuda") and whole.model.route == "scatter":
+    implicit = isinstance(integrator, LinearlyImplicitEuler)  # its products are scattered, whatever the route
+    if device.startswith("cuda") and (whole.model.route == "scatter" or implicit):
         pytest.skip("scattered sums on the GPU are not repeatable")
     whole.step(15)
     checkpoint = whole.checkpoint()

@@ -55,6 +55,37 @@ def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
     assert (name, scene.system.particle_count, options) == ("cube", 1000, Options())
 
 
+def test_an_overlay_is_written_beside_the_film_or_alone(msdwarp, tmp_path):
+    small = ("run", "cube", "--size", "3", *SMALL)
+    code, out, _ = msdwarp(*small, "--overlay", "3", "--frames", "none", "--video", "none")
+    assert code == 0
+    folder = tmp_path / "out" / "cube"
+    assert [p.name for p in folder.iterdir()] == ["cube_overlay.png"]
+    assert "drew an overlay of 3 poses" in out
+    with Image.open(folder / "cube_overlay.png") as picture:
+        assert picture.size == (128, 72)
+        assert np.asarray(picture.convert("L")).std() > 5  # not blank
+    code, out, _ = msdwarp(*small, "--overlay", "2", "--frames", "none", "--out", "both")
+    assert code == 0
+    assert "drew 7 frames and an overlay of 2 poses" in out
+    assert sorted(p.name for p in (tmp_path / "both").iterdir()) == ["cube.webp", "cube_overlay.png"]
+    assert msdwarp(*small, "--frames", "none", "--out", "both", "--force")[0] == 0
+    assert [p.name for p in (tmp_path / "both").iterdir()] == ["cube.webp"]  # none of an earlier run is left
+
+
+def test_a_moving_obstacle_moves_in_the_film(msdwarp, tmp_path):
+    (tmp_path / "press.py").write_text(
+        "from msdwarp import Plane, Scene, Sphere, box\n"
+        "def build() -> Scene:\n"
+        "    ball = Sphere((0, 0, 2), 0.5, motion=lambda t: (0, 0, -4 * t))\n"
+        "    body = box((2, 2, 2), 0.2).translate((0, 0, 0.2))\n"
+        "    return Scene(system=body, colliders=[Plane(), ball], duration=0.1)\n"
+    )
+    assert msdwarp("run", "press.py", "--video", "none", *SMALL)[0] == 0
+    frames = [np.asarray(Image.open(p)).astype(int) for p in sorted((tmp_path / "out" / "press").iterdir())]
+    assert np.abs(frames[-1] - frames[0]).max() > 50
+
+
 def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
     for _ in range(3):
         assert msdwarp("run", "cube", "--size", "3", "--frames", "none", *SMALL)[0] == 0
@@ -106,6 +137,9 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
         (["--log", "/dev/null/e.csv"], 1, "log is /dev/null/e.csv, which cannot be written to"),
         (["--colour", "plaid"], 2, "--colour"),
+        (["--overlay", "1"], 1, "overlay is 1; it must be a whole number of at least 2"),
+        (["--overlay", "8"], 1, "overlay is 8; the run has 7 frames"),
+        (["--overlay", "many"], 2, "--overlay"),
         (["--colour-blind"], 2, "--colour-blind"),
     ],
 )

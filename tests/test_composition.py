@@ -1,18 +1,35 @@
 """Kernels hold only what a scene needs, as the C++ that is generated for them shows."""
 
+import hashlib
 import re
 from pathlib import Path
 
 import pytest
 import warp as wp
 
-from msdwarp import Plane, Simulation, System, chain
+from msdwarp import (
+    RK4,
+    Box,
+    Capsule,
+    Cone,
+    CoulombDamper,
+    Plane,
+    QuadraticDamper,
+    Simulation,
+    Sphere,
+    SymplecticEuler,
+    System,
+    box,
+    chain,
+)
 from msdwarp.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.contact import plane_contact
+from msdwarp.kernels.contact import fixed_contact
+from msdwarp.kernels.dampers import LINEAR
 from msdwarp.kernels.forces import gather, scatter
 from msdwarp.kernels.integrate import particle_acceleration, symplectic_euler
 from msdwarp.kernels.motion import Motion
+from msdwarp.kernels.runge_kutta import rk4
 from msdwarp.kernels.stay import stay
 from msdwarp.kernels.stencil import stencil
 from msdwarp.model import Model
@@ -26,14 +43,26 @@ def motion(system: System, **options) -> Motion:
     return Dynamics(Model(system, device="cpu", **options)).motion
 
 
+def source(kernel: wp.Kernel) -> str:
+    """Return the C++ that was generated for a kernel that has run on the CPU."""
+    name = kernel.module.get_module_identifier(1)  # the CPU's block size
+    return (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
+
+
 def statements(kernel: wp.Kernel) -> str:
     """Return what a kernel that has run on the CPU computes: the statements of its generated C++.
 
     Declarations and comments are left out, and so is the frame that Warp puts around every kernel.
     """
-    name = kernel.module.get_module_identifier(1)  # the CPU's block size
-    source = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
-    return "\n".join(re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", source, re.MULTILINE))
+    code = source(kernel)
+    return "\n".join(re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", code, re.MULTILINE))
+
+
+def substep(system: System, method=symplectic_euler, **options) -> wp.Kernel:
+    """Return the kernel of a method's substeps, after it has run on the CPU."""
+    integrator = {symplectic_euler: SymplecticEuler(), rk4: RK4()}[method]
+    Simulation(system, substeps=1, integrator=integrator, allow_unstable=True, device="cpu", **options).step()
+    return stay(motion(system, **options), method, 1)
 
 
 @pytest.fixture(scope="module", params=ROUTES)
@@ -41,11 +70,8 @@ def sources(request) -> dict[str, str]:
     """The statements of a substep of a scene with every effect and of one with none, on every route."""
     found = {}
     for name, system, planes in (("full", FULL, [Plane()]), ("plain", PLAIN, [])):
-        options = {"colliders": planes, "device": "cpu", "route": request.param}
-        Simulation(system, substeps=1, **options).step()
-        found[name] = statements(
-            stay(motion(system, **{k: options[k] for k in ("colliders", "route")}), symplectic_euler, 1)
-        )
+        options = {"colliders": planes, "route": request.param}
+        found[name] = statements(substep(system, **options))
     return found
 
 
@@ -110,11 +136,117 @@ def test_different_effects_are_different_kernels():
 
 
 def test_pieces_are_composed_once():
-    arguments = (3, wp.float32, True, False)
+    arguments = (3, wp.float32, LINEAR, False)
     assert scatter(*arguments, "one") is scatter(*arguments, "one")
     assert gather(*arguments, "kinds") is gather(*arguments, "kinds")
     steps = ((1, 0, 0),)
     assert stencil(*arguments, steps, True) is stencil(*arguments, steps, True)
     assert stencil(*arguments, steps, True) is not stencil(*arguments, steps, False)
     assert particle_acceleration(motion(FULL)) is particle_acceleration(motion(FULL))
-    assert plane_contact(3, wp.float32, "coulomb") is plane_contact(3, wp.float32, "coulomb")
+    assert fixed_contact(3, wp.float32, "coulomb", ("Plane",)) is fixed_contact(
+        3, wp.float32, "coulomb", ("Plane",)
+    )
+
+
+# What a system computed at the commit before there was any yielding, other law of damping, solid or moving
+# collider: how many statements its kernel has, and a digest of them without the numbers of their variables.
+BEFORE = {
+    ("plain", "scatter", symplectic_euler): (177, "2b30d63d06cca59b"),
+    ("plain", "scatter", rk4): (228, "6844e19a018d897f"),
+    ("plain", "gather", symplectic_euler): (207, "2ff6f8ed43b872b5"),
+    ("plain", "gather", rk4): (258, "18e4cd93a174aebc"),
+    ("plain", "stencil", symplectic_euler): (184, "c6e3b00c7263cde1"),
+    ("plain", "stencil", rk4): (235, "53e37462734b544b"),
+    ("damped", "scatter", symplectic_euler): (189, "ad9a5b7279bf2497"),
+    ("damped", "scatter", rk4): (240, "039eb42ca5384993"),
+    ("damped", "gather", symplectic_euler): (226, "dda869939a9eafde"),
+    ("damped", "gather", rk4): (277, "700e14f757910f4e"),
+    ("damped", "stencil", symplectic_euler): (198, "e72eb29d6da24e65"),
+    ("damped", "stencil", rk4): (249, "3417b0fa9adcd0d8"),
+    ("box", "scatter", symplectic_euler): (191, "070ff4525fba5eb2"),
+    ("box", "scatter", rk4): (242, "76a0ebcbf09371cc"),
+    ("box", "gather", symplectic_euler): (233, "9c15ef671a84ca33"),
+    ("box", "gather", rk4): (284, "4ce61891b845783d"),
+    ("box", "stencil", symplectic_euler): (777, "c4b869656799901b"),
+    ("box", "stencil", rk4): (828, "7bb414d58af5423d"),
+}
+SYSTEMS = {"plain": PLAIN, "damped": FULL, "box": box((3, 3, 3), damping=1.0)}
+GENERATED_BY = "1.19.0"
+
+
+def normalised(kernel: wp.Kernel) -> str:
+    """Return the statements of a kernel and of its functions, without what merely numbers them."""
+    pattern = r"^ +(?:var_\w+ = .*|if \(var_.*|[\w:]+\(.*\);|return .*)$"
+    lines = [line.strip() for line in re.findall(pattern, source(kernel), re.MULTILINE)]
+    text = re.sub(r"\bvar_\d+\b", "_", "\n".join(lines))
+    return re.sub(r"(__locals__\w+?)_(?:[0-9a-f]{8}\w*|\d+)\b", r"\1", text)
+
+
+@pytest.mark.skipif(
+    wp.__version__ != GENERATED_BY,
+    reason=f"Warp {GENERATED_BY} wrote what is compared; others may word it otherwise",
+)
+@pytest.mark.parametrize(
+    ("name", "route", "method"),
+    BEFORE,
+    ids=[f"{name}-{route}-{method.__name__}" for name, route, method in BEFORE],
+)
+def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, route, method):
+    text = normalised(substep(SYSTEMS[name], method, route=route))
+    found = len(text.splitlines()), hashlib.sha256(text.encode()).hexdigest()[:16]
+    assert found == BEFORE[name, route, method]
+
+
+def pieces(system: System, **options) -> set[str]:
+    """Return the names of the functions and structs that a substep is composed from."""
+    return set(re.findall(r"__locals__(\w+)", normalised(substep(system, **options))))
+
+
+DAMPED = chain(3, damping=1.0)
+TOUCH = {"Surface", "Solids", "collide", "put_back", "respond", "result"}
+FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
+AT = (0, 0, -9)
+
+
+@pytest.mark.parametrize("route", ["scatter", "gather"])
+@pytest.mark.parametrize(
+    ("changes", "colliders", "more"),
+    [
+        ({"yield_strain": 0.1}, [], {"Flow", "flow", "YieldingWorld"}),
+        ({"damper": QuadraticDamper()}, [], {"force"}),
+        ({"damper": CoulombDamper()}, [], {"force"}),
+        ({}, [Plane()], FIXED | {"plane"}),
+        ({}, [Sphere(AT)], FIXED | {"sphere", "from_point"}),
+        ({}, [Box(AT)], FIXED | {"box"}),
+        ({}, [Capsule(AT, (1, 0, -9))], FIXED | {"capsule", "from_point"}),
+        ({}, [Cone(AT, (1, 0, -9))], FIXED | {"cone"}),
+        ({}, [Sphere(AT), Box(AT)], FIXED | {"distance", "plane", "sphere", "from_point", "box"}),
+        ({}, [Plane(motion=lambda t: (0, 0, -t))], MOVING | {"plane"}),
+    ],
+    ids=["yielding", "quadratic", "coulomb", "plane", "sphere", "box", "capsule", "cone", "two kinds", "moving"],
+)
+def test_each_effect_brings_its_own_pieces_alone(route, changes, colliders, more):
+    without = pieces(DAMPED, route=route)
+    found = pieces(DAMPED.replace(**changes), colliders=colliders, route=route)
+    # Where springs yield their constants lie elsewhere, and the plain world is not theirs.
+    elsewhere = {"World", "OneForAll", "take_one", "Own", "take_own", "number", "Listed", "take_named"}
+    assert found - without - elsewhere == more
+    assert without - found <= elsewhere
+
+
+def test_laws_and_kinds_of_one_form_are_told_apart():
+    # What differs by a number, or by which kinds there are, must not be taken for the same kernel.
+    kernels = [
+        substep(DAMPED.replace(damper=law))
+        for law in (QuadraticDamper(1.0), QuadraticDamper(2.0), CoulombDamper(1.0), CoulombDamper(2.0))
+    ]
+    kernels += [
+        substep(DAMPED, colliders=pair)
+        for pair in (
+            [Plane(), Sphere(AT)],
+            [Plane(), Box(AT)],
+            [Sphere(AT), Box(AT)],
+            [Plane(), Cone(AT, (1, 0, -9))],
+        )
+    ]
+    assert len({kernel.module.get_module_identifier(1) for kernel in kernels}) == len(kernels)

@@ -8,7 +8,7 @@ import pytest
 
 from msdwarp import System, box, chain, sheet
 from msdwarp.kernels.stencil import stencil_rows
-from msdwarp.lattice import Lattice, NotALattice, find_lattice
+from msdwarp.lattices import Lattice, NotALattice, find_lattice
 
 CONSTANTS = ("rest_length", "stiffness", "damping")
 

@@ -9,6 +9,7 @@ import pytest
 
 import msdwarp as msd
 from msdwarp.opengl import opengl_window
+from msdwarp.parts import round_solid
 from msdwarp.picture import SHADOW, VIEW_ANGLE, Camera, Drawing, Ground
 from msdwarp.scene import rgb
 
@@ -83,11 +84,101 @@ def test_connections_are_green_at_rest_and_red_when_strained():
     )
     drawing = Drawing(msd.Scene(system=body, look=msd.Look(full_strain=0.2)), "strain")
     drawing.follow(body.position)
-    rest, stretched, compressed, half = drawing.colours.numpy().reshape(4, 6, 3)[:, 0]
+    rest, stretched, compressed, half = drawing.colours.numpy()[:24].reshape(4, 6, 3)[:, 0]
     assert rest[1] > 2 * rest[0]  # green
     assert stretched[0] > 2 * stretched[1]  # red
     np.testing.assert_allclose(stretched, compressed, atol=1e-5)  # float32 lengths of about 1
     np.testing.assert_allclose(half, (0.96, 0.80, 0.23), atol=1e-5)  # yellow, half way
+
+
+def test_an_embedded_surface_follows_its_particles():
+    random = np.random.default_rng(5)
+    body = msd.box((3, 3, 3), 0.3)
+    particle, weights = random.integers(0, 27, (12, 4)), random.random((12, 4))
+    surface = msd.Surface(
+        particle=particle,
+        weights=weights / weights.sum(axis=1, keepdims=True),
+        uv=np.zeros((12, 2)),
+        triangles=np.arange(12).reshape(-1, 3),
+    )
+    drawing = Drawing(msd.Scene(system=body.replace(surface=surface)), "texture")
+    position = body.position + 0.1 * random.normal(size=body.position.shape)
+    drawing.follow(position)
+    points = surface.points(position)
+    np.testing.assert_allclose(drawing.points.numpy(), points, atol=1e-6)  # float32
+    a, b, c = points.reshape(-1, 3, 3).transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    np.testing.assert_allclose(drawing.normals.numpy(), np.repeat(normal, 3, axis=0), atol=1e-5)
+
+
+def test_normals_are_shared_over_a_seam():
+    # Two squares meet at a right angle, with vertices of their own there.
+    body = msd.System(
+        position=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 1, 1], [1, 1, 1]],
+        connections=[[0, 1]],
+        rest_length=1.0,
+    )
+    parts = {"particle": [0, 1, 2, 3, 2, 3, 4, 5], "uv": np.zeros((8, 2))}
+    parts["triangles"] = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6]]
+
+    def normals(**more):
+        surface = msd.Surface(**parts, **more)
+        drawing = Drawing(msd.Scene(system=body.replace(surface=surface)), "texture")
+        drawing.follow(body.position)
+        return drawing.normals.numpy()
+
+    up, back, between = (0, 0, 1), (0, -1, 0), (0, -np.sqrt(0.5), np.sqrt(0.5))
+    np.testing.assert_allclose(normals(), [up] * 4 + [back] * 4, atol=1e-6)
+    shared = normals(normal_of=[0, 1, 2, 3, 2, 3, 6, 7])
+    np.testing.assert_array_equal(shared[2:4], shared[4:6])
+    np.testing.assert_allclose(shared[[0, 6]], [up, back], atol=1e-6)
+    # At vertex 2 lie two triangles of the first square and, of the second, two of the same area.
+    np.testing.assert_allclose(shared[2:4].mean(axis=0), between, atol=0.2)
+
+
+def test_flat_shading_gives_each_triangle_its_own_normal():
+    flat = msd.sheet((4, 4), 0.5)
+    bent = flat.replace(position=flat.position + [[0, 0, 0.1 * k % 0.37] for k in range(16)])
+    drawing = Drawing(msd.Scene(system=bent, look=msd.Look(smooth=False)), "texture")
+    drawing.follow(bent.position)
+    points, normals = drawing.points.numpy(), drawing.normals.numpy()
+    a, b, c = (points[drawing.triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    for k in range(3):
+        np.testing.assert_allclose(normals[drawing.triangles[:, k]], normal, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("particles", "count", "drawn"), [(None, 20, True), (None, 300, False), (True, 300, True)]
+)
+def test_particles_of_small_systems_are_balls(particles, count, drawn):
+    chain = msd.chain(count, 0.1).pin(0)
+    drawing = Drawing(msd.Scene(system=chain, look=msd.Look(particles=particles)), "strain")
+    drawing.follow(chain.position)
+    tubes = 6 * (count - 1)
+    assert (len(drawing.points) > tubes) == drawn
+    if not drawn:
+        return
+    balls = drawing.points.numpy()[tubes:].reshape(count, -1, 3)
+    np.testing.assert_allclose(balls.mean(axis=1), chain.position, atol=1e-5)
+    radius = np.linalg.norm(balls - chain.position[:, None], axis=2)
+    np.testing.assert_allclose(radius, 0.11 * 0.1, rtol=1e-2)  # float32 places of 30 m, to a micrometre
+    colours = drawing.colours.numpy()[tubes:].reshape(count, -1, 3)
+    assert (colours[0] < colours[1]).all()  # the pinned one is darker
+    assert drawing.triangles.max() < len(drawing.points)
+
+
+@pytest.mark.parametrize(("halvings", "corners"), [(0, 12), (1, 42), (2, 162)])
+def test_a_ball_is_closed_and_round(halvings, corners):
+    points, triangles = round_solid(halvings)
+    assert len(points) == corners
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
+    edges = {(int(t[k]), int(t[k - 2])) for t in triangles for k in range(3)}
+    assert len(edges) == 3 * len(triangles)
+    assert all((b, a) in edges for a, b in edges)
+    assert (np.linalg.det(points[triangles]) > 0).all()  # all face outwards
 
 
 @pytest.mark.parametrize("colouring", ["texture", "strain"])
@@ -179,11 +270,24 @@ def test_positions_of_another_system_are_refused(scene, wrong):
         ({"colour": "red"}, "colour is 'red'"),
         ({"texture": np.zeros((4, 4), np.uint8)}, r"texture has shape \(4, 4\)"),
         ({"full_strain": 0}, "full_strain is 0"),
+        ({"obstacle": "blue"}, "obstacle is 'blue'"),
+        ({"obstacle_texture": np.zeros((4, 4, 3))}, r"obstacle_texture has shape \(4, 4, 3\) and type float64"),
+        ({"texture": np.zeros((0, 4, 3), np.uint8)}, r"texture has shape \(0, 4, 3\)"),
+        ({"strain": "yes"}, "strain is 'yes'"),
+        ({"particles": "few"}, "particles is 'few'"),
     ],
 )
 def test_bad_looks_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         msd.Look(**arguments)
+
+
+def test_a_scene_can_ask_for_strain_colours(scene):
+    position = scene.system.position
+    strained = msd.Scene(system=scene.system, look=msd.Look(strain=True))
+    for one, colouring, wanted in ((scene, None, False), (strained, None, True), (strained, "texture", False)):
+        renderer = msd.Renderer(one, position, resolution=SIZE, colouring=colouring, backend="raycast")
+        assert renderer.drawing.strained == wanted
 
 
 def test_a_scene_of_nothing_to_draw_is_refused():

@@ -11,13 +11,23 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_example_runs_and_is_short(tmp_path, monkeypatch, capsys):
-    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    example, _ = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     lines = [line for line in example.splitlines() if line.strip() and not line.startswith("#")]
     assert len(lines) <= 20
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})
     assert "substeps a frame" in capsys.readouterr().out
     assert np.asarray(Image.open(tmp_path / "block.png")).std() > 5  # not blank
+
+
+def test_the_second_example_leaves_a_dent(capsys):
+    _, example = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    names: dict = {}
+    exec(compile(example, "README.md", "exec"), names)
+    assert "height" in capsys.readouterr().out
+    dented = names["dented"]
+    assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
+    assert (dented.rest_length != dented.original_length).mean() > 0.05
 
 
 def test_every_path_it_names_exists():

@@ -30,7 +30,7 @@ from msdwarp import (
     stability_limit,
 )
 from msdwarp.dynamics import Dynamics
-from msdwarp.lattice import find_lattice
+from msdwarp.lattices import find_lattice
 from msdwarp.model import Model
 from msdwarp.routes import ROUTES, automatic_route, scatter_order
 

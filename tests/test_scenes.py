@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from msdwarp.accuracy import simulation_of
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
@@ -18,9 +19,7 @@ def build(name, **parameters):
 
 
 def simulate(scene, duration, **options):
-    options = {"device": "cpu", **options}
-    simulation = msd.Simulation(scene.system, gravity=scene.gravity, colliders=scene.colliders, **options)
-    return list(simulation.frames(duration))
+    return list(simulation_of(scene, **{"device": "cpu", **options}).frames(duration))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -87,12 +86,127 @@ def test_the_worm_buckles_and_falls():
     assert frames[-1].position[:, 2].max() < 0.5  # lies
 
 
+def left_alone(simulation):
+    """Return positions after a second without gravity or obstacles, all motion stopped: the shape that is kept."""
+    free = simulation.snapshot().replace(velocity=0.0, yield_strain=np.inf)
+    rested = msd.Simulation(free, gravity=0.0, device="cpu")
+    rested.step(60)
+    return rested.frame().position
+
+
+def test_the_chain_comes_to_rest_where_the_report_says():
+    scene = build("chain")
+    assert scene.system.dim == 1
+    frames = simulate(scene, 40.0)  # the slowest mode decays as exp(−0.19 t): to 5e-4
+    np.testing.assert_allclose(frames[-1].position[:, 0], [0.7, 1.7, 2.7, 3.7, 4.7], atol=2e-3)
+
+
+def test_the_block_in_two_dimensions_falls_on_its_corner():
+    scene = build("block2d")
+    assert scene.system.dim == 2
+    frames = simulate(scene, scene.duration)
+    lowest = [frame.position[:, 1].min() for frame in frames]
+    hit = frames[int(np.argmax(np.array(lowest) <= 0.0))].position
+    assert np.argmin(hit[:, 1]) in (0, 3, 12, 15)
+    assert np.count_nonzero(hit[:, 1] < 0.3) == 1
+    assert max(np.abs(scene.system.replace(position=f.position, velocity=0.0).strain).max() for f in frames) > 0.05
+
+
+def test_the_dice_come_to_rest_on_their_faces():
+    scene = build("dice")
+    frames = simulate(scene, scene.duration)
+    assert np.abs(frames[-1].velocity).max() < 0.05
+    height = np.sort(frames[-1].position[:, 2].reshape(-1, 27))
+    # They sag by their weight, 0.5 kg on springs of 4e4 N/m: hundredths of a millimetre.
+    np.testing.assert_allclose(height, np.broadcast_to(np.repeat([0.0, 0.15, 0.3], 9), height.shape), atol=1e-3)
+    path = np.array([frame.position.reshape(-1, 27, 3).mean(axis=1) for frame in frames])
+    assert path[..., 0].max() < 0.85  # the walls' inner sides
+    assert path[..., 1].max() < 1.5
+
+
+@pytest.mark.slow
+def test_the_scoop_sags_over_the_rim_and_keeps_its_shape():
+    scene = build("ice_cream")
+    simulation = simulation_of(scene, device="cpu")
+    simulation.step(240)
+    assert simulation.frame().position[:, 2].min() < -0.03  # below the rim
+    kept = left_alone(simulation)
+    flatness = np.ptp(kept[:, 2]) / np.ptp(kept[:, 0])
+    assert flatness < 0.85 * 1.0  # it was a ball
+
+
+def test_the_jelly_wobbles_and_sags_when_it_is_warm():
+    scene = build("jelly")
+    frames = simulate(scene, scene.duration)
+    position = np.array([frame.position for frame in frames])
+    start = position[0]
+    top, bottom = start[:, 2] > start[:, 2].max() - 0.1, start[:, 2] < start[:, 2].min() + 0.1
+    sway = position[:, top, 0].mean(axis=1) - position[:, bottom, 0].mean(axis=1)
+    assert np.ptp(sway[:180]) > 0.03
+    assert np.ptp(position[-1, :, 2]) < 0.8 * np.ptp(position[235, :, 2])
+
+
+def test_the_spinner_turns_over_and_over():
+    scene = build("spinner")
+    simulation = simulation_of(scene, device="cpu", precision="float64")
+    start = simulation.measure()
+    grid = np.arange(90).reshape(2, 5, 9)
+    upright = []
+    for frame in simulation.frames(scene.duration):
+        axis = frame.position[grid[:, -1]].mean(axis=(0, 1)) - frame.position[grid[:, 0]].mean(axis=(0, 1))
+        upright.append(axis[2] / np.linalg.norm(axis))
+    turns = np.count_nonzero(np.diff(np.sign(upright)))
+    assert turns >= 3
+    end = simulation.measure()
+    # Central forces between pairs change no angular momentum: rounding only.
+    np.testing.assert_allclose(end.angular_momentum, start.angular_momentum, atol=1e-9)
+
+
+def test_the_soft_cube_flattens_at_the_wall():
+    scene = build("soft_cube")
+    frames = simulate(scene, scene.duration)
+    deep = np.array([np.ptp(frame.position[:, 0]) for frame in frames])
+    assert deep.min() < 0.75 * deep[0]
+    assert max(frame.position[:, 0].max() for frame in frames) < 0.501  # the wall's face
+
+
+def test_the_waffle_keeps_its_bend():
+    scene = build("waffle")
+    simulation = simulation_of(scene, device="cpu")
+    simulation.step(round(scene.duration * simulation.fps))
+    kept = left_alone(simulation).reshape(2, 8, 10, 3).mean(axis=(0, 1))  # along its length
+    first, last = kept[3] - kept[0], kept[-1] - kept[-4]
+    angle = np.arccos(first @ last / np.linalg.norm(first) / np.linalg.norm(last))
+    assert angle > 0.1
+
+
+@pytest.mark.slow
+def test_the_ball_leaves_a_dent_in_the_mattress():
+    scene = build("mattress")
+    simulation = simulation_of(scene, device="cpu")
+    simulation.step(round(scene.duration * simulation.fps))
+    top = left_alone(simulation).reshape(5, 13, 25, 3)[-1, :, :, 2]
+    deepest = np.unravel_index(np.argmin(top), top.shape)
+    assert deepest[0] in (5, 6, 7)
+    assert 15 < deepest[1] < 21  # 0.3 m from the middle
+    assert top.min() < np.median(top) - 0.05
+
+
+@pytest.mark.slow
+def test_the_wire_springs_back_but_not_all_the_way():
+    scene = build("wire")
+    frames = simulate(scene, scene.duration)
+    lowest = np.array([frame.position[:, 2].min() for frame in frames])
+    pressed, left = lowest.min(), lowest[-1]
+    assert pressed + 0.01 < left < lowest[0] - 0.2
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", NAMES)
 def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
-    substeps = msd.Simulation(scene.system, device="cpu").substeps
+    substeps = simulation_of(scene, device="cpu").substeps
     exact = simulate(scene, 0.5, precision="float64", substeps=substeps)
     rounded = simulate(scene, 0.5, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from msdwarp import Surface, System, box, chain, grid, lattice, sheet
 from msdwarp.grid import count_pieces
-from msdwarp.lattice import find_lattice
+from msdwarp.lattices import find_lattice
 
 SHEETS = [(2, 2), (2, 5), (4, 3), (7, 6)]
 BOXES = [(2, 2, 2), (3, 2, 4), (2, 5, 3), (4, 4, 4)]

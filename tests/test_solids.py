@@ -5,11 +5,12 @@ import math
 
 import numpy as np
 import pytest
-import pyvista as pv
-from pyvista import examples
 
 import msdwarp as msd
 from msdwarp.solids import held
+
+pv = pytest.importorskip("pyvista")
+examples = pytest.importorskip("pyvista.examples")
 
 SOLIDS = {
     "ball": lambda spacing, **kind: msd.ball(0.5, spacing, **kind),

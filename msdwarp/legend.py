@@ -14,10 +14,10 @@ STOPS = np.array([[0.13, 0.62, 0.33], [0.96, 0.80, 0.23], [0.85, 0.15, 0.14]])
 
 @functools.lru_cache(maxsize=4)
 def _strain_bar(height: int, full_strain: float) -> Image.Image:
-    """Return the legend for a picture of this height, on a transparent ground."""
+    """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
-    legend = Image.new("RGBA", (length + 8 * size, thick + 4 * size), (0, 0, 0, 0))
+    legend = Image.new("RGBA", (length + 8 * size, thick + 4 * size), (255, 255, 255, 150))
     at = np.linspace(0, 1, length)
     ramp = np.stack([np.interp(at, (0, 0.5, 1), STOPS[:, k]) for k in range(3)], axis=1)
     pixels = np.broadcast_to(np.round(255 * ramp).astype(np.uint8), (thick, length, 3))
