@@ -130,10 +130,12 @@ def tune(
     Raises
     ------
     ValueError
-        If the tolerance or the horizon is not positive, or the reference is not certain to a tenth of the
-        tolerance for as long as a single frame.
+        If the scene has a schedule, the tolerance or the horizon is not positive, or the reference is not certain
+        to a tenth of the tolerance for as long as a single frame.
     """
     checks.positive("tolerance", tolerance)
+    if scene.schedule:
+        raise ValueError("the scene has a schedule: substeps that are right before a change are not after it")
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
     report("reference")

@@ -144,7 +144,7 @@ def choose_substeps(
     """
     choice = choose_forced(rates, integrator, fps, substeps or 1)
     if choice.limit <= 0.0:
-        raise UnstableStep(f"{integrator} is stable at no step here: a spring has no damper beside it")
+        raise UnstableStep(f"{integrator} is stable at no step here: a spring has no linear damper beside it")
     if substeps is not None:
         return choice
     wanted = 1.0 / (fps * choice.limit * safety)

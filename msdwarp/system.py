@@ -429,9 +429,14 @@ class System:
         groups = dict(self.groups)
         for name, particles in other.groups.items():
             groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
-        same = (*PARTICLE_FIELDS, *CONNECTION_FIELDS)
+        fields = {
+            name: _join(getattr(self, name), getattr(other, name))
+            for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)
+        }
+        if self.original_length is self.rest_length and other.original_length is other.rest_length:
+            fields["original_length"] = fields["rest_length"]
         return self._of_own(
-            **{name: _join(getattr(self, name), getattr(other, name)) for name in same},
+            **fields,
             connections=connections,
             damper=self.damper if self.damping.any() else other.damper,
             surface=surface,

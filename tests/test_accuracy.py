@@ -65,3 +65,10 @@ def test_no_method_good_enough_is_said():
     one = accuracy.Measurement("rk4", "float32", 4, 1e-3, 0.1)
     with pytest.raises(ValueError, match=r"the least error that was reached is 0\.001"):
         accuracy.cheapest([one], 1e-6)
+
+
+def test_a_scene_that_changes_on_its_way_is_not_tuned():
+    body = msd.chain(3, stiffness=100.0)
+    scene = msd.Scene(system=body, schedule=[msd.at(0.5, stiffness=1e4)])
+    with pytest.raises(ValueError, match="the scene has a schedule"):
+        accuracy.tune(scene, 1e-2, device="cpu")

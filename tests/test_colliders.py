@@ -534,9 +534,11 @@ def test_a_piston_carries_what_lies_on_it(device, h, integrator):
     # It gathers speed faster than `rest_speed` in a substep, and still nothing bounces.
     a = 15.0
     piston = Box((0, 0, -0.5), (1, 1, 1), motion=lambda t: (0, 0, a * t**2 / 2), restitution=1.0)
-    simulation = simulate(
-        particle((0.1, 0.2, 0)), piston, device, h=h, substeps=round(0.1 / h), integrator=integrator, gravity=0.0
-    )
+    start, common = particle((0.1, 0.2, 0)), {"h": h, "integrator": integrator, "gravity": 0.0}
+    simulation = simulate(start, piston, device, substeps=1, **common)
+    simulation.step()
+    assert simulation.frame().velocity[0, 2] == pytest.approx(a * h / 2, rel=1e-12)  # from the first substep on
+    simulation = simulate(start, piston, device, substeps=round(0.1 / h), **common)
     for _ in range(10):
         simulation.step()
         now, t = simulation.frame(), simulation.time
@@ -646,6 +648,25 @@ def test_pinned_particles_are_not_moved(device, integrator):
     assert not now.velocity[[0, 5]].any()
     free = np.delete(now.position, [0, 5], axis=0)
     assert free[:, 0].min() > 0.5 - 1e-12  # where the wall is: roundings
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 5])
+def test_a_motion_is_known_from_time_zero_on(device, substeps):
+    # What is hit in the very first substep moves as it does later, though its motion has no past: 2 m/s come in
+    # upon a floor that comes up at 1 m/s, and e = 0.5.
+    seen = []
+
+    def rise(t: float):
+        seen.append(t)
+        return 0, 0, t
+
+    h = 0.01
+    floor = Plane(motion=rise, restitution=0.5, friction=0.0)
+    start = particle((0, 0, h), [[0.3, 0, -1.0]])
+    simulation = simulate(start, floor, device, h=h, substeps=substeps, gravity=0.0)
+    simulation.step()
+    np.testing.assert_allclose(simulation.frame().velocity[0], (0.3, 0, 2.0), rtol=0, atol=8 * EPS64 / h)
+    assert min(seen) == 0.0
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS[:5], ids=str)

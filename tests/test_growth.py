@@ -108,6 +108,7 @@ def grows(system: System, method, h: float) -> bool:
     return bool(max(most[45:]) > 3 * max(most[15:30]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "ratio", "method", "closed_form"), CLOSED_FORMS.values(), ids=CLOSED_FORMS)
 def test_limit_found_by_trying_has_the_closed_form(scene, ratio, method, closed_form):
     mode = modes.fastest(scene)

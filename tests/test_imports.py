@@ -1,6 +1,7 @@
 """Imports point one way, and heavy packages are imported where they belong: read off the source."""
 
 import ast
+import functools
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +17,7 @@ TIERS = [
     {"checks"},
     {"surface", "dampers", "materials"},
     {"system", "grid"},
-    {"shapes", "colliders", "trajectory"},
+    {"shapes", "colliders", "vtkhdf", "trajectory", "restart"},
     {"solids"},
     {"meshes", "outlines"},
     {"lattices"},
@@ -32,7 +33,7 @@ TIERS = [
     {"scene"},
     {"textures"},
     {"obstacles"},
-    {"opengl", "parts", "picture", "legend", "film", "raycast", "render", "timelapse", "viewer"},
+    {"opengl", "parts", "picture", "legend", "film", "raycast", "render", "timelapse", "viewer", "export"},
     {"scenes"},  # the package, which is empty: by it the command finds the scenes' files
     {"accuracy", "energy_log"},
     {"run", "tune"},
@@ -42,7 +43,7 @@ TIERS = [
     {"scenes/*", "tests", "benchmarks"},
 ]
 TIER = {name: k for k, tier in enumerate(TIERS) for name in tier}
-LAZY = {"pyvista", "matplotlib", "scipy", "imageio"}
+LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr"}
 
 
 class Import(NamedTuple):
@@ -55,6 +56,7 @@ class Import(NamedTuple):
     """Whether it stands inside a function."""
 
 
+@functools.cache
 def imports(source: str, package: str) -> list[Import]:
     """Return the imports of a module that lies in `package`."""
     tree = ast.parse(source)
@@ -183,7 +185,13 @@ def test_kernels_import_warp_and_each_other_only(name):
 
 @pytest.mark.parametrize(
     ("package", "allowed"),
-    [("pyvista", {"render", "viewer"}), ("vtk", set()), ("vtkmodules", set()), ("h5py", {"trajectory"})],
+    [
+        ("pyvista", {"render", "viewer", "export"}),
+        ("vtk", set()),
+        ("vtkmodules", set()),
+        ("h5py", {"trajectory", "restart"}),
+        ("pxr", {"export"}),
+    ],
 )
 def test_packages_with_one_place(package, allowed):
     found = {

@@ -46,6 +46,7 @@ def test_one_substep_solves_its_equations(body, device):
     np.testing.assert_allclose(frame.position, body.position + h * expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_order_is_one():
     body = box((3, 3, 3), 1.0, stiffness=100.0, damping=8.0)
     body = body.replace(position=1.1 * body.position)

@@ -372,6 +372,7 @@ def test_routes_move_a_scene_alike(plain_device, name, method, route):
     assert_course_is_plain(name, method, found, 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
 @pytest.mark.parametrize("name", SCENES)
 def test_columns_move_a_scene_alike(monkeypatch, plain_device, in_columns, name, method):

@@ -386,3 +386,10 @@ def test_surface_must_lie_on_the_particles():
     surface = Surface(particle=[0, 1, 5], uv=0.0, triangles=[[0, 1, 2]])
     with pytest.raises(ValueError, match=r"surface.particle\[2\] is 5.*0 to 2"):
         triangle(surface=surface)
+
+
+def test_two_that_never_yielded_share_their_lengths_when_added():
+    pair = triangle() + triangle()
+    assert pair.original_length is pair.rest_length
+    yielded = triangle().replace(rest_length=2.0, original_length=1.0)
+    np.testing.assert_array_equal((triangle() + yielded).original_length[3:], 1.0)

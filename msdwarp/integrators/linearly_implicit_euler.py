@@ -29,6 +29,7 @@ class LinearlyImplicitEuler(Integrator):
     are much stiffer, or particles much lighter, than all others. They are solved by conjugate gradients without
     ever being assembled, preconditioned by the inverses of the diagonal blocks. Contact comes after the solve:
     a stiff spring that meets a floor is strained by up to v h in a substep, so long steps bounce hard there.
+    Of dampers that are not linear B has the steepest slope, so that long steps weaken their force.
     Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
 
     Parameters
