@@ -24,6 +24,7 @@ from .solids import ball, cone, cylinder
 from .stability import UnstableStep, stability_limit
 from .surface import Surface
 from .system import System
+from .trajectory import Trajectory
 from .watch import SimulationDiverged
 
 __version__ = "0.1.0"
@@ -58,6 +59,7 @@ __all__ = [
     "Surface",
     "SymplecticEuler",
     "System",
+    "Trajectory",
     "UnstableStep",
     "at",
     "ball",

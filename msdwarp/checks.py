@@ -138,4 +138,5 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
     if value not in allowed:
-        raise ValueError(f"{name} is {value!r}; it must be one of {', '.join(map(repr, allowed))}")
+        words = ", ".join(map(repr, allowed)) or "those there are: none"
+        raise ValueError(f"{name} is {value!r}; it must be one of {words}")

@@ -12,14 +12,16 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import warp as wp
 from cyclopts import App, Parameter
 
 from . import scenes
+from .export import export
 from .run import Options, run_scene
 from .scene import Scene
+from .trajectory import Trajectory
 from .tune import TuneOptions, tune_scene
 from .watch import SimulationDiverged
 
@@ -47,6 +49,57 @@ def list_scenes() -> None:
         source = Path(scenes.__path__[0], module.name + ".py").read_text(encoding="utf-8")
         summary = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
         print(f"{module.name:12} {summary}")
+
+
+@app.command
+def info(file: Path, /) -> None:
+    """Say what is in a trajectory.
+
+    Parameters
+    ----------
+    file
+        A trajectory, *.vtkhdf.
+    """
+    with Trajectory(file) as trajectory:
+        system, times = trajectory.system, trajectory.times
+        print(f"{file}: {len(trajectory)} frames from {times[0]:.4g} to {times[-1]:.4g} s")
+        particles = f"{system.particle_count} particles with {system.dim} coordinates"
+        print(f"{particles}, {system.connection_count} connections")
+        for name, value in trajectory.attributes.items():
+            words = " ".join(map(str, value)) if isinstance(value, list) else value
+            print(f"{name}: {words}")
+
+
+@app.command(name="export")
+def export_command(
+    file: Path,
+    /,
+    *,
+    to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
+    frame: int | None = None,
+    out: Path | None = None,
+    force: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Write a trajectory's frames in the format of another program.
+
+    Parameters
+    ----------
+    file
+        A trajectory, *.vtkhdf.
+    to
+        The format; npz holds positions, velocities and times, the others what is drawn.
+    frame
+        One frame's number, counted from 0, or from the end if negative; by default all.
+    out
+        The file; by default beside the trajectory, with the format's ending.
+    force
+        Replace files that are there.
+    """
+    with Trajectory(file) as trajectory:
+        frames = slice(None) if frame is None else frame
+        paths = export(trajectory, out or file.with_suffix(f".{to}"), to, frames, force=force)
+    more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
+    print(f"wrote {paths[0]}{more}")
 
 
 Words = Annotated[str, Parameter(allow_leading_hyphen=True)]

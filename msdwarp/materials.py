@@ -76,9 +76,9 @@ class Material:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        checks.positive("density", self.density)
-        checks.positive("youngs_modulus", self.youngs_modulus)
-        checks.non_negative("damping_ratio", self.damping_ratio)
+        object.__setattr__(self, "density", checks.positive("density", self.density))
+        object.__setattr__(self, "youngs_modulus", checks.positive("youngs_modulus", self.youngs_modulus))
+        object.__setattr__(self, "damping_ratio", checks.non_negative("damping_ratio", self.damping_ratio))
 
     @property
     def wave_speed(self) -> float:

@@ -1,11 +1,13 @@
 """Running a scene: simulate it, draw every frame, write frames and a film."""
 
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +26,7 @@ from .render import Renderer
 from .scene import Scene
 from .simulation import Simulation, frame_count
 from .timelapse import timelapse
+from .trajectory import TrajectoryWriter
 from .watch import SimulationDiverged
 
 
@@ -62,6 +65,9 @@ class Options:
         Format of the film; mp4 needs the extra `video`. With both none and no overlay it only simulates.
     overlay
         Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
+    trajectory
+        Write every frame to SCENE.vtkhdf, which ParaView opens, and `msdwarp info` and `msdwarp export`: plain, or
+        compressed (smaller, and slower).
     resolution
         Width and height of the pictures in pixels.
     log
@@ -92,6 +98,7 @@ class Options:
     frames: Literal["png", "none"] = "png"
     video: Literal["webp", "mp4", "gif", "none"] = "webp"
     overlay: int | None = None
+    trajectory: Literal["none", "plain", "compressed"] = "none"
     resolution: str = "1280x720"
     log: Path | None = None
     colour: Literal["texture", "strain"] | None = None
@@ -131,7 +138,7 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     checks.writable_folder("out", folder, folder)
     if force:
         stale = [*folder.glob("frame_[0-9]*.png"), *(folder / f"{name}.{end}" for end in film.FILM_FORMATS)]
-        stale.append(overlay_path(folder / name))
+        stale += [overlay_path(folder / name), trajectory_path(folder / name)]
         for path in stale:
             path.unlink(missing_ok=True)
     return folder
@@ -140,6 +147,11 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
 def overlay_path(target: Path) -> Path:
     """Return the file of the picture of several poses, beside the film `target`, given without its ending."""
     return target.with_name(f"{target.name}_overlay.png")
+
+
+def trajectory_path(target: Path) -> Path:
+    """Return the file of the trajectory, beside the film `target`, given without its ending."""
+    return target.with_name(f"{target.name}.vtkhdf")
 
 
 def run_scene(name: str, scene: Scene, options: Options) -> None:
@@ -174,7 +186,18 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
     )
     log = None if options.log is None else EnergyLog(options.log, force=options.force)
     drawing = options.overlay is not None or not options.frames == options.video == "none"
-    folder = result_folder(name, options.out, options.force) if drawing else None
+    keeping = options.trajectory != "none"
+    folder = result_folder(name, options.out, options.force) if drawing or keeping else None
+    writer = nullcontext()
+    if folder is not None and keeping:
+        writer = TrajectoryWriter(
+            trajectory_path(folder / name),
+            scene.system,
+            fps=options.fps,
+            frame_count=count,
+            compress=options.trajectory == "compressed",
+            attributes=_about(name, simulation, integrator),
+        )
     with tempfile.TemporaryDirectory() as scratch, _progress(talk) as progress:
         # Positions wait on disk until all are known, so that one camera can be chosen that sees them all.
         positions = np.lib.format.open_memmap(
@@ -182,23 +205,43 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
         )
         began, done, trouble = time.perf_counter(), 0, None
         try:
-            with log or nullcontext():
+            with log or nullcontext(), writer:
                 frames = simulation.frames(duration)
                 for frame in progress.track(frames, count, description="simulating"):
-                    if folder is not None:
+                    if drawing:
                         positions[done] = frame.position
+                    if isinstance(writer, TrajectoryWriter):
+                        lengths = simulation.snapshot().rest_length if simulation.model.yields else None
+                        writer.write(frame, lengths)
                     done += 1
                     if log is not None:
                         log.write(frame.time, simulation.measure())
         except SimulationDiverged as error:
             trouble = error  # told once what there is has been drawn
         lines = list(_summary(simulation, integrator, time.perf_counter() - began))
-        if folder is not None:
+        if folder is not None and keeping:
+            path = trajectory_path(folder / name)
+            lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+        if folder is not None and drawing:
             lines.append(_draw(scene, positions[:done], folder / name, resolution, options, progress))
     if not options.quiet:
         print(*lines, sep="\n")
     if trouble is not None:
         raise trouble
+
+
+def _about(name: str, simulation: Simulation, integrator: str) -> dict[str, Any]:
+    """Return what made a run, for its trajectory."""
+    return {
+        "scene": name,
+        "command": sys.argv,
+        "integrator": integrator,
+        "precision": simulation.model.precision,
+        "substeps": simulation.substeps,
+        "route": simulation.model.route,
+        "device": simulation.device,
+        "versions": {package: version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
+    }
 
 
 def _tuned(scene: Scene, options: Options, talk: Console) -> Options:

@@ -123,6 +123,10 @@ class Scene:
     def __post_init__(self) -> None:
         """Check the arguments."""
         checks.positive("duration", self.duration)
+        for name, kind in (("colliders", Collider), ("schedule", Change)):
+            for k, one in enumerate(getattr(self, name)):
+                if not isinstance(one, kind):
+                    raise ValueError(f"{name}[{k}] is {one!r}; it must be a {kind.__name__}")
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 

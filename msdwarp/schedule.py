@@ -70,8 +70,9 @@ class Change:
         if isinstance(self.group, str):
             return system.group(self.group)
         chosen = np.zeros(system.particle_count, dtype=bool)
+        group = np.asarray(self.group)
         try:
-            chosen[np.asarray(self.group)] = True
+            chosen[group if group.size else []] = True
         except IndexError as error:
             raise ValueError(f"group does not index {system.particle_count} particles: {error}") from error
         return chosen

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -18,18 +18,8 @@ from .model import Model, State
 from .schedule import Change
 from .stability import SAFETY, StepChoice, UnstableStep, choose_forced, choose_substeps, rate_bounds
 from .system import CONNECTION_FIELDS, PARTICLE_FIELDS, System, constant
+from .trajectory import Frame
 from .watch import Backup, SimulationDiverged, Watch, describe
-
-
-class Frame(NamedTuple):
-    """One recorded instant, on the host."""
-
-    time: float
-    """Simulated time [s]."""
-    position: NDArray
-    """Particle positions [m], shape [particle_count, d]."""
-    velocity: NDArray
-    """Particle velocities [m/s], shape [particle_count, d]."""
 
 
 def frame_count(duration: float, fps: float) -> int:
@@ -120,6 +110,8 @@ class Simulation:
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+        if not isinstance(schedule, Iterable):
+            raise ValueError(f"schedule is {schedule!r}; it must be a sequence of changes made by at(...)")
         for k, change in enumerate(schedule):
             if not isinstance(change, Change):
                 raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
@@ -208,8 +200,7 @@ class Simulation:
         """
         for _ in range(checks.count("frames", frames, 1)):
             while self._due and self._due[0].time * self.fps < self.frame_index + 1e-6:  # times may be rounded up
-                self._load(self._due[0].applied_to(self.snapshot()))
-                del self._due[0]  # now that it has been possible
+                self._change_as_due()
             if self._refresh:
                 self._choose_anew()
             if self._graph is None:
@@ -219,6 +210,14 @@ class Simulation:
             if self._watch.finds_trouble():
                 raise self._divergence()
             self.frame_index += 1
+
+    def _change_as_due(self) -> None:
+        """Apply the next change of the schedule."""
+        try:
+            self._load(self._due[0].applied_to(self.snapshot()))
+        except UnstableStep as error:
+            raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
+        del self._due[0]  # now that it has been possible
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
@@ -305,13 +304,14 @@ class Simulation:
         return {"rest_length": rest_length, "original_length": self.system.original_length}
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
-        """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers."""
+        """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
         arrays = {name: np.array(array.numpy()) for name, array in self._moving().items()}
         for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
             values = getattr(self.system, name)
             arrays[f"system.{name}"] = np.array(values[:1] if constant(values) else values)
         choice = self.choice
         numbers = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
+        numbers |= {"fps": self.fps, "integrator": repr(self._method)}
         numbers |= {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
         numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
         return arrays, numbers
@@ -322,8 +322,13 @@ class Simulation:
         Raises
         ------
         ValueError
-            If the checkpoint is of another system, precision or integrator; nothing has changed then.
+            If the checkpoint is of another system, precision, frame rate or integrator; nothing has changed then.
         """
+        for name, own in {"fps": self.fps, "integrator": repr(self._method)}.items():
+            if checks.member("checkpoint", numbers, name) != own:
+                raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {own}")
+        frame_index = checks.count("frame_index", checks.member("checkpoint", numbers, "frame_index"), 0)
+        changes = checks.count("changes", checks.member("checkpoint", numbers, "changes"), 0)
         particles, connections = self._initial.particle_count, self._initial.connection_count
         fields = {}
         for names, count in ((PARTICLE_FIELDS, particles), (CONNECTION_FIELDS, connections)):
@@ -341,8 +346,8 @@ class Simulation:
             if (found.shape, found.dtype) != (array.numpy().shape, array.numpy().dtype):
                 raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
         self._load(self._initial.replace(**fields), choice)
-        self.frame_index = int(numbers["frame_index"])
-        self._due = self._schedule[int(numbers["changes"]) :]
+        self.frame_index = frame_index
+        self._due = self._schedule[changes:]
         for name, array in self._moving().items():
             array.assign(arrays[name])
 

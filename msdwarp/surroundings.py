@@ -91,7 +91,7 @@ class Surroundings:
         """Return turns and shifts from a substep before `time` to the end of the frame."""
         times = time + self._dt * np.arange(-1, max(self._substeps, 2) + 1)
         now = times[times >= 0]
-        each = [[collider.pose(t, self._dim) for collider in self._colliders] for t in map(float, now)]
+        each = [[self._pose(k, t) for k in range(len(self._colliders))] for t in map(float, now)]
         result = []
         for k in (0, 1):
             poses = np.array([[pose[k] for pose in row] for row in each])
@@ -99,3 +99,10 @@ class Surroundings:
                 poses = np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
             result.append(poses[: self._substeps + 2])
         return result
+
+    def _pose(self, k: int, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the pose of a collider; raise ValueError that names it where its motion has none."""
+        try:
+            return self._colliders[k].pose(time, self._dim)
+        except Exception as error:
+            raise ValueError(f"colliders[{k}] has no place at {time:g} s: {error}") from error

@@ -1,6 +1,7 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
 import dataclasses
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -333,6 +334,7 @@ class System:
         ValueError
             If the system is one-dimensional, or the axis is zero.
         """
+        checks.between("angle", angle, -sys.float_info.max, sys.float_info.max)
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)

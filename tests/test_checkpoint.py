@@ -77,8 +77,12 @@ def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
         simulation.restore(*other)
     with pytest.raises(ValueError, match=r"checkpoint holds x .*float64"):
         simulation.restore(*scene(device="cpu", precision="float64").checkpoint())
-    with pytest.raises(ValueError, match=r"checkpoint lacks 'carried\.0'"):
+    with pytest.raises(ValueError, match="checkpoint is of another integrator: SymplecticEuler"):
         scene(device="cpu", integrator=msd.Leapfrog(damper_extrapolation=0.5)).restore(arrays, numbers)
+    with pytest.raises(ValueError, match=r"checkpoint is of another fps: 60\.0; here it is 30"):
+        scene(device="cpu", fps=30.0).restore(arrays, numbers)
+    with pytest.raises(ValueError, match="frame_index is -1"):
+        simulation.restore(arrays, numbers | {"frame_index": -1})
     with pytest.raises(ValueError, match="checkpoint lacks 'substeps'"):
         simulation.restore(arrays, {k: v for k, v in numbers.items() if k != "substeps"})
     for each in (simulation, twin):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msdwarp import cli
+from msdwarp import Trajectory, cli
+from msdwarp.accuracy import simulation_of
 from msdwarp.run import Options
 
 ROOT = Path(__file__).parents[1]
@@ -45,6 +46,56 @@ def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
     assert what.startswith("64 particles and 468 connections by symplectic-euler")
     assert "simulated 0.1 s" in speed
     assert "out/cube/cube.webp" in where
+
+
+def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
+    keep = ("--trajectory", "plain", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    code, out, err = msdwarp("run", "cube", "--size", "3", *keep)
+    assert (code, err) == (0, "")
+    path = tmp_path / "out" / "cube" / "cube.vtkhdf"
+    assert "wrote out/cube/cube.vtkhdf" in out
+    scene = cli.find_scene("cube")[1](size=3)
+    simulation = simulation_of(scene, device="cpu")
+    with Trajectory(path) as trajectory:
+        for k, frame in enumerate(simulation.frames(0.1)):
+            np.testing.assert_array_equal(trajectory.frame(k).position, frame.position)
+        assert len(trajectory) == 7
+        assert trajectory.attributes["substeps"] == simulation.substeps
+    code, out, _ = msdwarp("info", str(path))
+    assert code == 0
+    assert "7 frames from 0 to 0.1 s" in out
+    assert "27 particles with 3 coordinates" in out
+    assert "integrator: symplectic-euler" in out
+    code, out, _ = msdwarp("export", str(path), "--to", "npz", "--out", "cube.npz")
+    assert (code, out) == (0, "wrote cube.npz\n")
+    code, out, _ = msdwarp("export", str(path), "--to", "obj")
+    assert out.endswith("cube_0000.obj ... cube_0006.obj\n")
+    code, _, err = msdwarp("export", str(path), "--to", "obj", "--frame", "3", "--out", "cube.npz")
+    assert code == 1
+    assert "must end in .obj" in err
+
+
+def test_what_is_no_trajectory_is_refused(msdwarp, tmp_path):
+    code, _, err = msdwarp("info", "nothing.vtkhdf")
+    assert code == 1
+    assert "nothing.vtkhdf" in err
+    (tmp_path / "text.vtkhdf").write_text("no HDF5")
+    code, _, err = msdwarp("info", "text.vtkhdf")
+    assert code == 1
+    assert "text.vtkhdf" in err
+    assert err.count("\n") == 1
+
+
+def test_an_earlier_trajectory_is_kept_unless_forced(msdwarp, tmp_path):
+    keep = ("--trajectory", "compressed", "--frames", "none", "--video", "none")
+    run = ("run", "cube", "--size", "3", "--out", "here", "--duration", "0.1", "--device", "cpu", *keep)
+    assert msdwarp(*run)[0] == 0
+    first = (tmp_path / "here" / "cube.vtkhdf").read_bytes()
+    code, _, err = msdwarp(*run)
+    assert code == 1
+    assert "--force" in err
+    assert (tmp_path / "here" / "cube.vtkhdf").read_bytes() == first
+    assert msdwarp(*run, "--force")[0] == 0
 
 
 def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):

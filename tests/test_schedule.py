@@ -364,3 +364,28 @@ def test_bad_change_is_named(arguments, message):
 def test_what_cannot_be_is_said_before_anything_runs(change, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         Simulation(chain(3).named("row"), device="cpu", schedule=[change()])
+
+
+def test_a_change_that_asks_for_more_substeps_than_are_forced_is_named():
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=100.0, damping=0.05)
+    simulation = Simulation(body, substeps=12, schedule=[at(0.05, stiffness=1e6)], device="cpu")
+    simulation.step(3)
+    with pytest.raises(UnstableStep, match=r"after the change at 0\.05 s substeps is 12; at least"):
+        simulation.step()
+
+
+def test_what_a_scene_is_made_of_is_checked_when_it_is_made():
+    body = box((3, 3, 3))
+    with pytest.raises(ValueError, match=r"schedule\[0\] is 3; it must be a Change"):
+        Scene(system=body, schedule=[3])
+    with pytest.raises(ValueError, match=r"colliders\[0\] is 3; it must be a Collider"):
+        Scene(system=body, colliders=[3])
+    with pytest.raises(ValueError, match=r"schedule is .*it must be a sequence"):
+        Simulation(body, schedule=at(0.1, mass=2.0), device="cpu")
+    with pytest.raises(ValueError, match="group is 'x'; it must be one of those there are: none"):
+        body.group("x")
+
+
+def test_nobody_is_changed_where_nobody_is_meant():
+    body = box((3, 3, 3))
+    np.testing.assert_array_equal(at(0.0, mass=5.0, group=[]).applied_to(body).mass, body.mass)

@@ -393,3 +393,9 @@ def test_two_that_never_yielded_share_their_lengths_when_added():
     assert pair.original_length is pair.rest_length
     yielded = triangle().replace(rest_length=2.0, original_length=1.0)
     np.testing.assert_array_equal((triangle() + yielded).original_length[3:], 1.0)
+
+
+@pytest.mark.parametrize("angle", [float("nan"), float("inf"), "a", [1, 2, 3]])
+def test_an_angle_is_one_finite_number(angle):
+    with pytest.raises(ValueError, match="angle is"):
+        box((2, 2, 2)).rotate(angle)

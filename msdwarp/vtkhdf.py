@@ -1,0 +1,349 @@
+"""VTKHDF: how a trajectory is laid out in its file, and the system beside it; see docs/files.md.
+
+Files come as open h5py files, so that HDF5 is loaded only where one is opened.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dampers import CoulombDamper, Damper, QuadraticDamper
+from .surface import Surface
+from .system import System
+
+FORMAT = 1
+"""Version of the group `msdwarp` in a file; VTK's own has another."""
+OWN, ROOT = "msdwarp", "VTKHDF"
+POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
+KINDS = ("Vertices", "Lines", "Polygons", "Strips")
+"""VTK's kinds of cells, in the order in which it counts them."""
+AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
+"""Where a particle's coordinates are in space: a line lies along x, a plane stands upright."""
+DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
+
+_GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+_LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
+"""Bytes of a chunk; HDF5 takes no more than 4 GiB."""
+_FORESEEN = 1024
+"""Frames whose offsets are written at once, where it is unknown how many there will be."""
+_BLOCK = 1 << 15
+"""Connections whose strain is computed at a time: their coordinates fit into the cache."""
+
+
+class Layout:
+    """How a system's frames are laid out: what there is once, and what each frame adds.
+
+    Parameters
+    ----------
+    system
+        What moves.
+    dtype
+        Numbers of the frames, float32 or float64.
+    frame_count
+        Frames that there will be, None if that is unknown.
+    compress
+        Whether arrays are compressed.
+    strain
+        Whether there is a strain of each connection.
+    """
+
+    def __init__(
+        self, system: System, dtype: np.dtype, frame_count: int | None, compress: bool, strain: bool
+    ) -> None:
+        self._system, self._dtype, self._compress = system, dtype, compress
+        surface = system.surface
+        self._embedded = surface if surface is not None and surface.weights is not None else None
+        n = system.particle_count
+        self._points = n + (0 if self._embedded is None else len(self._embedded.particle))
+        self._cells = _cells(system)
+        self._per_frame = {POINTS: self._points, VELOCITY: self._points}
+        if strain and system.connection_count:
+            self._per_frame[STRAIN] = sum(map(len, self._cells.values()))
+        self._foreseen = frame_count or _FORESEEN
+
+    @property
+    def static_size(self) -> int:
+        """Bytes of what there is once."""
+        own = sum(values.nbytes for values in _arrays(self._system).values())
+        return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
+
+    def growth(self, k: int) -> int:
+        """Return by how many bytes frame k lets the arrays grow, at most, as chunks are taken whole."""
+        size = 0
+        if k % self._foreseen == 0:
+            numbers = 1 + sum(stride.size for stride in self._offsets().values())
+            size += self._foreseen * numbers * 8
+        for name, count in self._per_frame.items():
+            rows = self._chunk(name)
+            chunks = -(-(k + 1) * count // rows) - -(-k * count // rows)
+            size += chunks * rows * self._row_size(name)
+        return size
+
+    def begin(self, file: Any, fps: float, attributes: Mapping[str, Any]) -> None:
+        """Write what there is once: the attributes of the run among it, which JSON can hold."""
+        group = file.create_group(OWN)
+        group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
+        group["attributes"] = json.dumps(attributes)
+        _write_system(group, self._system, self._compress)
+        root = file.create_group(ROOT)
+        root.attrs["Version"] = np.array([2, 2])
+        root.attrs["Type"] = np.bytes_("PolyData")
+        root["NumberOfPoints"] = np.array([self._points])
+        for name, cells in self._cells.items():
+            group, corners = root.create_group(name), cells.shape[1]
+            group["NumberOfCells"] = np.array([len(cells)])
+            group["NumberOfConnectivityIds"] = np.array([cells.size])
+            _store(group, "Connectivity", cells.ravel(), self._compress)
+            _store(group, "Offsets", np.arange(0, cells.size + 1, corners, dtype=cells.dtype), self._compress)
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(0)
+        _create_growing(steps, "Values", (), np.float64, self._foreseen, fillvalue=np.nan, fill_time="ifset")
+        for name, stride in self._offsets().items():
+            _create_growing(steps, name, stride.shape, np.int64, self._foreseen)
+        for name in self._per_frame:
+            width = () if name == STRAIN else (3,)
+            _create_growing(root, name, width, self._dtype, self._chunk(name), **(_GZIP if self._compress else {}))
+
+    def open(self, file: Any) -> None:
+        """Get ready to append frames to a file that has begun."""
+        self._file, self._steps = file, file[ROOT]["Steps"]
+        self._times = self._steps["Values"]
+        self._datasets = {name: file[ROOT][name] for name in self._per_frame}
+
+    def append(self, k: int, frame: tuple[float, NDArray, NDArray], rest_length: NDArray | None) -> None:
+        """Write frame k, behind the others, and flush it."""
+        time, position, velocity = frame
+        if k % self._foreseen == 0:
+            until = k + self._foreseen
+            for name, stride in self._offsets().items():
+                self._steps[name].resize(until, axis=0)
+                self._steps[name][k:] = np.multiply.outer(np.arange(k, until), stride) + (name == "NumberOfParts")
+        for name, dataset in self._datasets.items():
+            count = self._per_frame[name]
+            dataset.resize((k + 1) * count, axis=0)
+            if name == STRAIN:
+                dataset[k * count :] = self._strain(position, rest_length)
+            else:
+                dataset[k * count :] = self._in_space(position if name == POINTS else velocity)
+        # VTK's reader writes past its memory where there are more times than frames.
+        self._file.flush()
+        self._steps.attrs.modify("NSteps", np.int64(k + 1))
+        self._times.resize(k + 1, axis=0)
+        self._times[k] = time
+        self._file.flush()
+
+    def _offsets(self) -> dict[str, NDArray[np.int64]]:
+        """Return what the arrays of offsets in Steps grow by from frame to frame."""
+        strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
+        strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
+        if STRAIN in self._per_frame:
+            strides["CellDataOffsets/strain"] = self._per_frame[STRAIN]
+        return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
+
+    def _row_size(self, name: str) -> int:
+        return self._dtype.itemsize * (1 if name == STRAIN else 3)
+
+    def _chunk(self, name: str) -> int:
+        """Return the rows of a chunk of an array."""
+        count, size = self._per_frame[name], self._row_size(name)
+        # What is compressed is compressed again whenever a part of it is written.
+        frames = 1 if self._compress else max(1, _LEAST_CHUNK // (count * size))
+        return min(frames * count, _MOST_CHUNK // size)
+
+    def _in_space(self, values: NDArray) -> NDArray:
+        """Return coordinates of particles as those of points in space, shape [point_count, 3]."""
+        n, dim = values.shape
+        if dim == 3 and self._embedded is None:
+            return np.ascontiguousarray(values, dtype=self._dtype)
+        result = np.zeros((self._points, 3), dtype=self._dtype)
+        result[:n, AXES[dim]] = values
+        if self._embedded is not None:
+            result[n:, AXES[dim]] = self._embedded.points(values)
+        return result
+
+    def _strain(self, position: NDArray, rest_length: NDArray | None) -> NDArray:
+        """Return the strain of every cell: NaN where it is no connection."""
+        result = np.full(self._per_frame[STRAIN], np.nan, dtype=self._dtype)
+        rest = self._system.rest_length if rest_length is None else rest_length
+        lines = result[: len(rest)]  # the first cells, as there are no vertices beside them
+        axes = np.ascontiguousarray(position.T, dtype=self._dtype)
+        for start in range(0, len(rest), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            i, j = self._system.connections[part].T.astype(np.intp)
+            squared = np.zeros(len(i), dtype=self._dtype)
+            with np.errstate(over="ignore"):  # of a run about to diverge
+                for x in axes:
+                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # quicker: none is out of range
+                    squared += apart * apart
+            lines[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
+        return result
+
+
+def _cells(system: System) -> dict[str, NDArray]:
+    """Return the points of each cell by VTK's names of kinds, in VTK's order, shape [any, corners] each."""
+    n, surface = system.particle_count, system.surface
+    vertices, triangles = np.empty((0, 1)), np.empty((0, 3))
+    if surface is not None:
+        own = surface.particle if surface.weights is None else n + np.arange(len(surface.particle))
+        triangles = own[surface.triangles]
+    elif not system.connection_count:
+        vertices = np.arange(n)[:, None]  # or nothing would be seen
+    cells = dict(zip(KINDS, (vertices, system.connections, triangles, np.empty((0, 3))), strict=True))
+    wide = any(kind.size >= 2**31 for kind in cells.values())
+    return {name: kind.astype(np.int64 if wide else np.int32, copy=False) for name, kind in cells.items()}
+
+
+def _create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, rows: int, **options: Any) -> None:
+    """Create an array of no rows, whose chunks have so many."""
+    shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
+    group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
+
+
+def _store(group: Any, name: str, values: NDArray, compress: bool) -> None:
+    group.create_dataset(name, data=values, **(_GZIP if compress and values.size > 1000 else {}))
+
+
+def _arrays(system: System) -> dict[str, NDArray]:
+    """Return the arrays of a system that VTK has not, by name; what is the same for all has no first axis."""
+    found = {field.name: getattr(system, field.name) for field in fields(system)}
+    del found["connections"]  # these are VTK's lines
+    if system.original_length is system.rest_length:
+        del found["original_length"]
+    if system.surface is not None:
+        found |= {f"surface/{field.name}": getattr(system.surface, field.name) for field in fields(system.surface)}
+    found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
+    arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
+    once = {name for name, values in arrays.items() if len(values) > 1 and values.strides[0] == 0}
+    return {name: values[0] if name in once else values for name, values in arrays.items()}
+
+
+def _write_system(group: Any, system: System, compress: bool) -> None:
+    """Write a system as it is at the start."""
+    group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
+    damper = (type(system.damper).__name__, asdict(system.damper))
+    bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
+    group["description"] = json.dumps({"damper": damper, "directions": bodies, "groups": list(system.groups)})
+    for name, values in _arrays(system).items():
+        _store(group, f"system/{name}", np.asarray(values), compress)
+
+
+def read_times(root: Any) -> NDArray[np.float64]:
+    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
+    values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
+    try:
+        times = values[:count]
+    except OSError:  # the array is longer already, but its last part not on disk
+        times = values[: len(values) - 1]
+    return times[: np.append(np.isnan(times), True).argmax()]
+
+
+def read_system(file: Any) -> System:
+    """Return the system that is stored in a file."""
+    group = file[OWN]
+    described, part = json.loads(group["description"][()]), group["system"]
+    law, constants = described["damper"]
+    arrays = dict(_read(part))
+    surface = dict(_read(part["surface"])) if "surface" in part else None
+    return System(
+        **arrays,
+        connections=file[ROOT]["Lines/Connectivity"][()].reshape(-1, 2),
+        damper=DAMPERS[law](**constants),
+        surface=None if surface is None else Surface(**surface),
+        directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
+        groups={name: part[f"groups/{k}"][()] for k, name in enumerate(described["groups"])},
+    )
+
+
+def _read(group: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays in a group, without those in groups within it."""
+    for name, item in group.items():
+        if hasattr(item, "shape"):
+            yield name, item[()]
+
+
+def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes as they will be read; raise ValueError that names one that JSON cannot hold."""
+    result = {}
+    for name, value in attributes.items():
+        try:
+            result[str(name)] = json.loads(json.dumps(value))
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"attributes[{name!r}] is {value!r}; it must be a number, a text, a truth value, None, or a list "
+                "or mapping of those"
+            ) from error
+    return result
+
+
+def fault(file: Any) -> str | None:
+    """Return what tells a file from a trajectory that can be read, None where nothing does."""
+    if ROOT not in file:
+        return f"it has no group {ROOT}"
+    if OWN not in file:
+        return f"it is {ROOT} of another program, without a group {OWN}"
+    version = file[OWN].attrs.get("msdwarp_format")
+    if version == FORMAT:
+        return None
+    advice = ": install a newer msdwarp" if isinstance(version, np.integer) and version > FORMAT else ""
+    return f"it is of format {version}; this version reads {FORMAT}{advice}"
+
+
+class FrameArray:
+    """An array on disk with the frames as its first axis: what it is indexed with is read, and no more.
+
+    Each index counts for its own axis: a number, a slice, or a list, array or mask of several.
+    """
+
+    def __init__(self, dataset: Any, frames: int, stride: int, count: int, axes: list[int] | None = None) -> None:
+        self._dataset, self._stride, self._axes = dataset, stride, axes
+        self.shape = (frames, count) if axes is None else (frames, count, len(axes))
+        self.dtype, self.ndim = dataset.dtype, len(self.shape)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.shape[0]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
+        """Return all of it."""
+        return np.asarray(self[:], dtype=dtype)
+
+    def __getitem__(self, key: Any) -> NDArray:
+        """Return a part of it, as an array of its own."""
+        keys = key if isinstance(key, tuple) else (key,)
+        dots = [k for k, one in enumerate(keys) if one is Ellipsis]
+        if len(keys) - len(dots) > self.ndim or len(dots) > 1:
+            raise IndexError(f"{len(keys)} indices are given; there are {self.ndim} axes")
+        at = dots[0] if dots else len(keys)
+        whole = [slice(None)] * (self.ndim - len(keys) + len(dots))
+        frames, items, *coordinates = *keys[:at], *whole, *keys[at + 1 :]
+        values = self._read(_chosen(self.shape[0], frames), _chosen(self.shape[1], items))
+        values = values[..., coordinates[0]] if coordinates else values
+        values = values[:, 0] if isinstance(items, int | np.integer) else values
+        return values[0] if isinstance(frames, int | np.integer) else values
+
+    def _read(self, frames: NDArray[np.intp], items: NDArray[np.intp]) -> NDArray:
+        """Return some items of some frames."""
+        values = np.empty((len(frames), len(items), *self.shape[2:]), dtype=self.dtype)
+        if not values.size:
+            return values
+        low, high, start = items.min(), items.max() + 1, frames[0] * self._stride
+        axes = ... if self._axes is None or len(self._axes) == 3 else (..., self._axes)
+        step = frames[1] - frames[0] if len(frames) > 1 else 1
+        if high - low == 1 and step > 0 and np.all(np.diff(frames) == step):  # one item's path
+            stop = frames[-1] * self._stride + high
+            values[:] = self._dataset[start + low : stop : step * self._stride][axes][:, None]
+            return values
+        every = len(items) == high - low and np.all(np.diff(items) == 1)
+        for k, frame in enumerate(frames):
+            rows = self._dataset[frame * self._stride + low : frame * self._stride + high][axes]
+            values[k] = rows if every else rows[items - low]
+        return values
+
+
+def _chosen(count: int, key: Any) -> NDArray[np.intp]:
+    """Return the numbers of what an index chooses among so many."""
+    return np.atleast_1d(np.arange(count)[key])
