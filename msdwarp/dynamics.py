@@ -44,6 +44,11 @@ class Dynamics:
         self.world = world(self.motion)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
         self.world.gravity, self.world.colliders = model.gravity, around.data
+        if model.yields:
+            self._flow = plastic_flow(model.dim, model.scalar, model.compensated)[0]()
+            self._flow.connections, self._flow.rest_length = model.connections, model.rest_length
+            for name in ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain"):
+                setattr(self._flow, name, model.per_connection(name))
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
@@ -53,11 +58,8 @@ class Dynamics:
         model.surroundings.begin(model.inverse_mass, substeps, dt)
         self.world.colliders = model.surroundings.data
         if model.yields:
-            flow = plastic_flow(model.dim, model.scalar, model.compensated)[0]()
-            flow.h, flow.connections, flow.rest_length = dt, model.connections, model.rest_length
-            for name in ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain"):
-                setattr(flow, name, model.per_connection(name))
-            self.world.flow = flow
+            self._flow.h = dt
+            self.world.flow = self._flow
 
     def begin_substep(self, state: State, substep: int) -> None:
         """Begin substep number `substep`: connections yield, and colliders move."""
@@ -65,9 +67,14 @@ class Dynamics:
         if model.yields:
             inputs = [self.world.flow, state.here.lost, state.here.x]
             wp.launch(flow_each(self.motion), model.connection_count, inputs, device=model.device)
-        if model.surroundings.moving:
-            model.surroundings.data.substep = substep
-            self.world.colliders = model.surroundings.data
+        self.move_colliders(substep)
+
+    def move_colliders(self, substep: int) -> None:
+        """Have what is launched next find colliders where they are in this substep of a frame, where any move."""
+        around = self.model.surroundings
+        if around.moving:
+            around.data.substep = substep
+            self.world.colliders = around.data
 
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
@@ -161,9 +168,7 @@ class Stepper:
     def _stay(self, stages: int, first: int) -> None:
         model, (blocks, threads) = self._dynamics.model, self._blocks
         everyone = blocks * threads
-        if model.surroundings.moving:
-            model.surroundings.data.substep = first
-            self._dynamics.world.colliders = model.surroundings.data
+        self._dynamics.move_colliders(first)
         wp.launch(
             self._kernel,
             dim=everyone,

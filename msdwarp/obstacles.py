@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .colliders import Box, Capsule, Collider, Cone, Sphere
 from .scene import Scene
 from .shapes import box
+from .system import AXES
 
 AROUND = 72
 """Segments of what is round: with so many an outline of 500 pixels is off a circle by a quarter of one."""
@@ -64,7 +65,7 @@ def mesh_of(collider: Collider, dim: int) -> Mesh:
 def pose_in_space(collider: Collider, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (R, o), of shapes [3, 3] and [3]: at `time` a point y of its mesh is at R y + o."""
     turn, shift = collider.pose(time, dim)
-    axes = _axes_of(dim)
+    axes = AXES[dim]
     matrix, offset = np.eye(3), np.zeros(3)
     matrix[np.ix_(axes, axes)], offset[axes] = turn, shift
     return matrix, offset
@@ -81,14 +82,9 @@ def extent(scene: Scene) -> NDArray[np.float64]:
     return np.concatenate(points)
 
 
-def _axes_of(dim: int) -> list[int]:
-    """Return which axes of space the coordinates of a system are: as `picture.in_space` has it."""
-    return {1: [0], 2: [0, 2], 3: [0, 1, 2]}[dim]
-
-
 def _in_space(point: Sequence[float]) -> NDArray[np.float64]:
     full = np.zeros(3)
-    full[_axes_of(len(point))] = point
+    full[AXES[len(point)]] = point
     return full
 
 
@@ -130,7 +126,7 @@ def _block(geometry: dict[str, Any]) -> Mesh:
     surface = cube.surface
     assert surface is not None
     axes, size = np.eye(3), np.full(3, 2 * half.min())
-    place = _axes_of(dim)
+    place = AXES[dim]
     axes[np.ix_(place, place)], size[place] = geometry["axes"], 2 * half
     points = (surface.points(cube.position) * size) @ axes.T
     a, b, c = (points[surface.triangles[:, k]] for k in range(3))

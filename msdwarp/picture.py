@@ -12,6 +12,7 @@ from . import checks
 from .obstacles import extent, meshes
 from .parts import Balls, Obstacle, Part, Skin, Tubes
 from .scene import Look, Scene, rgb
+from .system import AXES
 from .textures import atlas, plain
 
 COLOURINGS = ("texture", "strain")
@@ -32,9 +33,7 @@ def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
     if dim == 3:
         return np.ascontiguousarray(position, dtype=dtype)
     points = np.zeros((*position.shape[:-1], 3), dtype=dtype)
-    points[..., 0] = position[..., 0]
-    if dim == 2:
-        points[..., 2] = position[..., 1]
+    points[..., AXES[dim]] = position
     return points
 
 

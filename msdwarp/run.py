@@ -211,7 +211,7 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
                     if drawing:
                         positions[done] = frame.position
                     if isinstance(writer, TrajectoryWriter):
-                        lengths = simulation.snapshot().rest_length if simulation.model.yields else None
+                        lengths = simulation.rest_length if simulation.model.yields else None
                         writer.write(frame, lengths)
                     done += 1
                     if log is not None:

@@ -264,6 +264,13 @@ class Simulation:
         """Return the velocities at the instant of the positions, on the device."""
         return self.integrator.velocity(self._dynamics, self.state, self._work, self.dt)
 
+    @property
+    def rest_length(self) -> NDArray:
+        """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
+        if not self.model.yields:
+            return self.system.rest_length
+        return self.model.in_system_order(_to_host(self.model.rest_length))
+
     def frame(self) -> Frame:
         """Return the present positions and velocities."""
         position, velocity = _to_host(self.state.x), _to_host(self._velocity())
@@ -300,8 +307,7 @@ class Simulation:
         """Return the fields of the system that yielding has changed."""
         if not self.model.yields:
             return {}
-        rest_length = self.model.in_system_order(self.model.rest_length.numpy())
-        return {"rest_length": rest_length, "original_length": self.system.original_length}
+        return {"rest_length": self.rest_length, "original_length": self.system.original_length}
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""

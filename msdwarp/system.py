@@ -47,6 +47,9 @@ _DEFAULTS = {
 _LIMITS["original_length"] = _LIMITS["rest_length"]
 
 
+AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
+"""Which axes of space coordinates are, by their number: a line lies along x, a plane stands upright."""
+
 _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
 
 

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
-from .system import System
+from .system import AXES, System
 from .vtkhdf import (
-    AXES,
     DAMPERS,
     KINDS,
     OWN,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .dampers import CoulombDamper, Damper, QuadraticDamper
 from .surface import Surface
-from .system import System
+from .system import AXES, System
 
 FORMAT = 1
 """Version of the group `msdwarp` in a file; VTK's own has another."""
@@ -21,8 +21,6 @@ OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 """VTK's kinds of cells, in the order in which it counts them."""
-AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
-"""Where a particle's coordinates are in space: a line lies along x, a plane stands upright."""
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
 
 _GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
