@@ -35,7 +35,8 @@ import warp as wp
 from common import arguments, machine, read_csv, table, write_csv
 
 from msdwarp import Plane, Simulation, System, box
-from msdwarp.trajectory import Frame, TrajectoryWriter
+from msdwarp.trajectory import Frame
+from msdwarp.writer import TrajectoryWriter
 
 FPS, SUBSTEPS = 60.0, 20
 SIZES = {"cpu": 46, "cuda": 100}

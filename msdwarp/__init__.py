@@ -26,6 +26,7 @@ from .surface import Surface
 from .system import System
 from .trajectory import Trajectory
 from .watch import SimulationDiverged
+from .writer import TrajectoryWriter
 
 __version__ = "0.1.0"
 
@@ -60,6 +61,7 @@ __all__ = [
     "SymplecticEuler",
     "System",
     "Trajectory",
+    "TrajectoryWriter",
     "UnstableStep",
     "at",
     "ball",

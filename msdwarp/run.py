@@ -26,8 +26,8 @@ from .render import Renderer
 from .scene import Scene
 from .simulation import Simulation, frame_count
 from .timelapse import timelapse
-from .trajectory import TrajectoryWriter
 from .watch import SimulationDiverged
+from .writer import TrajectoryWriter
 
 
 @Parameter(name="*")
@@ -211,8 +211,7 @@ def run_scene(name: str, scene: Scene, options: Options) -> None:
                     if drawing:
                         positions[done] = frame.position
                     if isinstance(writer, TrajectoryWriter):
-                        lengths = simulation.rest_length if simulation.model.yields else None
-                        writer.write(frame, lengths)
+                        writer.write(frame)
                     done += 1
                     if log is not None:
                         log.write(frame.time, simulation.measure())

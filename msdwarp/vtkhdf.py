@@ -63,6 +63,13 @@ class Layout:
             self._per_frame[STRAIN] = sum(map(len, self._cells.values()))
         self._foreseen = frame_count or _FORESEEN
 
+    @classmethod
+    def of(cls, file: Any, system: System) -> "Layout":
+        """Return the layout of a file that has begun."""
+        root = file[ROOT]
+        values, compress = root[POINTS], root[POINTS].compression is not None
+        return cls(system, values.dtype, root["Steps/Values"].chunks[0], compress, STRAIN in root)
+
     @property
     def static_size(self) -> int:
         """Bytes of what there is once."""
@@ -112,21 +119,31 @@ class Layout:
         self._times = self._steps["Values"]
         self._datasets = {name: file[ROOT][name] for name in self._per_frame}
 
-    def append(self, k: int, frame: tuple[float, NDArray, NDArray], rest_length: NDArray | None) -> None:
+    def truncate(self, k: int) -> None:
+        """Let a file have its first k frames only; where the others were, the next ones will be written."""
+        # VTK's reader writes past its memory where there are more times than frames.
+        self._times.resize(k, axis=0)
+        self._file.flush()
+        self._steps.attrs.modify("NSteps", np.int64(k))
+        self._file.flush()
+
+    def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> None:
         """Write frame k, behind the others, and flush it."""
         time, position, velocity = frame
         if k % self._foreseen == 0:
             until = k + self._foreseen
             for name, stride in self._offsets().items():
-                self._steps[name].resize(until, axis=0)
-                self._steps[name][k:] = np.multiply.outer(np.arange(k, until), stride) + (name == "NumberOfParts")
+                _at_least(self._steps[name], until)
+                offsets = np.multiply.outer(np.arange(k, until), stride)
+                self._steps[name][k:until] = offsets + (name == "NumberOfParts")
         for name, dataset in self._datasets.items():
             count = self._per_frame[name]
-            dataset.resize((k + 1) * count, axis=0)
+            _at_least(dataset, (k + 1) * count)
             if name == STRAIN:
-                dataset[k * count :] = self._strain(position, rest_length)
+                values = self._strain(position, strain)
             else:
-                dataset[k * count :] = self._in_space(position if name == POINTS else velocity)
+                values = self._in_space(position if name == POINTS else velocity)
+            dataset[k * count : (k + 1) * count] = values
         # VTK's reader writes past its memory where there are more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
@@ -163,11 +180,16 @@ class Layout:
             result[n:, AXES[dim]] = self._embedded.points(values)
         return result
 
-    def _strain(self, position: NDArray, rest_length: NDArray | None) -> NDArray:
+    def _strain(self, position: NDArray, given: NDArray | None) -> NDArray:
         """Return the strain of every cell: NaN where it is no connection."""
+        rest = self._system.rest_length
+        if given is not None and len(given) == self._per_frame[STRAIN]:
+            return given
         result = np.full(self._per_frame[STRAIN], np.nan, dtype=self._dtype)
-        rest = self._system.rest_length if rest_length is None else rest_length
         lines = result[: len(rest)]  # the first cells, as there are no vertices beside them
+        if given is not None:
+            lines[:] = given
+            return result
         axes = np.ascontiguousarray(position.T, dtype=self._dtype)
         for start in range(0, len(rest), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -199,6 +221,12 @@ def _create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, r
     """Create an array of no rows, whose chunks have so many."""
     shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
     group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
+
+
+def _at_least(dataset: Any, rows: int) -> None:
+    """Let an array have so many rows, if it has less."""
+    if len(dataset) < rows:
+        dataset.resize(rows, axis=0)
 
 
 def _store(group: Any, name: str, values: NDArray, compress: bool) -> None:

@@ -49,3 +49,14 @@ def device(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
     if route:
         monkeypatch.setattr(routes, "automatic_route", always(*route))
     return name
+
+
+@pytest.fixture
+def vtk_output():
+    """What VTK says, which is nothing if all is well."""
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+
+    before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    yield window
+    vtkOutputWindow.SetInstance(before)

@@ -8,7 +8,7 @@ import pyvista as pv
 
 from msdwarp import System, Trajectory, ball, box, chain, sheet
 from msdwarp.export import export
-from msdwarp.trajectory import TrajectoryWriter
+from msdwarp.writer import TrajectoryWriter
 
 SYSTEMS = {"box": box((4, 3, 3)), "plane": sheet((3, 3), dim=2), "ball": ball(1.0, 0.5), "chain": chain(5)}
 

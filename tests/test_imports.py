@@ -17,7 +17,7 @@ TIERS = [
     {"checks"},
     {"surface", "dampers", "materials"},
     {"system", "grid"},
-    {"shapes", "colliders", "vtkhdf", "trajectory", "restart"},
+    {"shapes", "colliders", "vtkhdf", "trajectory", "writer", "restart"},
     {"solids"},
     {"meshes", "outlines"},
     {"lattices"},
@@ -35,7 +35,7 @@ TIERS = [
     {"obstacles"},
     {"opengl", "parts", "picture", "legend", "film", "raycast", "render", "timelapse", "viewer", "export"},
     {"scenes"},  # the package, which is empty: by it the command finds the scenes' files
-    {"accuracy", "energy_log"},
+    {"accuracy", "energy_log", "history"},
     {"run", "tune"},
     {"cli"},
     {"__main__"},
@@ -189,7 +189,7 @@ def test_kernels_import_warp_and_each_other_only(name):
         ("pyvista", {"render", "viewer", "export"}),
         ("vtk", set()),
         ("vtkmodules", set()),
-        ("h5py", {"trajectory", "restart"}),
+        ("h5py", {"trajectory", "writer", "restart"}),
         ("pxr", {"export"}),
     ],
 )
