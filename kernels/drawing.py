@@ -4,6 +4,25 @@ import warp as wp
 
 from .basis import kernel
 
+STRAIN_STOPS = ((0.13, 0.62, 0.33), (0.96, 0.80, 0.23), (0.85, 0.15, 0.14))
+"""Colours, evenly spaced, of strain from none to full: green, yellow, red."""
+VALUE_STOPS = (
+    (0.08, 0.29, 0.58),
+    (0.32, 0.31, 0.74),
+    (0.54, 0.32, 0.80),
+    (0.73, 0.32, 0.75),
+    (0.89, 0.36, 0.64),
+    (0.99, 0.44, 0.49),
+    (1.00, 0.56, 0.34),
+    (1.00, 0.71, 0.26),
+    (0.98, 0.87, 0.31),
+)
+"""Colours, evenly spaced, of any other value from 0 to full: from blue through red to yellow.
+
+Each is as far from the next in OKLab as the others are, to 5 %, and lighter: equal differences of values look
+alike. The darkest is light enough for shading to show the shape of a body at rest.
+"""
+
 
 @kernel
 def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)):
@@ -76,42 +95,24 @@ def place_rigid(
     normals[i] = turn * given_normals[i]
 
 
-@wp.func
-def strain_colour(strain: float) -> wp.vec3:
-    """Return green at rest, through yellow, to red at a strain of 1 in either direction."""
-    s = wp.min(wp.abs(strain), 1.0)
-    green = wp.vec3(0.13, 0.62, 0.33)
-    yellow = wp.vec3(0.96, 0.80, 0.23)
-    red = wp.vec3(0.85, 0.15, 0.14)
-    if s < 0.5:
-        return green + 2.0 * s * (yellow - green)
-    return yellow + (2.0 * s - 1.0) * (red - yellow)
-
-
 @kernel
 def place_tubes(
     x: wp.array(dtype=wp.vec3),
     connections: wp.array(dtype=wp.vec2i),
-    rest_length: wp.array(dtype=float),
     radius: float,
-    full_strain: float,
     points: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
-    colours: wp.array(dtype=wp.vec3),
 ):
-    """Lay a three-sided tube along every connection, six vertices each, coloured by strain / full_strain."""
+    """Lay a three-sided tube along every connection: six vertices each, at its start and its end in turn."""
     c = wp.tid()
     start = x[connections[c][0]]
     end = x[connections[c][1]]
-    axis = end - start
-    strain = wp.length(axis) / rest_length[c] - 1.0
-    axis = wp.normalize(axis)
+    axis = wp.normalize(end - start)
     aside = wp.vec3(0.0, 0.0, 1.0)
     if wp.abs(axis[2]) > 0.9:
         aside = wp.vec3(1.0, 0.0, 0.0)
     e1 = wp.normalize(wp.cross(axis, aside))
     e2 = wp.cross(axis, e1)
-    colour = strain_colour(strain / full_strain)
     for k in range(3):
         angle = float(k) * 2.0943951
         outwards = wp.cos(angle) * e1 + wp.sin(angle) * e2
@@ -120,8 +121,48 @@ def place_tubes(
         points[near + 1] = end + radius * outwards
         normals[near] = outwards
         normals[near + 1] = outwards
-        colours[near] = colour
-        colours[near + 1] = colour
+
+
+@wp.func
+def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
+    """Return the colour at a share of a scale: linear between its stops, and its ends below 0 and above 1."""
+    last = stops.shape[0] - 1
+    at = wp.clamp(share, 0.0, 1.0) * float(last)
+    k = wp.min(int(at), last - 1)
+    return stops[k] + (at - float(k)) * (stops[k + 1] - stops[k])
+
+
+@kernel
+def colour_by_strain(
+    x: wp.array(dtype=wp.vec3),
+    connections: wp.array(dtype=wp.vec2i),
+    rest_length: wp.array(dtype=float),
+    full_strain: float,
+    stops: wp.array(dtype=wp.vec3),
+    colours: wp.array(dtype=wp.vec3),
+):
+    """Colour the six vertices of every connection's tube by its strain / full_strain, in either direction."""
+    c = wp.tid()
+    strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
+    colour = colour_at(stops, wp.abs(strain / full_strain))
+    for k in range(6):
+        colours[6 * c + k] = colour
+
+
+@kernel
+def colour_by_value(
+    shares: wp.array(dtype=float),
+    particle: wp.array2d(dtype=int),
+    weights: wp.array2d(dtype=float),
+    stops: wp.array(dtype=wp.vec3),
+    colours: wp.array(dtype=wp.vec3),
+):
+    """Colour every vertex by the mixture of its particles' values, given as shares of the full one."""
+    i = wp.tid()
+    share = float(0.0)
+    for k in range(particle.shape[1]):
+        share += weights[i, k] * shares[particle[i, k]]
+    colours[i] = colour_at(stops, share)
 
 
 @wp.func

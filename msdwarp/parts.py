@@ -1,4 +1,4 @@
-"""The parts of a drawing: the body's skin, tubes and balls, and obstacles, each a set of triangles that moves."""
+"""The parts of a drawing, each a set of triangles that moves, and what gives some of them colours that move."""
 
 import functools
 import itertools
@@ -35,8 +35,16 @@ class Part(Protocol):
     triangles: NDArray[np.int32]
     radius: float
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
+        ...
+
+
+class BodyPart(Part, Protocol):
+    """Triangles that follow the particles."""
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particles whose values each vertex mixes, and its shares of them: [vertex_count, k] both."""
         ...
 
 
@@ -64,7 +72,7 @@ class Skin:
         )
         self._sums = wp.zeros(len(use), dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Move the vertices with their particles, and find the normals anew."""
         if self._weights is None:
             _launch(drawing.place_vertices, len(points), [x, self._particle], [points])
@@ -79,29 +87,33 @@ class Skin:
         )
         _launch(drawing.take_normals, len(points), [self._sums, self._normal_of], [normals])
 
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particles and weights of the surface's vertices."""
+        if self._weights is None:
+            return _alone(self._particle.numpy())
+        return self._particle.numpy(), self._weights.numpy()
+
 
 class Tubes:
-    """A three-sided tube along each connection, from green (rest) to red (strained)."""
+    """A three-sided tube along each connection."""
 
-    def __init__(self, system: System, full_strain: float, device: str) -> None:
+    def __init__(self, system: System, device: str) -> None:
         vertices = 6 * system.connection_count
         side = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 0, 5], [5, 0, 1]])
         first = 6 * np.arange(system.connection_count)[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.colour = np.zeros((vertices, 2)), np.ones(3)
-        self._full_strain = full_strain
         self.radius = TUBE * float(np.median(system.rest_length))
         self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
-        self._rest_length = wp.array(system.rest_length, dtype=float, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array, colours: wp.array) -> None:
-        """Lay the tubes between their particles, in the colours of their strain."""
-        _launch(
-            drawing.place_tubes,
-            len(self._connections),
-            [x, self._connections, self._rest_length, self.radius, self._full_strain],
-            [points, normals, colours],
-        )
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Lay the tubes between their particles."""
+        inputs = [x, self._connections, self.radius]
+        _launch(drawing.place_tubes, len(self._connections), inputs, [points, normals])
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particle at the end where each vertex is: at the start and the end in turn."""
+        return _alone(np.tile(self._connections.numpy(), (1, 3)).ravel())
 
 
 class Balls:
@@ -117,10 +129,15 @@ class Balls:
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Put the balls where their particles are."""
         _launch(drawing.place_balls, (len(x), len(self._directions)), [x, self._directions, self.radius], [points])
         wp.copy(normals, self._normals)
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particle in the middle of each vertex's ball."""
+        corners = len(self._directions)
+        return _alone(np.arange(len(self._normals)) // corners)
 
 
 class Obstacle:
@@ -134,11 +151,54 @@ class Obstacle:
         self._points = wp.array(mesh.points, dtype=wp.vec3, device=device)
         self._normals = wp.array(mesh.normals, dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Turn and shift the mesh to where the collider is at `time` [s]."""
         turn, shift = pose_in_space(self._collider, time, self._dim)
         pose = [wp.mat33(*turn.ravel()), wp.vec3(*shift)]
         _launch(drawing.place_rigid, len(points), [self._points, self._normals, *pose], [points, normals])
+
+
+class Paint(Protocol):
+    """What gives a part of the body its colours when they change."""
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Write colours, where the particles are at x and have values that are such shares of the full one."""
+        ...
+
+
+class StrainPaint:
+    """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
+
+    def __init__(self, system: System, full_strain: float, device: str) -> None:
+        self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
+        self._rest_length = wp.array(system.rest_length, dtype=float, device=device)
+        self._full_strain = full_strain
+        self._stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Colour the tubes of connections between particles at x."""
+        inputs = [x, self._connections, self._rest_length, self._full_strain, self._stops]
+        _launch(drawing.colour_by_strain, len(self._connections), inputs, [colours])
+
+
+class ValuePaint:
+    """Colours of a part of the body by values of its particles."""
+
+    def __init__(self, part: BodyPart, device: str) -> None:
+        particle, weights = part.mixture()
+        self._particle = wp.array(particle, dtype=int, device=device)
+        self._weights = wp.array(weights, dtype=float, device=device)
+        self._stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Colour the part by values that are such shares of the full one."""
+        inputs = [shares, self._particle, self._weights, self._stops]
+        _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+
+
+def _alone(particle: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the mixtures of vertices that are each of one particle, shape [vertex_count]."""
+    return particle[:, None], np.ones((len(particle), 1), np.float32)
 
 
 def _launch(kernel: Any, dim: int | tuple[int, ...], inputs: list, outputs: list[wp.array]) -> None:

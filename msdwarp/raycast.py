@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .kernels import raycast
-from .picture import AMBIENT, HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground
+from .picture import HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground
 from .scene import Look, rgb
 
 
@@ -41,7 +41,7 @@ class RayCaster:
         view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))
         view.light, view.towards_viewer = wp.vec3(*camera.light), wp.vec3(*-camera.forward)
         view.background = wp.vec3(*rgb("background", look.background))
-        view.ambient, view.key, view.head = AMBIENT, KEY, HEAD
+        view.ambient, view.key, view.head = drawing.ambient, drawing.diffuse * KEY, drawing.diffuse * HEAD
         view.has_ground, view.below = int(ground is not None), drawing.below
         view.ground = _image(blank, device)
         if ground is not None:

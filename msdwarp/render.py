@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import checks
 from .kernels.drawing import halve_over
-from .legend import with_strain_bar
+from .legend import with_bar
 from .opengl import ADVICE, opengl_window
-from .picture import AMBIENT, HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, in_view
+from .picture import HEAD, KEY, SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, Scale, in_view
 from .raycast import RayCaster
 from .scene import Scene, rgb
 
@@ -42,10 +42,13 @@ class Renderer:
     resolution
         Width and height in pixels.
     colouring
-        "texture" for the surface as it looks, "strain" for connections from green (rest) to red (strained); by
-        default what the scene's look says.
+        "texture" for the surface as it looks, "strain" for connections from green (rest) to red (strained), or
+        a `Scale` for the surface, or connections where there is none, in the colours of values that come with
+        each frame; by default what the scene's look says.
     backend
         "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
+    zoom
+        How many times nearer the camera comes than where it sees everything, above 0.
 
     Raises
     ------
@@ -61,8 +64,9 @@ class Renderer:
         positions: NDArray,
         *,
         resolution: tuple[int, int] = (1280, 720),
-        colouring: str | None = None,
+        colouring: str | Scale | None = None,
         backend: str = "auto",
+        zoom: float = 1.0,
     ) -> None:
         checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
         self.width, self.height = (checks.count("resolution", n, 16) for n in resolution)
@@ -75,7 +79,8 @@ class Renderer:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
         checks.every("positions", positions, np.isfinite(positions), "finite")
         points = in_view(scene, positions)
-        self.camera = Camera.that_sees(points, scene.look, self.width / self.height)
+        zoom = checks.positive("zoom", zoom)
+        self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom)
         self.ground = Ground(scene, points) if scene.ground else None
         window = opengl_window()
         if backend == "opengl" and window is None:
@@ -88,7 +93,7 @@ class Renderer:
         else:
             self._backend = RayCaster(self.drawing, self.camera, self.ground, self.look, (self.width, self.height))
 
-    def image(self, position: NDArray, time: float = 0.0) -> NDArray[np.uint8]:
+    def image(self, position: NDArray, time: float = 0.0, values: ArrayLike | None = None) -> NDArray[np.uint8]:
         """Return the picture of a frame, uint8 of shape [height, width, 3].
 
         Parameters
@@ -97,21 +102,33 @@ class Renderer:
             Particle positions [m], shape [particle_count, d].
         time
             When that is [s]: where moving colliders are drawn.
+        values
+            A number per particle, in the unit of the `Scale` that the colouring is, shape [particle_count];
+            None where it is none.
 
         Raises
         ------
         ValueError
-            If `position` is not finite or not of the system's shape.
+            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
+            asked for.
         """
-        return self.with_legend(self.bare(position, time))
+        return self.with_legend(self.bare(position, time, values=values))
 
-    def bare(self, position: NDArray | None, time: float = 0.0, *, shadows: bool = True) -> NDArray[np.uint8]:
+    def bare(
+        self,
+        position: NDArray | None,
+        time: float = 0.0,
+        *,
+        shadows: bool = True,
+        values: ArrayLike | None = None,
+    ) -> NDArray[np.uint8]:
         """Return the picture of a frame without a legend; without the body where `position` is None.
 
         Raises
         ------
         ValueError
-            If `position` is not finite or not of the system's shape.
+            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
+            asked for.
         """
         if position is None:
             self.drawing.follow_without_body(self.camera.eye - self.camera.forward, time)
@@ -120,12 +137,28 @@ class Renderer:
         if position.shape != self._shape:
             raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
         checks.every("position", position, np.isfinite(position), "finite")
-        self.drawing.follow(position, time)
+        self.drawing.follow(position, time, self._checked(values))
         return self._backend.draw(shadows=shadows)
 
+    def _checked(self, values: ArrayLike | None) -> NDArray[np.float64] | None:
+        """Return values of the particles, where the drawing is by value; raise ValueError unless they are."""
+        if not self.drawing.by_value:
+            if values is not None:
+                raise ValueError("values is given; it must be None unless the colouring is a Scale")
+            return None
+        shape = self._shape[:1]
+        if values is None:
+            raise ValueError(f"values is None; it must have the shape {shape}, since the colouring is a Scale")
+        given = checks.array("values", values)
+        if given.shape != shape:
+            raise ValueError(f"values has shape {given.shape}; it must be {shape}")
+        checks.every("values", given, np.isfinite(given), "finite")
+        return given
+
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture with the strain bar, where connections are drawn in the colours of their strain."""
-        return with_strain_bar(image, self.look) if self.drawing.strained else image
+        """Return a picture with the bar of what its colours tell, where they tell something."""
+        scale = self.drawing.scale
+        return image if scale is None else with_bar(image, scale, self.drawing.stops)
 
 
 class OpenGL:
@@ -214,7 +247,8 @@ class OpenGL:
         body.point_data["Normals"] = drawing.normals.numpy()
         body.GetPointData().SetActiveNormals("Normals")
         style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
-        style |= {"ambient": AMBIENT, "diffuse": 1.0, "specular": drawing.gloss, "specular_power": 30.0}
+        style |= {"ambient": drawing.ambient, "diffuse": drawing.diffuse}
+        style |= {"specular": drawing.gloss, "specular_power": 30.0}
         if drawing.texture is not None:
             body.active_texture_coordinates = drawing.uv
             style["texture"] = pv.Texture(np.ascontiguousarray(drawing.texture))
@@ -236,7 +270,7 @@ class OpenGL:
         drawing, body = self.drawing, self._body
         body.GetPoints().Modified()
         body.GetPointData().GetNormals().Modified()
-        if drawing.strained:
+        if drawing.colours_move:
             body.point_data["colours"][:] = 255 * drawing.colours.numpy()
         points = drawing.points.numpy()
         drawn = [points]

@@ -1,6 +1,6 @@
 """Time-lapse: several poses of a moving body in one picture, early ones faint and the last one opaque."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,12 @@ FAINTEST = 0.22
 """Opacity of the first of several poses."""
 
 
-def timelapse(renderer: Renderer, positions: Sequence[NDArray] | NDArray, times: ArrayLike) -> NDArray[np.uint8]:
+def timelapse(
+    renderer: Renderer,
+    positions: Sequence[NDArray] | NDArray,
+    times: ArrayLike,
+    values: ArrayLike | None = None,
+) -> NDArray[np.uint8]:
     """Return one picture of several poses, laid over each other in order, each more opaque than the one before.
 
     A pose's pixels are those that differ from a picture without the body; what it covers of earlier poses shows
@@ -27,6 +32,9 @@ def timelapse(renderer: Renderer, positions: Sequence[NDArray] | NDArray, times:
         Particle positions of the poses [m], shape [pose_count, particle_count, d].
     times
         When they are [s], shape [pose_count].
+    values
+        A number per particle and pose, in the unit of the `Scale` that the renderer's colouring is, shape
+        [pose_count, particle_count]; None where it is none.
 
     Returns
     -------
@@ -36,20 +44,28 @@ def timelapse(renderer: Renderer, positions: Sequence[NDArray] | NDArray, times:
     Raises
     ------
     ValueError
-        If there is no pose, `times` does not hold one time for each, or positions are not the system's.
+        If there is no pose, `times` does not hold one time for each, positions are not the system's, or values
+        are missing, not asked for, not finite or not one for each particle and pose.
     """
     count = len(positions)
     if not count:
         raise ValueError("positions has no pose; it must have at least one")
     moments = checks.broadcast("times", times, (count,))
     checks.every("times", moments, np.isfinite(moments), "finite")
+    values_of: Iterable[NDArray | None] = [None] * count
+    if values is not None:
+        values_of, shape = checks.array("values", values), (count, len(positions[0]))
+        if values_of.shape != shape:
+            raise ValueError(f"values has shape {values_of.shape}; it must be {shape}")
+        checks.every("values", values_of, np.isfinite(values_of), "finite")
     opacities = np.linspace(FAINTEST, 1.0, count) if count > 1 else [1.0]
     shape = (renderer.height, renderer.width)
     bodies, clear, light = np.zeros((*shape, 3)), np.ones((*shape, 1)), np.ones((*shape, 1))
     stage = np.zeros(())
-    for position, time, opacity in zip(positions, moments.tolist(), opacities, strict=True):
-        image, stage = renderer.bare(position, time), renderer.bare(None, time)
-        colour, cover = _body(*(renderer.bare(each, time, shadows=False) for each in (position, None)))
+    for position, time, own, opacity in zip(positions, moments.tolist(), values_of, opacities, strict=True):
+        image, stage = renderer.bare(position, time, values=own), renderer.bare(None, time)
+        shadowless = renderer.bare(position, time, shadows=False, values=own)
+        colour, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
         bodies += opacity * cover * (colour - bodies)
         clear *= 1 - opacity * cover
         # What is left of the light on the ground. Where two shadows fall it is no darker than in one.

@@ -287,7 +287,7 @@ def test_a_scene_can_ask_for_strain_colours(scene):
     strained = msd.Scene(system=scene.system, look=msd.Look(strain=True))
     for one, colouring, wanted in ((scene, None, False), (strained, None, True), (strained, "texture", False)):
         renderer = msd.Renderer(one, position, resolution=SIZE, colouring=colouring, backend="raycast")
-        assert renderer.drawing.strained == wanted
+        assert renderer.drawing.colours_move == wanted
 
 
 def test_a_scene_of_nothing_to_draw_is_refused():
