@@ -6,13 +6,17 @@ All on a cube of 26 neighbours that falls, spinning, so that every number moves.
 
 How fast is a frame written? By `TrajectoryWriter` with and without strain and compression, by plain h5py
 (positions and velocities appended to two arrays), and as PVD + VTP by PyVista (a file a frame, which has the
-connections each time, compressed by zlib). The frames were simulated before, and are handed over as fast as they
-are taken. MB/s counts positions, velocities and, where it is written, strain as they are in memory, whatever the
-file's size. Nothing is forced out of the system's cache of the disk; what was written before is (`os.sync`,
-outside the clock).
+connections each time, compressed by zlib). "Raw bytes" are as many as positions, velocities and strain have, and
+are given to the system as they are: what this disk can take. The frames were simulated before, and are handed over
+as fast as they are taken; strain is computed on the host. MB/s counts positions, velocities and, where it is
+written, strain as they are in memory, whatever the file's size. Nothing is forced out of the system's cache of the
+disk; what was written before is (`os.sync`, outside the clock).
 
-How much slower is a run? A frame is 1/60 s of 20 substeps. Rounds go through all ways in turn: simulated alone,
-read back to the host, and written; the share is of the time of what is read back.
+How much slower is a run? A frame is 1/60 s of 20 substeps. It is simulated alone, which writes nothing; read back
+to the host, by `Simulation.frames`; and each frame, each 10th or each 60th is written as `msdwarp run` does it: by
+`Readback`, with strain computed on the device, and `TrajectoryWriter`. Times are of a simulated frame, whether it
+is kept or not. Rounds go through all ways in turn; the share is of the time in which the same round simulated the
+same frames alone, and the median of all rounds.
 
 In both the clock starts once the first frame is in the file, with all that there is once (`ms_to_begin`), and
 stops when the file is closed.
@@ -24,7 +28,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -35,12 +39,16 @@ import warp as wp
 from common import arguments, machine, read_csv, table, write_csv
 
 from msdwarp import Plane, Simulation, System, box
+from msdwarp.readback import Readback
 from msdwarp.trajectory import Frame
 from msdwarp.writer import TrajectoryWriter
 
 FPS, SUBSTEPS = 60.0, 20
 SIZES = {"cpu": 46, "cuda": 100}
 """Particles along an edge of the cube that runs."""
+RUNS = {"cpu": {1: 10, 10: 20, 60: 60}, "cuda": {1: 40, 10: 400, 60: 1800}, "quick": {1: 10, 10: 20, 60: 60}}
+"""Frames that a run simulates, by which of them it keeps: each, each 10th, each 60th. Where it waits for the disk,
+it keeps many more than can wait in memory."""
 WAYS = {
     "trajectory": {},
     "trajectory, no strain": {"strain": False},
@@ -81,6 +89,22 @@ def by_trajectory(folder: Path, system: System, frames: Iterator[Frame], **optio
         clock.begun()
         for frame in frames:
             writer.write(frame)
+    return clock.stop()
+
+
+def by_system(folder: Path, system: System, frames: Iterator[Frame]) -> tuple[float, float]:
+    """Hand the system as many bytes as a frame with strain has, and no more than bytes."""
+    strain = np.random.default_rng(0).random(system.connection_count, np.float32)
+    clock = Clock()
+    file = os.open(folder / "run.raw", os.O_WRONLY | os.O_CREAT)
+    for k, (_, position, velocity) in enumerate(frames):
+        for values in (position, velocity, strain):
+            rest = memoryview(np.ascontiguousarray(values)).cast("B")
+            while rest:
+                rest = rest[os.write(file, rest) :]
+        if k == 0:
+            clock.begun()
+    os.close(file)
     return clock.stop()
 
 
@@ -126,6 +150,7 @@ def writers() -> dict[str, tuple[Callable, int]]:
     found = {
         name: (partial(by_trajectory, **options), 4 if "gzip" in name else 1) for name, options in WAYS.items()
     }
+    found["raw bytes"] = (by_system, 1)
     found["h5py"] = (by_h5py, 1)
     found["h5py, gzip"] = (partial(by_h5py, compression="gzip", compression_opts=1, shuffle=True), 4)
     try:
@@ -175,74 +200,105 @@ def measure_writing(n: int, device: str, count: int, rounds: int) -> list[dict]:
     rows = []
     for name, times in seconds.items():
         held = kept[0].position.nbytes + kept[0].velocity.nbytes
-        if "trajectory" in name and "no strain" not in name:
+        if name == "raw bytes" or ("trajectory" in name and "no strain" not in name):
             held += system.connection_count * kept[0].position.itemsize
-        one = row(system, "write", name, times)
+        one = row(system, "write", name, 1, times)
         one["mb_per_second"], one["mb_per_frame"] = held / one["ms_per_frame"] / 1e3, size[name] / 1e6
         rows.append(one)
     return rows
 
 
-def row(system: System, question: str, way: str, times: list[tuple[float, float]]) -> dict:
+def row(system: System, question: str, way: str, every: int | str, times: list[tuple[float, float]]) -> dict:
     """Return a row of what all have; times are to begin, and of a frame."""
     begin, frame = zip(*times, strict=True)
-    found = {"question": question, "way": way, "particles": system.particle_count}
+    found = {"question": question, "way": way, "every": every, "particles": system.particle_count}
     found |= {"connections": system.connection_count, "ms_to_begin": median(begin) * 1e3}
     found |= {"ms_per_frame": median(frame) * 1e3, "spread": (max(frame) - min(frame)) / median(frame)}
     return found | {"frames_per_second": 1 / median(frame), "mb_per_second": "", "mb_per_frame": "", "slower": ""}
 
 
-def measure_run(n: int, device: str, count: int, rounds: int) -> list[dict]:
-    """Return a row for every way of running `count` frames of a cube of n³ particles."""
+def simulated_alone(running: Simulation, counts: Iterable[int]) -> dict[int, float]:
+    """Simulate, and keep nothing; return seconds a frame of the first so many frames."""
+    done, found, start = 0, {}, time.perf_counter()
+    for count in sorted(counts):
+        running.step(count - done)
+        wp.synchronize_device(running.device)
+        done, found[count] = count, (time.perf_counter() - start) / count
+    return found
+
+
+def read_back(folder: Path, running: Simulation, count: int) -> tuple[float, float]:
+    """Have every frame on the host, one after the other, and keep none."""
+    clock, frames = Clock(), running.frames(count / FPS)
+    next(frames)
+    clock.begun()
+    for _ in frames:
+        pass
+    return clock.stop()
+
+
+def kept(folder: Path, running: Simulation, count: int, every: int, strain: bool = True) -> tuple[float, float]:
+    """Write each `every`-th frame while simulating goes on."""
+    clock = Clock()
+    options = {"fps": FPS, "frame_count": count + 1, "every": every, "strain": strain}
+    readback = Readback(running, strain=strain)
+    with TrajectoryWriter(folder / "run.vtkhdf", running.system, **options) as writer:
+        writer.write_pending(readback.take())
+        while writer.frame_count == 0:
+            time.sleep(0.001)
+        clock.begun()
+        for _ in range(count):
+            running.step()
+            writer.write_pending(readback.take() if writer.wants_next() else None)
+    return clock.stop()
+
+
+def measure_run(n: int, device: str, counts: dict[int, int], rounds: int) -> list[dict]:
+    """Return a row for every way of running a cube of n³ particles; `counts` are frames, by which are kept."""
     running = simulation(n, device)
     running.step(2)  # compiles, and records the frame
-
-    def alone(_: Path) -> tuple[float, float]:
-        clock = Clock()
-        clock.begun()
-        running.step(count)
-        wp.synchronize_device(device)
-        return clock.stop()
-
-    def read_back(_: Path) -> tuple[float, float]:
-        clock, frames = Clock(), running.frames(count / FPS)
-        next(frames)
-        clock.begun()
-        for _ in frames:
-            pass
-        return clock.stop()
-
-    def written(folder: Path, options: dict) -> tuple[float, float]:
-        return by_trajectory(folder, running.system, running.frames(count / FPS), frame_count=count + 1, **options)
-
-    ways: dict[str, Callable[[Path], tuple[float, float]]] = {"simulated alone": alone, "read back": read_back}
-    ways |= {name: partial(written, options=options) for name, options in WAYS.items()}
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
+    Readback(running, depth=1).take()
+    ways: dict[tuple[str, int], Callable] = {("read back", 1): read_back}
+    for every in counts:
+        ways["trajectory", every] = partial(kept, every=every)
+        ways["trajectory, no strain", every] = partial(kept, every=every, strain=False)
+    alone: list[dict[int, float]] = []
+    seconds: dict[tuple[str, int], list[tuple[float, float]]] = {key: [] for key in ways}
     for _ in range(rounds):
-        for name, way in ways.items():
-            running.reset()
-            running.step()
+        restart(running)
+        alone.append(simulated_alone(running, counts.values()))
+        for (name, every), way in ways.items():
+            restart(running)
             with Folder() as folder:
-                begin, frames = way(folder)
-                seconds[name].append((begin, frames / count))
-    rows = [row(running.system, "run", name, times) for name, times in seconds.items()]
-    base = next(one["ms_per_frame"] for one in rows if one["way"] == "read back")
-    for one in rows:
-        one["slower"] = one["ms_per_frame"] / base - 1
+                begin, frames = way(folder, running, counts[every])
+            seconds[name, every].append((begin, frames / counts[every]))
+    most = max(counts.values())
+    rows = [row(running.system, "run", "simulated alone", "", [(0.0, times[most]) for times in alone])]
+    rows[0]["slower"] = 0.0
+    for (name, every), times in seconds.items():
+        one = row(running.system, "run", name, every, times)
+        shares = [time / base[counts[every]] for (_, time), base in zip(times, alone, strict=True)]
+        rows.append(one | {"slower": median(shares) - 1})
     return rows
+
+
+def restart(running: Simulation) -> None:
+    """Go back to the first frame, and record what is launched for one."""
+    running.reset()
+    running.step()
 
 
 def measure(options) -> list[dict]:
     """Measure everything."""
     kind = "cpu" if options.device == "cpu" else "cuda"
-    plan = [(46, 60, 5)] if not options.quick else [(20, 20, 2)]
-    plan += [] if options.quick else [(100, 20, 3)]
+    # Writing is the host's work alone; beside a GPU it has few rounds.
+    plan = {"cpu": [(46, 60, 3), (100, 20, 2)], "cuda": [(46, 30, 3), (100, 8, 2)]}[kind]
     rows = []
-    for n, count, rounds in plan:
+    for n, count, rounds in [(20, 20, 2)] if options.quick else plan:
         rows += measure_writing(n, options.device, count, rounds)
         gc.collect()
-    n, count, rounds = (20, 10, 2) if options.quick else (SIZES[kind], 10 if kind == "cpu" else 60, 7)
-    return rows + measure_run(n, options.device, count, rounds)
+    n, counts, rounds = (20, RUNS["quick"], 2) if options.quick else (SIZES[kind], RUNS[kind], 3)
+    return rows + measure_run(n, options.device, counts, rounds)
 
 
 def main() -> None:
@@ -253,11 +309,11 @@ def main() -> None:
         write_csv(path, measure(options), machine(options.device))
     line, rows = read_csv(path)
     print(line)
-    columns = ("way", "particles", "ms_to_begin", "ms_per_frame", "spread", "frames_per_second")
-    head = ["way", "particles", "ms to begin", "ms/frame", "spread", "frames/s"]
+    columns = ("way", "every", "particles", "ms_to_begin", "ms_per_frame", "spread", "frames_per_second")
+    head = ["way", "every", "particles", "ms to begin", "ms/frame", "spread", "frames/s"]
     for question, more, names in (
         ("write", ("mb_per_second", "mb_per_frame"), ["MB/s", "MB/frame on disk"]),
-        ("run", ("slower",), ["slower than read back by"]),
+        ("run", ("slower",), ["slower than alone by"]),
     ):
         lines = [[r[c] for c in (*columns, *more)] for r in rows if r["question"] == question]
         table({"write": "Writing frames", "run": "Running and writing"}[question], head + names, lines)

@@ -1,4 +1,4 @@
-"""Measures of a state, summed in float64 whatever the precision of the simulation.
+"""Measures of a state, in float64 whatever the precision of the simulation: sums, and the strain of everything.
 
 Every thread sums a share of its own, strided so that neighbours in memory are read together; the host adds the
 shares. The order of sums is fixed, so a measure of a state is the same each time.
@@ -57,9 +57,27 @@ def sum_particles(dim: int, scalar: type):
 
 
 @functools.cache
+def difference(dim: int, scalar: type, compensated: bool):
+    """Compose `apart(x, x_lost, i, j)`, x[i] − x[j]; with `compensated` true positions are x − x_lost."""
+    V = vector(dim, scalar)
+
+    @wp.func
+    def apart(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int, j: int) -> wp.vec3d:
+        dx = wp.vec3d()
+        for k in range(wp.static(dim)):
+            dx[k] = wp.float64(x[i][k]) - wp.float64(x[j][k])
+            if wp.static(compensated):
+                dx[k] -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
+        return dx
+
+    return apart
+
+
+@functools.cache
 def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
     """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost."""
     V, resistance = vector(dim, scalar), damper_force(wp.float64, law)
+    apart = difference(dim, scalar, compensated)
 
     @kernel
     def sum_over_connections(
@@ -79,15 +97,11 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
             i = connections[c][0]
             j = connections[c][1]
             rest = wp.float64(rest_length[c])
-            square = wp.float64(0.0)
+            dx = apart(x, x_lost, i, j)
             closing = wp.float64(0.0)
             for k in range(wp.static(dim)):
-                dx = wp.float64(x[i][k]) - wp.float64(x[j][k])
-                if wp.static(compensated):
-                    dx -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
-                square += dx * dx
-                closing += dx * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
-            length = wp.sqrt(square)
+                closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
+            length = wp.length(dx)
             stretch = length - rest
             shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
@@ -97,3 +111,32 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
             c += shares.shape[0]
 
     return sum_over_connections
+
+
+@functools.cache
+def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
+    """Compose the kernel, over connections, that writes length / rest length − 1.
+
+    With `sorted_anew` true the device has connections in an order of its own, and the strain of its connection c
+    is written at place[c].
+    """
+    V = vector(dim, scalar)
+    apart = difference(dim, scalar, compensated)
+
+    @kernel
+    def strain_of_each(
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        place: wp.array(dtype=int),
+        x: wp.array(dtype=V),
+        x_lost: wp.array(dtype=V),
+        strain: wp.array(dtype=scalar),
+    ):
+        c = wp.tid()
+        length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))
+        at = c
+        if wp.static(sorted_anew):
+            at = place[c]
+        strain[at] = scalar(length / wp.float64(rest_length[c]) - wp.float64(1.0))
+
+    return strain_of_each

@@ -1,6 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -20,6 +21,9 @@ from .stability import SAFETY, StepChoice, UnstableStep, choose_forced, choose_s
 from .system import CONNECTION_FIELDS, PARTICLE_FIELDS, System, constant
 from .trajectory import Frame
 from .watch import Backup, SimulationDiverged, Watch, describe
+
+RECORDING = threading.Lock()
+"""Held while a graph is recorded: no thread may wait for a device meanwhile."""
 
 
 def frame_count(duration: float, fps: float) -> int:
@@ -228,7 +232,7 @@ class Simulation:
 
     def _record_frame(self) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
-        with wp.ScopedCapture(device=self.model.device) as capture:
+        with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
             self._backup.save()
             self._stepper.take(self.substeps)
             self._watch.look()
