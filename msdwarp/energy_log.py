@@ -1,12 +1,14 @@
 """A log of energies: a CSV file that grows with the run, and a plot of it."""
 
 import csv
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Self, TextIO
+from typing import Any, Self, TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import checks
 from .measure import Measures
@@ -21,6 +23,8 @@ COLUMNS: dict[str, Callable[[Measures], float]] = {
     "angular_momentum_kg_m2_s": lambda m: float(np.linalg.norm(m.angular_momentum)),
     "largest_strain": lambda m: m.largest_strain,
 }
+RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
+"""Colours of curves."""
 
 
 class EnergyLog:
@@ -30,6 +34,11 @@ class EnergyLog:
     ----------
     path
         The CSV file; the plot stands beside it with the ending .png.
+    force
+        Replace what is there.
+    behind
+        Go on with the file that is there, behind so many of its lines; it may lack some, and what it has beyond
+        them is dropped.
 
     Raises
     ------
@@ -41,23 +50,35 @@ class EnergyLog:
         If nothing can be written there.
     """
 
-    def __init__(self, path: Path, *, force: bool = False) -> None:
+    def __init__(self, path: Path, *, force: bool = False, behind: int = 0) -> None:
         if path.suffix != ".csv":
             raise ValueError(f"log is {path}; its name must end in .csv")
         if re.fullmatch(r"frame_\d+", path.stem):
             raise ValueError(f"log is {path}; its plot would have the name of a frame")
         self.path, self.plot_path = path, path.with_suffix(".png")
         for existing in (self.path, self.plot_path):
-            if existing.exists() and not force:
+            if existing.exists() and not force and not behind:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
         checks.writable_folder("log", path, path.parent)
         self._file: TextIO | None = None
+        self._kept = self._lines(behind)
+
+    def _lines(self, behind: int) -> list[list[str]]:
+        """Return so many lines of measures that are there."""
+        if not behind or not self.path.exists():
+            return []
+        with self.path.open(newline="", encoding="utf-8") as file:
+            lines = [line for line in csv.reader(file) if len(line) == 1 + len(COLUMNS)]
+        return lines[1 : behind + 1]
 
     def __enter__(self) -> Self:
         """Open the file."""
-        self._file = self.path.open("w", newline="", encoding="utf-8")
+        unfinished = self.path.with_name(f".{self.path.name}.unfinished")
+        with unfinished.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([["time_s", *COLUMNS], *self._kept])
+        os.replace(unfinished, self.path)
+        self._file = self.path.open("a", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file)
-        self._writer.writerow(["time_s", *COLUMNS])
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -84,19 +105,29 @@ def plot(csv_path: Path, png_path: Path) -> None:
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
+    draw_energies(axes, table)
+    axes.set_xlabel("time [s]")
+    axes.legend(frameon=False)
+    figure.savefig(png_path, dpi=150)
+
+
+def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
+    """Draw the energies of a table with the log's columns against time."""
     start = table["gravitational_J"][0]
     curves = {
-        "kinetic": (table["kinetic_J"], "#e4633f"),
-        "elastic": (table["elastic_J"], "#2f6f9f"),
-        "gravitational, from the start's": (table["gravitational_J"] - start, "#5a9e6f"),
-        "total": (table["total_J"] - start, "#333a40"),
+        "kinetic": (table["kinetic_J"], RED),
+        "elastic": (table["elastic_J"], BLUE),
+        "gravitational, from the start's": (table["gravitational_J"] - start, GREEN),
+        "total": (table["total_J"] - start, DARK),
     }
+    draw_curves(axes, table["time_s"], curves, "energy [J]")
+
+
+def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, str]], quantity: str) -> None:
+    """Draw curves, (values, colour) by name, against time; the dark one stands out."""
     for label, (values, colour) in curves.items():
-        axes.plot(table["time_s"], values, label=label, color=colour, lw=2.2 if label == "total" else 1.5)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("energy [J]")
+        axes.plot(time, values, label=label, color=colour, lw=2.2 if colour == DARK else 1.5)
+    axes.set_ylabel(quantity)
     axes.margins(x=0)
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
-    figure.savefig(png_path, dpi=150)
