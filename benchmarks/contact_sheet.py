@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from msdwarp import Renderer, scenes
 from msdwarp.accuracy import simulation_of
-from msdwarp.cli import find_scene
+from msdwarp.origin import find_scene
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "scenes.png"
 
@@ -48,7 +48,7 @@ def names() -> list[str]:
 
 def picture(name: str, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Return a scene at its best moment, simulated on the CPU."""
-    scene = find_scene(name)[1]()
+    scene = find_scene(name).scene()
     moment = BEST.get(name, DEFAULT * scene.duration)
     *_, last = simulation_of(scene, device="cpu").frames(moment)
     return Renderer(scene, last.position, resolution=size).image(last.position, last.time)

@@ -1,245 +1,134 @@
-"""Running a scene: simulate it, draw every frame, write frames and a film."""
+"""Running a scene: simulate it, keep every frame, then draw them; and going on with a run that was ended."""
 
-import re
-import sys
-import tempfile
+import signal
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from tempfile import TemporaryDirectory
+from typing import Any
 
-import numpy as np
-from cyclopts import Parameter
-from numpy.typing import NDArray
-from PIL import Image
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from . import checks, film
+from . import checks
 from .accuracy import DEFAULT, METHODS, cheapest, simulation_of, tune
+from .draw import draw
 from .energy_log import EnergyLog
-from .opengl import ADVICE
-from .render import Renderer
+from .options import Options
+from .origin import Origin, about, built_again, digest
+from .readback import Readback
+from .restart import read_restart, write_restart
+from .results import RESTART, TRAJECTORY, pictures_in, result_folder
 from .scene import Scene
 from .simulation import Simulation, frame_count
-from .timelapse import timelapse
+from .trajectory import Trajectory
 from .watch import SimulationDiverged
 from .writer import TrajectoryWriter
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What can be said of every run, whatever the scene.
+class Interrupted(RuntimeError):
+    """A signal asked the run to end, and it has ended between two frames."""
 
-    Parameters
-    ----------
-    device
-        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
-    precision
-        Numbers of the simulation; by default float32.
-    route
-        How forces are summed, a matter of speed alone; auto takes the fastest. On a GPU gather and stencil (of
-        lattices) give the same result to the last bit each time.
-    integrator
-        Time-stepping method; by default symplectic-euler.
-    substeps
-        Integrator steps per frame; auto chooses them by the scene's stability limit.
-    allow_unstable
-        Accept substeps beyond the stability limit.
-    tolerance
-        Choose integrator, precision and substeps so that the error stays under this share of the body's size
-        (see `msdwarp tune`).
-    duration
-        Simulated time [s]; by default the scene's own.
-    fps
-        Frames per second of simulated time.
-    out
-        Folder for the results; by default out/SCENE, or out/SCENE-2 ... where that is taken.
-    frames
-        Format of the single frames.
-    video
-        Format of the film; mp4 needs the extra `video`. With both none and no overlay it only simulates.
-    overlay
-        Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
-    trajectory
-        Write every frame to SCENE.vtkhdf, which ParaView opens, and `msdwarp info` and `msdwarp export`: plain, or
-        compressed (smaller, and slower).
-    resolution
-        Width and height of the pictures in pixels.
-    log
-        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it.
-    colour
-        The surface, or connections from green (rest) to red (strained); by default as the scene looks best.
-    force
-        Replace an earlier run's results in --out and --log.
-    quiet
-        Print errors only.
-    verbose
-        Let Warp and VTK speak too.
-    """
-
-    device: str | None = None
-    precision: Literal["float32", "float32-compensated", "float64"] | None = None
-    route: Literal["auto", "scatter", "gather", "stencil"] = "auto"
-    integrator: (
-        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
-        | None
-    ) = None
-    substeps: int | Literal["auto"] = "auto"
-    allow_unstable: Annotated[bool, Parameter(negative=())] = False
-    tolerance: float | None = None
-    duration: float | None = None
-    fps: float = 60.0
-    out: Path | None = None
-    frames: Literal["png", "none"] = "png"
-    video: Literal["webp", "mp4", "gif", "none"] = "webp"
-    overlay: int | None = None
-    trajectory: Literal["none", "plain", "compressed"] = "none"
-    resolution: str = "1280x720"
-    log: Path | None = None
-    colour: Literal["texture", "strain"] | None = None
-    force: Annotated[bool, Parameter(negative=())] = False
-    quiet: Annotated[bool, Parameter(negative=())] = False
-    verbose: Annotated[bool, Parameter(negative=())] = False
+    def __init__(self, message: str, number: int) -> None:
+        super().__init__(message)
+        self.code = 128 + number
+        """What the process should exit with."""
 
 
-def parse_resolution(text: str) -> tuple[int, int]:
-    """Return (width, height) of "WIDTHxHEIGHT"; raise ValueError unless both are even, from 64 to 16384."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    size = tuple(map(int, match.groups())) if match else ()
-    if len(size) != 2 or any(not 64 <= n <= 16384 or n % 2 for n in size):
-        raise ValueError(
-            f"resolution is {text!r}; it must be WIDTHxHEIGHT, both even and from 64 to 16384, such as 1280x720"
-        )
-    return size
-
-
-def result_folder(name: str, out: Path | None, force: bool) -> Path:
-    """Create and return the folder for results; nothing of an earlier run is touched without `force`.
-
-    Raises
-    ------
-    FileExistsError
-        If `out` is given, holds something, and `force` is False.
-    OSError
-        If it cannot be created or written to.
-    """
-    folder = out
-    if folder is None:
-        folder, k = Path("out") / name, 2
-        while not force and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            folder, k = Path("out") / f"{name}-{k}", k + 1
-    elif not force and folder.is_dir() and any(folder.iterdir()):
-        raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
-    checks.writable_folder("out", folder, folder)
-    if force:
-        stale = [*folder.glob("frame_[0-9]*.png"), *(folder / f"{name}.{end}" for end in film.FILM_FORMATS)]
-        stale += [overlay_path(folder / name), trajectory_path(folder / name)]
-        for path in stale:
-            path.unlink(missing_ok=True)
-    return folder
-
-
-def overlay_path(target: Path) -> Path:
-    """Return the file of the picture of several poses, beside the film `target`, given without its ending."""
-    return target.with_name(f"{target.name}_overlay.png")
-
-
-def trajectory_path(target: Path) -> Path:
-    """Return the file of the trajectory, beside the film `target`, given without its ending."""
-    return target.with_name(f"{target.name}.vtkhdf")
-
-
-def run_scene(name: str, scene: Scene, options: Options) -> None:
-    """Simulate a scene, draw every frame and write the results, unless nothing is to be drawn.
+def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
+    """Simulate a scene, keep its frames, draw them, and say what was done.
 
     Raises
     ------
     ValueError, OSError
         If an option is out of its range or `out` cannot be used: before anything is written.
-    SimulationDiverged
-        If the simulation fails.
+    SimulationDiverged, Interrupted
+        If the simulation ends early; what there is until then is kept.
     """
-    film.check_formats(options.frames, options.video)
-    resolution = parse_resolution(options.resolution)
-    duration = scene.duration if options.duration is None else options.duration
-    count = frame_count(duration, options.fps) + 1
-    if options.overlay is not None and checks.count("overlay", options.overlay, 2) > count:
-        raise ValueError(f"overlay is {options.overlay}; the run has {count} frames, and it must be at most that")
     talk = Console(stderr=True, quiet=options.quiet)
+    options = replace(options, duration=scene.duration if options.duration is None else options.duration)
+    last = last_frame(options)
+    options.check(last)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
-    integrator, precision = options.integrator or DEFAULT, options.precision or "float32"
-    simulation = simulation_of(
+    simulation = simulation_by(scene, options)
+    log = None if options.log is None else EnergyLog(options.log, force=options.force)
+    wanted = options.pictures.any or options.trajectory != "none"
+    folder = result_folder(origin.name, options.out, options.force) if wanted else None
+    made_by = about(origin, scene) | used(simulation, options)
+    Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
+
+
+def resume_run(folder: Path, *, duration: float | None, force: bool, quiet: bool) -> None:
+    """Go on with a run from its restart file, to its end or another duration [s], and draw it as it asked for.
+
+    It ends with what it would have ended with if nothing had happened, to the last bit where its route sums in a
+    fixed order.
+
+    Raises
+    ------
+    ValueError
+        If the restart file or the trajectory is none, or the scene is no longer what it was.
+    FileExistsError
+        If pictures are there that would be replaced, and `force` is False.
+    SimulationDiverged, Interrupted, OSError
+        As by `run_scene`.
+    """
+    arrays, attributes = read_restart(folder / RESTART)
+    made_by = checks.member(f"{folder / RESTART}", attributes, "run")
+    origin, scene = built_again(made_by)
+    if digest(scene) != made_by["digest"]:
+        raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
+    if duration is not None:
+        made_by["options"]["duration"] = duration
+    options = Options.stored(made_by["options"], quiet=quiet, force=force)
+    last, behind = last_frame(options), int(attributes["checkpoint"]["frame_index"]) + 1
+    if behind > last:
+        done = f"all {last + 1} frames of {options.duration:g} s are there"
+        raise ValueError(f"{done}: a longer --duration goes on, and `msdwarp render {folder}` draws them")
+    for path in pictures_in(folder, origin.name) if options.pictures.any and not force else ():
+        raise FileExistsError(f"{path} exists, and would be replaced; move it or add --force")
+    simulation = simulation_by(scene, options)
+    simulation.restore(arrays, attributes["checkpoint"])
+    log = None if options.log is None else EnergyLog(options.log, behind=behind)
+    talk = Console(stderr=True, quiet=quiet)
+    Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+
+
+def last_frame(options: Options) -> int:
+    """Return the number of the last frame, counted from 0."""
+    assert options.duration is not None
+    return frame_count(options.duration, options.fps)
+
+
+def simulation_by(scene: Scene, options: Options) -> Simulation:
+    """Return the simulation of a scene that options ask for."""
+    return simulation_of(
         scene,
-        integrator=METHODS[integrator],
+        integrator=METHODS[options.integrator or DEFAULT],
         fps=options.fps,
         substeps=options.substeps,
         allow_unstable=options.allow_unstable,
         device=options.device,
-        precision=precision,
+        precision=options.precision or "float32",
         route=options.route,
     )
-    log = None if options.log is None else EnergyLog(options.log, force=options.force)
-    drawing = options.overlay is not None or not options.frames == options.video == "none"
-    keeping = options.trajectory != "none"
-    folder = result_folder(name, options.out, options.force) if drawing or keeping else None
-    writer = nullcontext()
-    if folder is not None and keeping:
-        writer = TrajectoryWriter(
-            trajectory_path(folder / name),
-            scene.system,
-            fps=options.fps,
-            frame_count=count,
-            compress=options.trajectory == "compressed",
-            attributes=_about(name, simulation, integrator),
-        )
-    with tempfile.TemporaryDirectory() as scratch, _progress(talk) as progress:
-        # Positions wait on disk until all are known, so that one camera can be chosen that sees them all.
-        positions = np.lib.format.open_memmap(
-            Path(scratch) / "positions.npy", "w+", np.float32, (count, *scene.system.position.shape)
-        )
-        began, done, trouble = time.perf_counter(), 0, None
-        try:
-            with log or nullcontext(), writer:
-                frames = simulation.frames(duration)
-                for frame in progress.track(frames, count, description="simulating"):
-                    if drawing:
-                        positions[done] = frame.position
-                    if isinstance(writer, TrajectoryWriter):
-                        writer.write(frame)
-                    done += 1
-                    if log is not None:
-                        log.write(frame.time, simulation.measure())
-        except SimulationDiverged as error:
-            trouble = error  # told once what there is has been drawn
-        lines = list(_summary(simulation, integrator, time.perf_counter() - began))
-        if folder is not None and keeping:
-            path = trajectory_path(folder / name)
-            lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
-        if folder is not None and drawing:
-            lines.append(_draw(scene, positions[:done], folder / name, resolution, options, progress))
-    if not options.quiet:
-        print(*lines, sep="\n")
-    if trouble is not None:
-        raise trouble
 
 
-def _about(name: str, simulation: Simulation, integrator: str) -> dict[str, Any]:
-    """Return what made a run, for its trajectory."""
+def used(simulation: Simulation, options: Options) -> dict[str, Any]:
+    """Return how it is simulated, and the options that said so or left it open, as JSON has it."""
+    model = simulation.model
     return {
-        "scene": name,
-        "command": sys.argv,
-        "integrator": integrator,
-        "precision": simulation.model.precision,
+        "integrator": options.integrator or DEFAULT,
+        "precision": model.precision,
         "substeps": simulation.substeps,
-        "route": simulation.model.route,
+        "route": model.route,
         "device": simulation.device,
-        "versions": {package: version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
+        "device_name": model.device.name,
+        "options": options.as_stored(),
     }
 
 
@@ -257,53 +146,157 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
     return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)
 
 
-def _draw(
-    scene: Scene,
-    positions: NDArray,
-    target: Path,
-    resolution: tuple[int, int],
-    options: Options,
-    progress: Progress,
-) -> str:
-    """Draw all frames and write them beside the film `target`; return a line that says so."""
-    began = time.perf_counter()
-    renderer = Renderer(scene, positions, resolution=resolution, colouring=options.colour)
-    if not renderer.uses_opengl:
-        progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
-    count, folder, drawn, results = len(positions), target.parent, [], []
-    if not options.frames == options.video == "none":
-        shown = progress.track(positions, count, description="drawing")
-        images = (renderer.image(position, k / options.fps) for k, position in enumerate(shown))
-        path = film.write(
-            images, count, folder, name=target.name, fps=options.fps, frames=options.frames, video=options.video
+@dataclass
+class Run:
+    """A simulation, and where its frames go."""
+
+    scene: Scene
+    options: Options
+    simulation: Simulation
+    folder: Path | None
+    """Where results go, if any are wanted."""
+    name: str
+    """What the film is called."""
+    made_by: dict[str, Any]
+    """What made the run."""
+    log: EnergyLog | None
+    talk: Console
+    """Where it is shown how far it is."""
+
+    def __post_init__(self) -> None:
+        """See what is to be kept."""
+        self._keeps = self.folder is not None and self.options.trajectory != "none"
+        self._strain = self._keeps or self.options.pictures.colour == "energy"
+
+    def to(self, last: int, *, behind: int = 0) -> None:
+        """Simulate up to frame `last`, keep the frames behind the first `behind`, draw all, and say so.
+
+        Raises
+        ------
+        SimulationDiverged, Interrupted, OSError
+            If it ends early; what was kept until then is whole, and unless it was interrupted it is drawn.
+        """
+        trouble: SimulationDiverged | None = None
+        with ExitStack() as stack:
+            scratch = Path(stack.enter_context(TemporaryDirectory()))
+            progress = stack.enter_context(progress_on(self.talk))
+            # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
+            path = self.folder / TRAJECTORY if self.folder is not None and self._keeps else scratch / TRAJECTORY
+            began, start = time.perf_counter(), self.simulation.time
+            try:
+                with ExitStack() as files:
+                    log = files.enter_context(self.log) if self.log is not None else None
+                    writer = files.enter_context(self._writer(path, last, behind)) if self.folder else None
+                    self._simulate(last, behind, writer, log, progress)
+            except SimulationDiverged as error:
+                trouble = error  # told once what there is has been drawn
+            lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
+            if self._keeps:
+                lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+            if self.folder is not None and self.options.pictures.any:
+                with Trajectory(path) as trajectory:
+                    pictures = self.options.pictures
+                    lines.append(draw(self.scene, trajectory, self.folder, self.name, pictures, progress))
+        if not self.options.quiet:
+            print(*lines, sep="\n")
+        if trouble is not None:
+            raise trouble
+
+    def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
+        return TrajectoryWriter(
+            path,
+            self.scene.system,
+            fps=self.options.fps,
+            frame_count=last + 1,
+            compress=self.options.trajectory == "compressed",
+            every=self.options.every,
+            strain=self._strain,
+            attributes=self.made_by,
+            behind=behind,
         )
-        drawn.append(f"{count} frames")
-        if options.frames == "png":
-            results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
-        if path is not None:
-            results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    if options.overlay is not None:
-        chosen = np.unique(np.linspace(0, count - 1, options.overlay).round().astype(int))
-        path = overlay_path(target)
-        Image.fromarray(timelapse(renderer, positions[chosen], chosen / options.fps)).save(path)
-        drawn.append(f"an overlay of {len(chosen)} poses")
-        results.append(str(path))
-    seconds = time.perf_counter() - began
-    return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
+
+    def _simulate(
+        self, last: int, behind: int, writer: TrajectoryWriter | None, log: EnergyLog | None, progress: Progress
+    ) -> None:
+        """Simulate frame by frame."""
+        simulation, readback = self.simulation, Readback(self.simulation, strain=self._strain)
+        saved = time.monotonic()
+        with _stop_asked_for() as asked:
+            for k in progress.track(range(behind, last + 1), description="simulating"):
+                if k:
+                    self._step(writer)
+                if writer is not None:
+                    writer.write_pending(readback.take() if writer.wants_next() else None)
+                if log is not None:
+                    log.write(simulation.time, simulation.measure())
+                if asked and k < last:
+                    self._save(writer)
+                    raise Interrupted(self._farewell(asked[0], last), asked[0])
+                if time.monotonic() - saved > self.options.restart:
+                    self._save(writer)
+                    saved = time.monotonic()
+            self._save(writer)
+
+    def _step(self, writer: TrajectoryWriter | None) -> None:
+        """Advance by a frame; if that fails, the simulation is at the frame before."""
+        try:
+            self.simulation.step()
+        except SimulationDiverged:
+            self._save(writer)
+            raise
+
+    def _save(self, writer: TrajectoryWriter | None) -> None:
+        """Write the restart file, once the frames up to the present one are on the disk."""
+        if writer is None or self.folder is None or not self._keeps or not self.options.restart:
+            return
+        writer.flush()
+        arrays, numbers = self.simulation.checkpoint()
+        write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
+
+    def _farewell(self, number: int, last: int) -> str:
+        """Say where the run has ended, and how it goes on."""
+        word = "interrupted" if number == signal.SIGINT else "terminated"
+        said = f"{word} at {self.simulation.time:.4g} s, after frame {self.simulation.frame_index} of {last}"
+        return f"{said}: `msdwarp resume {self.folder}` goes on" if self._keeps and self.options.restart else said
 
 
-def _progress(console: Console) -> Progress:
+@contextmanager
+def _stop_asked_for() -> Iterator[list[int]]:
+    """Give a list in which Ctrl-C and SIGTERM leave their number; a second one acts as it always does."""
+    asked: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield asked  # only there signals are heard
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def ask(number: int, _: Any) -> None:
+        asked.append(number)
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def progress_on(console: Console) -> Progress:
+    """Return bars that show how far something is, on a terminal."""
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     columns = [TextColumn(c) if isinstance(c, str) else c for c in columns]
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _summary(simulation: Simulation, integrator: str, seconds: float) -> Iterator[str]:
+def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
     """Say what was simulated, with which steps and why, and how fast."""
     system = simulation.system
     yield (
-        f"{system.particle_count} particles and {system.connection_count} connections by {integrator} in "
-        f"{simulation.model.precision} on {simulation.device}: {simulation.choice}"
+        f"{system.particle_count} particles and {system.connection_count} connections by "
+        f"{options.integrator or DEFAULT} in {simulation.model.precision} on {simulation.device}: "
+        f"{simulation.choice}"
     )
-    rate = simulation.time / seconds
-    yield f"simulated {simulation.time:.4g} s in {seconds:.2f} s, {rate:.2g} times real time"
+    time_simulated = simulation.time - start
+    yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {time_simulated / seconds:.2g} times real time"

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from .accuracy import DEFAULT, cheapest, tune
+from .origin import Origin
 from .scene import Scene
 
 
@@ -35,7 +36,7 @@ class TuneOptions:
     verbose: Annotated[bool, Parameter(negative=())] = False
 
 
-def tune_scene(name: str, scene: Scene, options: TuneOptions) -> None:
+def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
     """Print every method's error and cost on a scene, and the flags of the cheapest under the tolerance.
 
     Raises
@@ -52,7 +53,7 @@ def tune_scene(name: str, scene: Scene, options: TuneOptions) -> None:
             report=lambda line: status.update(f"tuning: {line}"),
         )
     best = cheapest(found, options.tolerance)
-    table = Table(title=f"{name}: the first {horizon:.3g} s, error as a share of its size")
+    table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a share of its size")
     for heading in ("method", "precision", "substeps", "error", "time per second"):
         table.add_column(heading, justify="left" if heading in ("method", "precision") else "right")
     for one in found:

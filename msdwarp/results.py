@@ -1,0 +1,50 @@
+"""Results: the folder of a run, and the files in it."""
+
+from pathlib import Path
+
+from . import checks, film
+
+TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
+
+
+def result_folder(name: str, out: Path | None, force: bool) -> Path:
+    """Create and return the folder for results; nothing of an earlier run is touched without `force`.
+
+    Raises
+    ------
+    FileExistsError
+        If `out` is given, holds something, and `force` is False.
+    OSError
+        If it cannot be created or written to.
+    """
+    folder = out
+    if folder is None:
+        folder = Path("out") / name if force else free_folder(Path("out") / name)
+    elif not force and folder.is_dir() and any(folder.iterdir()):
+        raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
+    checks.writable_folder("out", folder, folder)
+    if force:
+        for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART):
+            path.unlink(missing_ok=True)
+    return folder
+
+
+def free_folder(wanted: Path) -> Path:
+    """Return a folder that is not there or empty: the one wanted, or one with the next free number behind."""
+    folder, k = wanted, 2
+    while folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1
+    return folder
+
+
+def pictures_in(folder: Path, name: str) -> list[Path]:
+    """Return the pictures in a folder that a run of this name would replace."""
+    films = [folder / f"{name}.{end}" for end in film.FILM_FORMATS]
+    return [
+        p for p in (*sorted(folder.glob("frame_[0-9]*.png")), *films, overlay_path(folder, name)) if p.exists()
+    ]
+
+
+def overlay_path(folder: Path, name: str) -> Path:
+    """Return the file of the picture of several poses."""
+    return folder / f"{name}_overlay.png"
