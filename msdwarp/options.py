@@ -44,6 +44,8 @@ class Options:
         Keep frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, and slower), or none.
     every
         Keep, and draw, the first frame and each so many behind it.
+    strain
+        Keep the strain of every connection too: in a lattice twice as many numbers as all else.
     restart
         Seconds of computing after which restart.h5 is written anew beside the trajectory; `msdwarp resume` goes on
         from it. It is written at the end too; 0 writes none.
@@ -73,6 +75,7 @@ class Options:
     pictures: Pictures = field(default_factory=Pictures)
     trajectory: Literal["plain", "compressed", "none"] = "plain"
     every: int = 1
+    strain: bool = True
     restart: float = 60.0
     log: Path | None = None
     force: Annotated[bool, Parameter(negative=())] = False

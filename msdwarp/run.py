@@ -166,7 +166,7 @@ class Run:
     def __post_init__(self) -> None:
         """See what is to be kept."""
         self._keeps = self.folder is not None and self.options.trajectory != "none"
-        self._strain = self._keeps or self.options.pictures.colour == "energy"
+        self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
 
     def to(self, last: int, *, behind: int = 0) -> None:
         """Simulate up to frame `last`, keep the frames behind the first `behind`, draw all, and say so.

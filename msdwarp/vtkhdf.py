@@ -60,7 +60,9 @@ class Layout:
         self._cells = _cells(system)
         self._per_frame = {POINTS: self._points, VELOCITY: self._points}
         if strain and system.connection_count:
-            self._per_frame[STRAIN] = sum(map(len, self._cells.values()))
+            cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
+            self._per_frame[STRAIN] = cells
+            self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
         self._foreseen = frame_count or _FORESEEN
 
     @classmethod
@@ -129,7 +131,6 @@ class Layout:
 
     def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> None:
         """Write frame k, behind the others, and flush it."""
-        time, position, velocity = frame
         if k % self._foreseen == 0:
             until = k + self._foreseen
             for name, stride in self._offsets().items():
@@ -139,16 +140,15 @@ class Layout:
         for name, dataset in self._datasets.items():
             count = self._per_frame[name]
             _at_least(dataset, (k + 1) * count)
-            if name == STRAIN:
-                values = self._strain(position, strain)
-            else:
-                values = self._in_space(position if name == POINTS else velocity)
-            dataset[k * count : (k + 1) * count] = values
+            start = k * count
+            for values in self._parts(name, frame, strain):
+                dataset[start : start + len(values)] = values
+                start += len(values)
         # VTK's reader writes past its memory where there are more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
         self._times.resize(k + 1, axis=0)
-        self._times[k] = time
+        self._times[k] = frame[0]
         self._file.flush()
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
@@ -180,16 +180,20 @@ class Layout:
             result[n:, AXES[dim]] = self._embedded.points(values)
         return result
 
-    def _strain(self, position: NDArray, given: NDArray | None) -> NDArray:
-        """Return the strain of every cell: NaN where it is no connection."""
+    def _parts(self, name: str, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> list[NDArray]:
+        """Return what a frame adds to an array, in parts that follow each other."""
+        _, position, velocity = frame
+        if name != STRAIN:
+            return [self._in_space(position if name == POINTS else velocity)]
+        # The strain of every cell: connections come first, and NaN for what is none. A part of what is compressed
+        # would be compressed with the part before it, again.
+        parts = [self._strain(position) if strain is None else strain, self._no_connections]
+        return [np.concatenate(parts)] if self._compress else parts
+
+    def _strain(self, position: NDArray) -> NDArray:
+        """Return the strain of every connection, of the rest lengths at the start."""
         rest = self._system.rest_length
-        if given is not None and len(given) == self._per_frame[STRAIN]:
-            return given
-        result = np.full(self._per_frame[STRAIN], np.nan, dtype=self._dtype)
-        lines = result[: len(rest)]  # the first cells, as there are no vertices beside them
-        if given is not None:
-            lines[:] = given
-            return result
+        result = np.empty(len(rest), dtype=self._dtype)
         axes = np.ascontiguousarray(position.T, dtype=self._dtype)
         for start in range(0, len(rest), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -199,7 +203,7 @@ class Layout:
                 for x in axes:
                     apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # quicker: none is out of range
                     squared += apart * apart
-            lines[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
+            result[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
         return result
 
 
