@@ -15,6 +15,7 @@ from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .measure import Measures
 from .meshes import from_mesh
 from .outlines import cloth
+from .picture import Scale
 from .render import Renderer
 from .scene import Look, Scene
 from .schedule import at
@@ -53,6 +54,7 @@ __all__ = [
     "Plane",
     "QuadraticDamper",
     "Renderer",
+    "Scale",
     "Scene",
     "Simulation",
     "SimulationDiverged",

@@ -17,7 +17,7 @@ from rich.progress import Progress
 from . import checks, film
 from .history import particle_energies, system_in
 from .opengl import ADVICE
-from .picture import Scale
+from .picture import Scale, outermost
 from .render import Renderer
 from .results import overlay_path
 from .scene import Scene
@@ -109,7 +109,8 @@ def draw(
     began, count = time.perf_counter(), len(trajectory)
     colouring, values = _colouring(scene, trajectory, pictures.colour)
     size = parse_resolution(pictures.resolution)
-    renderer = Renderer(scene, trajectory.positions[:], resolution=size, colouring=colouring, zoom=zoom)
+    seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in range(count)]
+    renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=zoom)
     if not renderer.uses_opengl:
         progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []

@@ -223,6 +223,8 @@ def resume_command(
         Let Warp and VTK speak too.
     """
     quiet.start(verbose)
+    if not folder.exists():
+        raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     resume_run(folder if folder.is_dir() else folder.parent, duration=duration, force=force, quiet=quiet_)
 
 

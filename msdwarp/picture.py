@@ -28,6 +28,8 @@ SHADOW = 0.66
 """Brightness of the ground in shadow over that in light."""
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
+MARGIN = 1.12
+"""How much wider the view is than what it must hold."""
 MOST_BALLS = 200
 """Particles of the largest system whose particles are drawn as balls unless the look says otherwise."""
 
@@ -188,6 +190,34 @@ def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
     return np.concatenate([in_space(positions, np.float64).reshape(-1, 3), obstacles])
 
 
+def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
+    """Return those particles of a frame that decide where the camera and the ground are, shape [any, d].
+
+    `position` is of shape [particle_count, d]; `aspect` is the picture's width over its height. A camera that sees
+    those of all frames sees all particles in all frames.
+    """
+    right, up, back = _axes(look)
+    sides = [axis / tan for axis, tan in zip((right, up), _tangents(aspect), strict=True)]
+    outwards = [back + sign * side for side in sides for sign in (1, -1)]
+    directions = np.array([*outwards, *np.eye(3), *-np.eye(3)])
+    return position[np.unique((in_space(position, np.float64) @ directions.T).argmax(axis=0))]
+
+
+def _axes(look: Look) -> tuple[NDArray, NDArray, NDArray]:
+    """Return what is right, up and back for a camera, as unit vectors."""
+    azimuth, elevation = math.radians(look.azimuth), math.radians(look.elevation)
+    flat = math.cos(elevation)
+    back = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
+    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    return right, np.cross(back, right), back
+
+
+def _tangents(aspect: float, margin: float = MARGIN) -> tuple[float, float]:
+    """Return the tangents of half the openings of the view, across and upright, less the margin."""
+    tan = math.tan(math.radians(VIEW_ANGLE) / 2) / margin
+    return tan * aspect, tan
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Where the picture is taken from: `eye` towards `target` [m], with unit vectors of the view."""
@@ -200,26 +230,21 @@ class Camera:
 
     @classmethod
     def that_sees(
-        cls, points: NDArray, look: Look, aspect: float, margin: float = 1.12, zoom: float = 1.0
+        cls, points: NDArray, look: Look, aspect: float, margin: float = MARGIN, zoom: float = 1.0
     ) -> "Camera":
         """Return the camera in the direction of the look that is as near as it can be and sees all points.
 
         `points` are of shape [any, 3]; `aspect` is the picture's width over its height. With a `zoom` it is so
         many times nearer to what it looks at.
         """
-        azimuth, elevation = math.radians(look.azimuth), math.radians(look.elevation)
-        flat = math.cos(elevation)
-        back = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
-        right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-        up = np.cross(back, right)
         # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
         # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
         # the view meet at the best target and distance.
-        tan_y = math.tan(math.radians(VIEW_ANGLE) / 2) / margin
-        middle, distance = points.mean(axis=0), 0.0
+        right, up, back = _axes(look)
+        middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
         a, b, c = ((points - middle) @ axis for axis in (right, up, back))
         shifts = []
-        for side, tan in ((a, tan_y * aspect), (b, tan_y)):
+        for side, tan in zip((a, b), _tangents(aspect, margin), strict=True):
             high, low = np.max(side / tan + c), np.max(-side / tan + c)
             distance = max(distance, (high + low) / 2)
             shifts.append(tan * (high - low) / 2)

@@ -1,5 +1,6 @@
 """Running a scene: simulate it, keep every frame, then draw them; and going on with a run that was ended."""
 
+import os
 import signal
 import threading
 import time
@@ -179,6 +180,8 @@ class Run:
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
             scratch = Path(stack.enter_context(TemporaryDirectory()))
+            if self.folder is not None:
+                stack.enter_context(alone_in(self.folder))
             progress = stack.enter_context(progress_on(self.talk))
             # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
             path = self.folder / TRAJECTORY if self.folder is not None and self._keeps else scratch / TRAJECTORY
@@ -221,7 +224,7 @@ class Run:
         """Simulate frame by frame."""
         simulation, readback = self.simulation, Readback(self.simulation, strain=self._strain)
         saved = time.monotonic()
-        with _stop_asked_for() as asked:
+        with _stop_asked_for(self.talk) as asked:
             for k in progress.track(range(behind, last + 1), description="simulating"):
                 if k:
                     self._step(writer)
@@ -261,7 +264,7 @@ class Run:
 
 
 @contextmanager
-def _stop_asked_for() -> Iterator[list[int]]:
+def _stop_asked_for(talk: Console) -> Iterator[list[int]]:
     """Give a list in which Ctrl-C and SIGTERM leave their number; a second one acts as it always does."""
     asked: list[int] = []
     if threading.current_thread() is not threading.main_thread():
@@ -273,6 +276,8 @@ def _stop_asked_for() -> Iterator[list[int]]:
         asked.append(number)
         for each, handler in before.items():
             signal.signal(each, handler)
+        if talk.is_terminal:
+            talk.print("ending after this frame; once more ends at once")
 
     for number in before:
         signal.signal(number, ask)
@@ -281,6 +286,30 @@ def _stop_asked_for() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other runs from writing in a folder meanwhile; raise ValueError if one does already.
+
+    The lock is on the folder, and goes with the process, however that ends. Where there are none it does nothing.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(f"another run is writing in {folder}; wait for it, or name another folder") from error
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(number)
 
 
 def progress_on(console: Console) -> Progress:

@@ -1,5 +1,7 @@
 """Fixtures that every test may use."""
 
+import sys
+
 import pytest
 import warp as wp
 
@@ -60,3 +62,19 @@ def vtk_output():
     vtkOutputWindow.SetInstance(window)
     yield window
     vtkOutputWindow.SetInstance(before)
+
+
+@pytest.fixture
+def msdwarp(tmp_path, monkeypatch, capsys):
+    """Run the command in an empty folder; return (exit code, standard output, standard error)."""
+    from msdwarp import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["msdwarp", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        return stop.value.code, *capsys.readouterr()
+
+    return run

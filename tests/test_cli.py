@@ -17,20 +17,6 @@ ROOT = Path(__file__).parents[1]
 SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
 
 
-@pytest.fixture
-def msdwarp(tmp_path, monkeypatch, capsys):
-    """Run the command in an empty folder; return (exit code, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["msdwarp", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
-
-
 def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
     code, out, err = msdwarp("run", "cube", "--size", "4", "--stiffness", "300", *SMALL)
     assert (code, err) == (0, "")

@@ -10,7 +10,7 @@ import pytest
 import msdwarp as msd
 from msdwarp.opengl import opengl_window
 from msdwarp.parts import round_solid
-from msdwarp.picture import SHADOW, VIEW_ANGLE, Camera, Drawing, Ground
+from msdwarp.picture import SHADOW, VIEW_ANGLE, Camera, Drawing, Ground, in_space, outermost
 from msdwarp.scene import rgb
 
 BACKENDS = [
@@ -48,6 +48,20 @@ def test_the_camera_is_as_near_as_it_can_be_and_sees_everything(aspect, azimuth)
     along = np.abs(offset @ camera.up) / (depth * tan)
     # 1 is the edge of the picture: reached, to rounding, and not crossed.
     assert max(across.max(), along.max()) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_few_particles_decide_what_the_camera_and_the_ground_are(dim):
+    frames = np.random.default_rng(2).normal(size=(20, 100, dim)).cumsum(axis=0)
+    look = msd.Look(azimuth=140, elevation=35)
+    few = np.concatenate([outermost(position, look, 1.5) for position in frames])
+    assert few.shape[0] <= 20 * 10
+    one, other = (in_space(points, np.float64).reshape(-1, 3) for points in (frames, few))
+    for name in ("eye", "target"):
+        positions = [getattr(Camera.that_sees(points, look, 1.5), name) for points in (one, other)]
+        np.testing.assert_allclose(*positions, atol=1e-12)  # rounding of numbers of about ten
+    np.testing.assert_array_equal(one.min(axis=0), other.min(axis=0))
+    np.testing.assert_array_equal(one.max(axis=0), other.max(axis=0))
 
 
 def test_normals_follow_the_body():

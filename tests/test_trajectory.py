@@ -20,6 +20,9 @@ from msdwarp import (
     box,
     vtkhdf,
 )
+from msdwarp.accuracy import simulation_of
+from msdwarp.origin import find_scene, scene_names
+from msdwarp.readback import Readback
 
 # What is written comes back.
 
@@ -189,6 +192,30 @@ def test_a_simulation_is_read_bit_for_bit(tmp_path, precision, vtk_output):
     for (when, mesh), frame in zip(vtk_frames(writer.path), kept, strict=True):
         assert when == frame.time
         np.testing.assert_array_equal(mesh.points, frame.position)
+    assert vtk_output.GetOutput() == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scene_names())
+def test_vtk_reads_every_scene(tmp_path, name, vtk_output):
+    scene = find_scene(name).scene()
+    simulation = simulation_of(scene, device="cpu", fps=120.0)
+    expected, readback = [], Readback(simulation)
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", scene.system, fps=120.0) as writer:
+        for _ in range(5):
+            expected.append(simulation.frame())
+            writer.write_pending(readback.take())
+            simulation.step()
+    reader = pv.get_reader(tmp_path / "a.vtkhdf")
+    n = scene.system.particle_count
+    for k, (frame, (when, mesh)) in enumerate(zip(expected, vtk_frames(writer.path), strict=True)):
+        assert when == frame.time == k / 120.0
+        reader.reader.SetStep(k)
+        for read in (mesh, reader.read()):
+            np.testing.assert_array_equal(read.points[:n], in_space(frame.position))
+            np.testing.assert_array_equal(read.point_data["velocity"][:n], in_space(frame.velocity))
+            assert read.points.dtype == np.float32
+            assert len(read.cell_data["strain"]) == read.n_cells
     assert vtk_output.GetOutput() == ""
 
 

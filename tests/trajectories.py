@@ -6,8 +6,6 @@ from contextlib import contextmanager
 
 import h5py
 import numpy as np
-import pyvista as pv
-from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from msdwarp import System, TrajectoryWriter, ball, box, chain, sheet
 from msdwarp.trajectory import Frame
@@ -53,8 +51,19 @@ def assert_same(frame, expected):
         np.testing.assert_array_equal(got, wanted)
 
 
+def assert_trajectories_match(a, b):
+    """Assert that two open trajectories hold the same frames to the last bit."""
+    np.testing.assert_array_equal(a.times, b.times)
+    for one, other in zip(a, b, strict=True):
+        assert_same(one, other)
+    np.testing.assert_array_equal(a.strains[:], b.strains[:])
+
+
 def vtk_frames(path, which=slice(None)):
     """Yield (time, PolyData) of steps by VTK's own reader."""
+    import pyvista as pv
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
     reader = vtkHDFReader()
     reader.SetFileName(str(path))
     reader.UpdateInformation()
