@@ -35,7 +35,11 @@ def motion(t):
     return (0, 0, 0.1 * t)
 
 def build(
-    *, size: int = 3, stiffness: float = 300.0, where: Path = Path("."), origin: tuple[float, float, float] = (0, 0, 0)
+    *,
+    size: int = 3,
+    stiffness: float = 300.0,
+    where: Path = Path("."),
+    origin: tuple[float, float, float] = (0, 0, 0),
 ):
     body = box((size, size, 3), 0.1, mass=0.01, stiffness=stiffness, damping=0.2).rotate(0.3, (1, 0, 0))
     body = body.translate((0, 0, 0.2)).replace(yield_strain=0.05)
@@ -166,7 +170,7 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     longer = ("resume", str(folder), "--duration", "0.2")
     assert "own.py' is no longer what it was when the run began" in msdwarp(*longer)[2]
     own.write_text(
-        SCENE.replace("stiffness: float = 300.0, ", "").replace("stiffness=stiffness", "stiffness=300.0")
+        SCENE.replace("    stiffness: float = 300.0,\n", "").replace("stiffness=stiffness", "stiffness=300.0")
     )
     assert "no longer has the parameters ['stiffness']" in msdwarp(*longer)[2]
     own.unlink()
@@ -216,8 +220,8 @@ def test_a_lost_folder_ends_a_run_with_a_message(msdwarp, own):
 
 FULL = """
 import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
-sys.argv = ["msdwarp", "run", "cube", "--size", "4", "--frames", "none", "--video", "none", "--device", "cpu"]
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
+sys.argv = ["msdwarp", "run", "cube", "--size", "6", "--frames", "none", "--video", "none", "--device", "cpu"]
 from msdwarp.cli import main
 main()
 """
