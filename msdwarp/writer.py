@@ -118,8 +118,11 @@ class TrajectoryWriter:
         self._told = self._ended = False
         self._queue: queue.Queue[Pending | None] = queue.Queue(_QUEUED)
         self._thread = threading.Thread(target=self._work, name=f"writes {self.path.name}", daemon=True)
-        self._thread.start()
+        # What is registered last is done first at exit: this file is to end before HDF5, registered on import.
+        import h5py  # noqa: F401
+
         atexit.register(self.close)
+        self._thread.start()
 
     @property
     def frame_count(self) -> int:

@@ -23,6 +23,7 @@ def test_the_reference_is_as_good_as_it_says():
     assert error.max() <= reference.error.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_error_reported_is_that_of_the_closed_form():
     scene, omega = oscillator()
     found, horizon = accuracy.tune(scene, 1e-3, device="cpu", horizon=1.0)

@@ -126,6 +126,7 @@ def test_a_moving_obstacle_moves_in_the_film(msdwarp, tmp_path):
     assert np.abs(frames[-1] - frames[0]).max() > 50
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
     for _ in range(3):
         assert msdwarp("run", "cube", "--size", "3", "--frames", "none", *SMALL)[0] == 0
@@ -253,6 +254,7 @@ def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
     assert msdwarp("run", "worm", *flags.split(), *drawn_less)[0] == 0
 
 
+@pytest.mark.slow
 def test_run_with_a_tolerance_tunes_first(msdwarp):
     short = ("--size", "3", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
     code, out, _ = msdwarp("run", "cube", "--tolerance", "1e-2", *short)

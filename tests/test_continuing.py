@@ -9,7 +9,13 @@ from trajectories import SYSTEMS, assert_same, beginnings, frames, recorded_writ
 from msdwarp import Trajectory, TrajectoryWriter, vtkhdf
 from msdwarp import writer as writing
 
-KINDS = [("float32", False), ("float64", True), ("float32", True)]
+CASES = [
+    (name, dtype, compress, *counts)
+    for name in ("plane", "dust", "box", "embedded")
+    for dtype, compress in (("float32", False), ("float64", True), ("float32", True))
+    for counts in ((7, 7, 30), (7, 3, 30), (25, 10, 12))
+]
+QUICK = CASES[::8]
 
 
 def go_on(path, system, expected, behind, **options):
@@ -26,9 +32,10 @@ def assert_holds(path, expected):
         np.testing.assert_array_equal(found.velocities[:], [frame.velocity for frame in expected])
 
 
-@pytest.mark.parametrize(("dtype", "compress"), KINDS)
-@pytest.mark.parametrize("name", ["plane", "dust", "box", "embedded"])
-@pytest.mark.parametrize(("before", "behind", "count"), [(7, 7, 30), (7, 3, 30), (25, 10, 12)])
+@pytest.mark.parametrize(
+    ("name", "dtype", "compress", "before", "behind", "count"),
+    [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow) for case in CASES],
+)
 def test_what_is_written_in_two_goes_is_what_is_written_in_one(
     tmp_path, monkeypatch, name, dtype, compress, before, behind, count, vtk_output
 ):
@@ -69,7 +76,7 @@ def test_every_nth_frame_goes_on_in_step(tmp_path):
 SLOW = [pytest.param(compress, 3, marks=pytest.mark.slow) for compress in (False, True)]
 
 
-@pytest.mark.parametrize(("compress", "step"), [(False, 17), (True, 19), *SLOW])
+@pytest.mark.parametrize(("compress", "step"), [(False, 31), (True, 37), *SLOW])
 def test_it_goes_on_after_each_single_write_to_disk(tmp_path, monkeypatch, compress, step, vtk_output):
     # A writer that was killed has written what it has written; and one that went on may be killed in turn.
     monkeypatch.setattr(vtkhdf, "_FORESEEN", 5)

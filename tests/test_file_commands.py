@@ -34,6 +34,7 @@ def test_what_is_rendered_later_is_what_would_have_been_drawn(msdwarp, cube, tmp
         assert (cube / "render" / name).read_bytes() == (tmp_path / "drawn" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_colours_and_the_camera_can_be_chosen(msdwarp, cube):
     pictures = {}
     choices = [(), ("--colour", "strain"), ("--colour", "velocity"), ("--colour", "energy"), ("--azimuth", "40")]

@@ -135,6 +135,7 @@ def test_the_scoop_sags_over_the_rim_and_keeps_its_shape():
     assert flatness < 0.85 * 1.0  # it was a ball
 
 
+@pytest.mark.slow
 def test_the_jelly_wobbles_and_sags_when_it_is_warm():
     scene = build("jelly")
     frames = simulate(scene, scene.duration)
