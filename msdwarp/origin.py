@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple, get_origin
 
@@ -94,7 +94,7 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
         "schedule": len(scene.schedule),
         "digest": digest(scene),
         "command": list(sys.argv),
-        "versions": {package: version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
+        "versions": {package: _version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
         "commit": commit(),
     }
 
@@ -159,6 +159,13 @@ def _words(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _words(one) for name, one in value.items()}
     return np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple | list) else value
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from its sources alone
+        return None
 
 
 def commit() -> str | None:

@@ -63,7 +63,10 @@ def assert_same_run(one: Path, other: Path) -> None:
     with Trajectory(one / "trajectory.vtkhdf") as a, Trajectory(other / "trajectory.vtkhdf") as b:
         assert_trajectories_match(a, b)
     (arrays, about), (others, wanted) = (read_restart(folder / "restart.h5") for folder in (one, other))
-    assert about["checkpoint"] == wanted["checkpoint"]
+    for name, value in wanted["checkpoint"].items():
+        # On a GPU the bounds of rates are sums in no fixed order; steps are whole numbers of a frame.
+        bound = name == "limit" or name.startswith("rates.")
+        assert about["checkpoint"][name] == (pytest.approx(value, rel=1e-12) if bound else value)
     assert arrays.keys() == others.keys()
     for name, values in arrays.items():
         np.testing.assert_array_equal(values, others[name])
