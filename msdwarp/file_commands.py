@@ -201,6 +201,7 @@ def resume_command(
     /,
     *,
     duration: float | None = None,
+    device: str | None = None,
     force: Flag = False,
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
@@ -215,6 +216,8 @@ def resume_command(
         The folder of the run, or its restart.h5.
     duration
         Simulated time in all [s]; by default as the run asked for. A run that is complete goes on for longer.
+    device
+        Where to simulate; by default where it was.
     force
         Replace pictures that are there.
     quiet_
@@ -225,7 +228,8 @@ def resume_command(
     quiet.start(verbose)
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
-    resume_run(folder if folder.is_dir() else folder.parent, duration=duration, force=force, quiet=quiet_)
+    folder = folder if folder.is_dir() else folder.parent
+    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet_)
 
 
 def rerun_command(

@@ -63,11 +63,18 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
 
 
-def resume_run(folder: Path, *, duration: float | None, force: bool, quiet: bool) -> None:
+def resume_run(
+    folder: Path,
+    *,
+    duration: float | None = None,
+    device: str | None = None,
+    force: bool = False,
+    quiet: bool = False,
+) -> None:
     """Go on with a run from its restart file, to its end or another duration [s], and draw it as it asked for.
 
     It ends with what it would have ended with if nothing had happened, to the last bit where its route sums in a
-    fixed order.
+    fixed order and the device is the one where it was.
 
     Raises
     ------
@@ -85,7 +92,8 @@ def resume_run(folder: Path, *, duration: float | None, force: bool, quiet: bool
         raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
     if duration is not None:
         made_by["options"]["duration"] = duration
-    options = Options.stored(made_by["options"], quiet=quiet, force=force)
+    device = device or made_by["device"]
+    options = Options.stored(made_by["options"], device=device, quiet=quiet, force=force)
     last, behind = last_frame(options), int(attributes["checkpoint"]["frame_index"]) + 1
     if behind > last:
         done = f"all {last + 1} frames of {options.duration:g} s are there"

@@ -316,6 +316,8 @@ class Simulation:
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
         arrays = {name: np.array(array.numpy()) for name, array in self._moving().items()}
+        if self.model.yields:  # in an order that is the same on any device
+            arrays["rest_length"] = self.rest_length
         for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
             values = getattr(self.system, name)
             arrays[f"system.{name}"] = np.array(values[:1] if constant(values) else values)
@@ -359,7 +361,7 @@ class Simulation:
         self.frame_index = frame_index
         self._due = self._schedule[changes:]
         for name, array in self._moving().items():
-            array.assign(arrays[name])
+            array.assign(self.model.ordered(arrays[name]) if name == "rest_length" else arrays[name])
 
     def _moving(self) -> dict[str, wp.array]:
         """Return what a substep leaves to the next, by name."""

@@ -88,3 +88,15 @@ def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
     for each in (simulation, twin):
         each.step(2)
     assert_same(simulation, twin)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("route", ["scatter", "gather"])
+def test_a_checkpoint_goes_to_another_device_and_back(route):
+    there, here = scene(device="cuda:0", route=route), scene(device="cpu")
+    there.step(6)
+    here.restore(*there.checkpoint())
+    assert_same(here, there)
+    here.step(3)
+    there.restore(*here.checkpoint())
+    assert_same(there, here)

@@ -273,7 +273,7 @@ while kills < 20:
     child = os.fork()
     if child == 0:
         if again:
-            resume_run(folder, duration=None, force=True, quiet=True)
+            resume_run(folder, force=True, quiet=True)
         else:
             run(folder, 1e-3, trajectory=compress)
         os._exit(0)
@@ -288,7 +288,7 @@ while kills < 20:
             np.testing.assert_array_equal(found.positions[:], expected[: len(found)])
             seen.add(len(found))
 if (folder / "restart.h5").exists():
-    resume_run(folder, duration=None, force=True, quiet=True)
+    resume_run(folder, force=True, quiet=True)
 else:
     run(folder, 1e-3, trajectory=compress)
 print(resumed, len(seen))
