@@ -163,7 +163,7 @@ class Run:
     options: Options
     simulation: Simulation
     folder: Path | None
-    """Where results go, if any are wanted."""
+    """Where results go; None where frames are neither kept nor drawn."""
     name: str
     """What the film is called."""
     made_by: dict[str, Any]
@@ -174,7 +174,7 @@ class Run:
 
     def __post_init__(self) -> None:
         """See what is to be kept."""
-        self._keeps = self.folder is not None and self.options.trajectory != "none"
+        self._keeps = self.options.trajectory != "none"
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
 
     def to(self, last: int, *, behind: int = 0) -> None:
@@ -187,12 +187,12 @@ class Run:
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
-            scratch = Path(stack.enter_context(TemporaryDirectory()))
             if self.folder is not None:
                 stack.enter_context(alone_in(self.folder))
             progress = stack.enter_context(progress_on(self.talk))
             # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
-            path = self.folder / TRAJECTORY if self.folder is not None and self._keeps else scratch / TRAJECTORY
+            kept_in = self.folder if self._keeps else None
+            path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
                 with ExitStack() as files:
