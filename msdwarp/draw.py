@@ -140,7 +140,7 @@ def _colouring(
 ) -> tuple[str | Scale | None, Values | None]:
     """Return how a body is coloured, and what gives the values of its particles in frame k, if any are shown.
 
-    The scale ends at the largest value of all frames.
+    The scale ends where, in the frame in which they are largest, all but a hundredth of the particles are below.
     """
     if colour not in _SHOWN:
         return colour, None
@@ -149,7 +149,7 @@ def _colouring(
     def values(k: int) -> NDArray[np.float64]:
         return values_of(scene, trajectory, k)
 
-    largest = max(float(values(k).max()) for k in range(len(trajectory)))
+    largest = max(float(np.quantile(values(k), 0.99)) for k in range(len(trajectory)))
     return Scale(label, _rounded_up(largest)), values
 
 
