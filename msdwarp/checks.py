@@ -130,7 +130,7 @@ def writable_folder(name: str, value: Path, folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        reason = "it is a file" if folder.is_file() else error.strerror or error
+        reason = "it is no folder" if folder.exists() and not folder.is_dir() else error.strerror or error
         raise OSError(f"{name} is {value}, which cannot be written to: {reason}") from error
 
 

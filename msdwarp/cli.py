@@ -28,7 +28,11 @@ from .run import Interrupted, run_scene
 from .tune import TuneOptions, tune_scene
 from .watch import SimulationDiverged
 
-app = App(name="msdwarp", help="Elastic bodies as particles joined by springs and dampers, on the GPU.")
+app = App(
+    name="msdwarp",
+    suppress_keyboard_interrupt=False,
+    help="Elastic bodies as particles joined by springs and dampers, on the GPU.",
+)
 
 
 def main() -> NoReturn:
@@ -125,7 +129,7 @@ def _scene_app(origin: Origin, command: str, options_type: type, action: Any) ->
     act.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
     act.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
     act.__doc__ = origin.build.__doc__
-    scene_app = App(name=command, version_flags=())
+    scene_app = App(name=command, version_flags=(), suppress_keyboard_interrupt=False)
     scene_app.default(act)
     return scene_app
 
@@ -140,16 +144,19 @@ def _names(options: Any) -> set[str]:
 
 
 class _Terminated(BaseException):
-    """SIGTERM: raised where the program is, so that files are closed and temporary ones removed."""
+    """SIGTERM or a lost terminal: raised where the program is, so that files are closed and others removed."""
 
 
-def _terminate(*_: Any) -> NoReturn:
-    raise _Terminated
+def _terminate(number: int, _: Any) -> NoReturn:
+    raise _Terminated(number)
 
 
 def _finish(command: Callable[[], Any]) -> NoReturn:
     """Run a command and exit: 0, or one line that says what was wrong."""
-    signal.signal(signal.SIGTERM, _terminate)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # not every system has both
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, _terminate)
     try:
         command()
     except BrokenPipeError:  # whoever read the output has read enough
@@ -167,9 +174,9 @@ def _finish(command: Callable[[], Any]) -> NoReturn:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
-    except _Terminated:
+    except _Terminated as termination:
         print("terminated", file=sys.stderr)
-        sys.exit(143)
+        sys.exit(128 + termination.args[0])
     sys.exit(0)
 
 

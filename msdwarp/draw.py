@@ -58,6 +58,13 @@ class Pictures:
         """Whether anything is to be drawn."""
         return self.overlay is not None or not self.frames == self.video == "none"
 
+    def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
+        """Tell whether all that is to be drawn of so many frames has been."""
+        wanted = [] if self.overlay is None else [overlay_path(folder, name)]
+        wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
+        wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
+        return all(path.exists() for path in wanted)
+
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
         film.check_formats(self.frames, self.video)
@@ -119,9 +126,11 @@ def draw(
         images = (renderer.image(positions[k], times[k], values and values(k)) for k in shown)
         formats = {"frames": pictures.frames, "video": pictures.video}
         path = film.write(images, count, folder, name=name, fps=trajectory.fps, **formats)
-        drawn.append(f"{count} frames")
+        drawn.append(f"{count} frame{'s' if count > 1 else ''}")
         if pictures.frames == "png":
-            results.append(f"{folder / 'frame_0000.png'} ... frame_{count - 1:04d}.png")
+            results.append(
+                f"{folder / 'frame_0000.png'}" + (f" ... frame_{count - 1:04d}.png" if count > 1 else "")
+            )
         if path is not None:
             results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
     if pictures.overlay is not None:

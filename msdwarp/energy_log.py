@@ -37,13 +37,14 @@ class EnergyLog:
     force
         Replace what is there.
     behind
-        Go on with the file that is there, behind so many of its lines; it may lack some, and what it has beyond
-        them is dropped.
+        Go on with the file that is there, behind so many of its lines; what it has beyond them is dropped. A file
+        that is no longer there begins anew.
 
     Raises
     ------
     ValueError
-        If the path does not end in .csv, or is called as a frame is.
+        If the path does not end in .csv, or is called as a frame is; or if the file to go on with is no log, or
+        lacks lines.
     FileExistsError
         If the file or its plot exists and `force` is False.
     OSError
@@ -67,9 +68,11 @@ class EnergyLog:
         """Return so many lines of measures that are there."""
         if not behind or not self.path.exists():
             return []
-        with self.path.open(newline="", encoding="utf-8") as file:
-            lines = [line for line in csv.reader(file) if len(line) == 1 + len(COLUMNS)]
-        return lines[1 : behind + 1]
+        with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
+            head, *lines = list(csv.reader(file)) or [[]]
+        if head != ["time_s", *COLUMNS] or len(lines) < behind:
+            raise ValueError(f"log is {self.path}, which is not what the run had written there; move it away")
+        return lines[:behind]
 
     def __enter__(self) -> Self:
         """Open the file."""
@@ -81,17 +84,24 @@ class EnergyLog:
         self._writer = csv.writer(self._file)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Close the file, then draw the plot."""
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the file, then draw the plot; an error on the way here is not hidden by one of these."""
         assert self._file is not None
-        self._file.close()
-        plot(self.path, self.plot_path)
+        try:
+            self._file.close()
+            plot(self.path, self.plot_path)
+        except (OSError, ValueError) as error:
+            if kind is None:
+                raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
 
     def write(self, time: float, measures: Measures) -> None:
         """Add a line."""
         assert self._file is not None
-        self._writer.writerow([f"{time:.9g}", *(f"{of(measures):.9g}" for of in COLUMNS.values())])
-        self._file.flush()
+        try:
+            self._writer.writerow([f"{time:.9g}", *(f"{of(measures):.9g}" for of in COLUMNS.values())])
+            self._file.flush()
+        except OSError as error:
+            raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
 
 
 def plot(csv_path: Path, png_path: Path) -> None:

@@ -3,8 +3,10 @@
 import base64
 import importlib.util
 import json
+import os
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from . import checks
 from .picture import in_space
 from .trajectory import Trajectory
+from .writer import reserve
 
 
 def export(
@@ -73,11 +76,26 @@ def export(
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
-        _WHOLE[to](trajectory, numbers, path)
+        with _becoming(path) as unfinished:
+            _WHOLE[to](trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
-        _MESHES[to](one, points, cells, uv)
+        with _becoming(one) as unfinished:
+            _MESHES[to](unfinished, points, cells, uv)
     return paths
+
+
+@contextmanager
+def _becoming(path: Path) -> Iterator[Path]:
+    """Give another name, whose file becomes `path` once it is whole; raise OSError that names it if it fails."""
+    unfinished = path.with_name(f".{path.stem}.unfinished{path.suffix}")
+    try:
+        yield unfinished
+        os.replace(unfinished, path)
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+    finally:
+        unfinished.unlink(missing_ok=True)
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
@@ -110,6 +128,9 @@ def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None)
     mesh = pv.PolyData(points, faces=counted) if cells.shape[1] == 3 else pv.PolyData(points, lines=counted)
     if uv is not None:
         mesh.active_texture_coordinates = uv.astype(np.float32)
+    # VTK does not say when the disk is full: try before whether there is room for long lines of text.
+    with path.open("wb") as file:
+        reserve(file.fileno(), 0, 200 * (mesh.n_points + mesh.n_cells), path.parent)
     mesh.save(path)
 
 

@@ -1,5 +1,6 @@
 """The commands that begin with a file of a run: to look at it, draw it, go on with it, make it again."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,7 +46,7 @@ def info_command(file: Path, /) -> None:
         for name, value in trajectory.attributes.items():
             print(f"{name}: {_words(value)}")
     if path.with_name(RESTART).exists():
-        print(f"{path.with_name(RESTART)}: `msdwarp resume {path.parent}` goes on from it")
+        print(f"{path.with_name(RESTART)}: `msdwarp resume {shlex.quote(str(path.parent))}` goes on from it")
 
 
 def _words(value: Any) -> str:
@@ -192,6 +193,8 @@ def plot_command(
         # What changes on the way is known to the scene alone.
         schedule = built_again(trajectory.attributes)[1].schedule if trajectory.attributes.get("schedule") else ()
         target = out or path.with_suffix(".png")
+        if target.suffix not in (".png", ".csv"):
+            raise ValueError(f"out is {target}; its name must end in .png or .csv")
         write = write_history if target.suffix == ".csv" else plot_history
         print(f"wrote {write(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
 

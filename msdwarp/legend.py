@@ -20,7 +20,7 @@ Stops = tuple[tuple[float, float, float], ...]
 def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
     unit = height / 720
-    length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
+    length, thick, size = max(150, round(260 * unit)), max(4, round(14 * unit)), max(9, round(19 * unit))
     font, ink = ImageFont.load_default(size), (60, 66, 72, 255)
     # A margin on either side for half the last number, and more where the label is longer than that leaves.
     left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)

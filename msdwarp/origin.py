@@ -10,15 +10,17 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
+from enum import Enum, EnumType
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple, get_origin
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
 
 from . import checks, scenes
 from .scene import Scene
-from .system import System, constant
+from .system import CONNECTION_FIELDS, PARTICLE_FIELDS, System, constant
 
 Build = Callable[..., Scene]
 
@@ -66,7 +68,13 @@ def find_scene(scene: str) -> Origin:
         name, module = path.stem, importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
         sys.path.insert(0, str(path.parent.resolve()))  # as `python my_scene.py` has it
-        spec.loader.exec_module(module)
+        try:
+            spec.loader.exec_module(module)
+        except SystemExit as error:
+            guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
+            raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
+    elif path.suffix == ".py":
+        raise ValueError(f"scene is {scene!r}, a script that is not there")
     else:
         raise ValueError(f"scene is {scene!r}; it must be a script's path or one of {', '.join(scene_names())}")
     if not callable(getattr(module, "build", None)):
@@ -88,8 +96,7 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
     parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
     return {
         "scene": origin.place,
-        # What JSON cannot hold, such as a path, is held by its text.
-        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=str)),
+        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=_as_json)),
         "gravity": np.asarray(scene.gravity).tolist(),
         "schedule": len(scene.schedule),
         "digest": digest(scene),
@@ -122,16 +129,34 @@ def built_again(attributes: Mapping[str, Any]) -> tuple[Origin, Scene]:
 
 
 def _as_declared(value: Any, annotation: Any) -> Any:
-    """Return a value that JSON held as what a parameter is declared to be."""
-    if isinstance(value, list) and (get_origin(annotation) or annotation) is tuple:
-        return tuple(value)
-    return Path(value) if annotation is Path and isinstance(value, str) else value
+    """Return a value that JSON held as what it is declared to be, with its paths, tuples and Enum members."""
+    if get_origin(annotation) is Annotated:
+        return _as_declared(value, get_args(annotation)[0])
+    for kind in get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,):
+        if isinstance(value, str):
+            if kind is Path:
+                return Path(value)
+            if isinstance(kind, EnumType) and value in kind.__members__:
+                return kind[value]
+        whole = get_origin(kind) or kind
+        if isinstance(value, list) and whole in (list, tuple, set):
+            inner = [one for one in get_args(kind) if one is not ...] or [Any]
+            inner += inner[-1:] * (len(value) - len(inner))
+            return whole(_as_declared(*both) for both in zip(value, inner, strict=False))
+    return value
+
+
+def _as_json(value: Any) -> Any:
+    """Return what stands for a value that JSON cannot hold."""
+    if isinstance(value, set | frozenset):
+        return sorted(value)
+    return value.name if isinstance(value, Enum) else str(value)
 
 
 def digest(scene: Scene) -> str:
     """Return a short text that two scenes share if the same moves in them in the same surroundings.
 
-    All numbers are in it, and no functions: a collider's motion, or a change that depends on what was before.
+    Functions are in it by some of their values: where a collider is now and then, what a change makes of a start.
     """
     found = hashlib.sha256()
     for part in _parts(scene):
@@ -147,18 +172,17 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield f"{field.name} {values.shape}".encode()
             yield np.ascontiguousarray(values[:1] if once else values).tobytes()
     yield repr((scene.system.damper, np.asarray(scene.gravity, dtype=float).tolist())).encode()
-    for one in (*scene.colliders, *scene.schedule):
-        held = {field.name: getattr(one, field.name) for field in fields(one)}
-        yield repr((type(one).__name__, {name: _words(value) for name, value in held.items()})).encode()
-
-
-def _words(value: Any) -> Any:
-    """Return what of a value has the same text each time."""
-    if callable(value):
-        return "a function"
-    if isinstance(value, Mapping):
-        return {name: _words(one) for name, one in value.items()}
-    return np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple | list) else value
+    for collider in scene.colliders:
+        held = {field.name: getattr(collider, field.name) for field in fields(collider) if field.name != "motion"}
+        yield repr((type(collider).__name__, held)).encode()
+        for time in np.linspace(0.0, scene.duration, 9) if collider.motion is not None else ():
+            for part in collider.pose(float(time), scene.system.dim):
+                yield np.asarray(part, dtype=float).tobytes()
+    for change in scene.schedule:
+        yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
+        changed = change.applied_to(scene.system)
+        for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+            yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 
 
 def _version(package: str) -> str | None:

@@ -13,7 +13,7 @@ from .draw import Pictures
 from .options import Options
 from .origin import about, built_again
 from .results import TRAJECTORY, result_folder
-from .run import Run, simulation_by, used
+from .run import Run, alone_in, simulation_by, used
 from .trajectory import Trajectory
 
 
@@ -78,7 +78,9 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> s
         simulation = simulation_by(scene, options)
         new = about(origin, scene) | used(simulation, options)
         last = (len(trajectory) - 1) * options.every
-        Run(scene, options, simulation, folder, origin.name, new, None, Console(stderr=True, quiet=quiet)).to(last)
+        talk = Console(stderr=True, quiet=quiet)
+        with alone_in(folder):
+            Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
         with Trajectory(folder / TRAJECTORY) as again:
             if again.positions.shape != trajectory.positions.shape:
                 return f"it has {again.positions.shape[1]} particles now, not {trajectory.positions.shape[1]}"

@@ -111,8 +111,9 @@ def _replace(path: Path, image: memoryview) -> None:
             os.fsync(stream.fileno())
         os.replace(unfinished, path)
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
         raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+    finally:  # a signal may come at any moment
+        unfinished.unlink(missing_ok=True)
     if hasattr(os, "O_DIRECTORY"):  # the name is in the folder
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:

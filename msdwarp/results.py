@@ -8,7 +8,7 @@ TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
 
 
 def result_folder(name: str, out: Path | None, force: bool) -> Path:
-    """Create and return the folder for results; nothing of an earlier run is touched without `force`.
+    """Create and return the folder for results.
 
     Raises
     ------
@@ -20,19 +20,32 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     folder = out
     if folder is None:
         folder = Path("out") / name if force else free_folder(Path("out") / name)
-    elif not force and folder.is_dir() and any(folder.iterdir()):
+    elif not force and folder.is_dir() and _holds_something(folder):
         raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
     checks.writable_folder("out", folder, folder)
-    if force:
-        for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART):
-            path.unlink(missing_ok=True)
     return folder
+
+
+def remove_results(folder: Path, name: str) -> None:
+    """Remove what an earlier run of this name has left in a folder."""
+    unfinished = [path for path in folder.iterdir() if _is_unfinished(path)]
+    for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, *unfinished):
+        path.unlink(missing_ok=True)
+
+
+def _is_unfinished(path: Path) -> bool:
+    """Tell whether a file is what a process that was killed was about to write."""
+    return path.name.startswith(".") and ".unfinished" in path.name
+
+
+def _holds_something(folder: Path) -> bool:
+    return not all(map(_is_unfinished, folder.iterdir()))
 
 
 def free_folder(wanted: Path) -> Path:
     """Return a folder that is not there or empty: the one wanted, or one with the next free number behind."""
     folder, k = wanted, 2
-    while folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    while folder.exists() and (not folder.is_dir() or _holds_something(folder)):
         folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1
     return folder
 

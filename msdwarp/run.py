@@ -1,6 +1,8 @@
 """Running a scene: simulate it, keep every frame, then draw them; and going on with a run that was ended."""
 
+import importlib.util
 import os
+import shlex
 import signal
 import threading
 import time
@@ -11,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -22,7 +25,7 @@ from .options import Options
 from .origin import Origin, about, built_again, digest
 from .readback import Readback
 from .restart import read_restart, write_restart
-from .results import RESTART, TRAJECTORY, pictures_in, result_folder
+from .results import RESTART, TRAJECTORY, pictures_in, remove_results, result_folder
 from .scene import Scene
 from .simulation import Simulation, frame_count
 from .trajectory import Trajectory
@@ -60,7 +63,10 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     wanted = options.pictures.any or options.trajectory != "none"
     folder = result_folder(origin.name, options.out, options.force) if wanted else None
     made_by = about(origin, scene) | used(simulation, options)
-    Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
+    with alone_in(folder):
+        if folder is not None and options.force:
+            remove_results(folder, origin.name)
+        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
 
 
 def resume_run(
@@ -85,26 +91,44 @@ def resume_run(
     SimulationDiverged, Interrupted, OSError
         As by `run_scene`.
     """
-    arrays, attributes = read_restart(folder / RESTART)
-    made_by = checks.member(f"{folder / RESTART}", attributes, "run")
-    origin, scene = built_again(made_by)
-    if digest(scene) != made_by["digest"]:
-        raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
-    if duration is not None:
-        made_by["options"]["duration"] = duration
-    device = device or made_by["device"]
-    options = Options.stored(made_by["options"], device=device, quiet=quiet, force=force)
-    last, behind = last_frame(options), int(attributes["checkpoint"]["frame_index"]) + 1
-    if behind > last:
-        done = f"all {last + 1} frames of {options.duration:g} s are there"
-        raise ValueError(f"{done}: a longer --duration goes on, and `msdwarp render {folder}` draws them")
-    for path in pictures_in(folder, origin.name) if options.pictures.any and not force else ():
-        raise FileExistsError(f"{path} exists, and would be replaced; move it or add --force")
-    simulation = simulation_by(scene, options)
-    simulation.restore(arrays, attributes["checkpoint"])
-    log = None if options.log is None else EnergyLog(options.log, behind=behind)
-    talk = Console(stderr=True, quiet=quiet)
-    Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+    if not (folder / RESTART).exists():
+        raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
+    with alone_in(folder):
+        arrays, attributes = read_restart(folder / RESTART)
+        made_by = checks.member(f"{folder / RESTART}", attributes, "run")
+        origin, scene = built_again(made_by)
+        if digest(scene) != made_by["digest"]:
+            raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
+        if duration is not None:
+            made_by["options"]["duration"] = duration
+        device = device or made_by["device"]
+        options = Options.stored(made_by["options"], device=device, quiet=quiet, force=force)
+        last, behind = last_frame(options), int(attributes["checkpoint"]["frame_index"]) + 1
+        simulation = simulation_by(scene, options)
+        simulation.restore(arrays, attributes["checkpoint"])
+        _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)
+        pictures = pictures_in(folder, origin.name) if options.pictures.any else []
+        if behind > last and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
+            if not quiet:
+                print(f"all {behind} frames are there, {simulation.time:.4g} s: a longer --duration goes on")
+            return
+        if behind <= last and pictures and not force:
+            raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
+        log = None if options.log is None or behind > last else EnergyLog(options.log, behind=behind)
+        talk = Console(stderr=True, quiet=quiet)
+        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+
+
+def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
+    """Raise ValueError unless a trajectory is of the run that a simulation was restored from."""
+    with Trajectory(path) as kept:
+        same = all(kept.attributes.get(name) == made_by[name] for name in ("scene", "parameters", "digest"))
+        k, between = divmod(simulation.frame_index, every)
+        if same and not between and k < len(kept):
+            pairs = zip(kept.frame(k)[1:], simulation.frame()[1:], strict=True)
+            same = all(np.array_equal(one, other) for one, other in pairs)
+        if not same:
+            raise ValueError(f"{path} is of another run than {path.with_name(RESTART)}")
 
 
 def last_frame(options: Options) -> int:
@@ -187,8 +211,6 @@ class Run:
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
-            if self.folder is not None:
-                stack.enter_context(alone_in(self.folder))
             progress = stack.enter_context(progress_on(self.talk))
             # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
             kept_in = self.folder if self._keeps else None
@@ -240,10 +262,10 @@ class Run:
                     writer.write_pending(readback.take() if writer.wants_next() else None)
                 if log is not None:
                     log.write(simulation.time, simulation.measure())
-                if asked and k < last:
+                if asked:
                     self._save(writer)
                     raise Interrupted(self._farewell(asked[0], last), asked[0])
-                if time.monotonic() - saved > self.options.restart:
+                if k == behind or time.monotonic() - saved > self.options.restart:
                     self._save(writer)
                     saved = time.monotonic()
             self._save(writer)
@@ -268,17 +290,25 @@ class Run:
         """Say where the run has ended, and how it goes on."""
         word = "interrupted" if number == signal.SIGINT else "terminated"
         said = f"{word} at {self.simulation.time:.4g} s, after frame {self.simulation.frame_index} of {last}"
-        return f"{said}: `msdwarp resume {self.folder}` goes on" if self._keeps and self.options.restart else said
+        return (
+            f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
+            if self._keeps and self.options.restart
+            else said
+        )
 
 
 @contextmanager
 def _stop_asked_for(talk: Console) -> Iterator[list[int]]:
-    """Give a list in which Ctrl-C and SIGTERM leave their number; a second one acts as it always does."""
+    """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does."""
     asked: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield asked  # only there signals are heard
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    known = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in known}
+    before = {
+        number: handler for number, handler in before.items() if handler != signal.SIG_IGN
+    }  # as nohup has it
 
     def ask(number: int, _: Any) -> None:
         asked.append(number)
@@ -297,16 +327,16 @@ def _stop_asked_for(talk: Console) -> Iterator[list[int]]:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def alone_in(folder: Path | None) -> Iterator[None]:
     """Keep other runs from writing in a folder meanwhile; raise ValueError if one does already.
 
     The lock is on the folder, and goes with the process, however that ends. Where there are none it does nothing.
     """
-    try:
-        import fcntl
-    except ImportError:
+    if folder is None or importlib.util.find_spec("fcntl") is None:
         yield
         return
+    import fcntl
+
     number = os.open(folder, os.O_RDONLY)
     try:
         try:

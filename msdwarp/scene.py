@@ -54,7 +54,7 @@ class Look:
     Raises
     ------
     ValueError
-        If a colour, a texture, the full strain or a choice is none.
+        If a colour, a texture, an angle, the full strain or a choice is none.
     """
 
     colour: str = "#d9603b"
@@ -77,6 +77,8 @@ class Look:
             rgb(name, getattr(self, name))
         for name in ("texture", "obstacle_texture"):
             _check_image(name, getattr(self, name))
+        checks.between("azimuth", self.azimuth, -360, 360)
+        checks.between("elevation", self.elevation, -90, 90)
         checks.one_of("strain", self.strain, (False, True))
         checks.positive("full_strain", self.full_strain)
         checks.one_of("particles", self.particles, (None, False, True))

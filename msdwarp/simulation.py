@@ -17,7 +17,7 @@ from .integrators import Integrator, Rates, SymplecticEuler
 from .measure import Measures, measure
 from .model import Model, State
 from .schedule import Change
-from .stability import SAFETY, StepChoice, UnstableStep, choose_forced, choose_substeps, rate_bounds
+from .stability import MOST_SUBSTEPS, SAFETY, StepChoice, UnstableStep, choose_forced, choose_substeps, rate_bounds
 from .system import CONNECTION_FIELDS, PARTICLE_FIELDS, System, constant
 from .trajectory import Frame
 from .watch import Backup, SimulationDiverged, Watch, describe
@@ -26,9 +26,18 @@ RECORDING = threading.Lock()
 """Held while a graph is recorded: no thread may wait for a device meanwhile."""
 
 
+MOST_FRAMES = 10**9
+"""Frames of the longest run."""
+
+
 def frame_count(duration: float, fps: float) -> int:
     """Return how many frames of 1/fps s a duration [s] has, rounded; raise ValueError if there is none."""
-    count = round(checks.positive("duration", duration) * checks.positive("fps", fps))
+    frames = checks.positive("duration", duration) * checks.positive("fps", fps)
+    count = round(min(frames, 2.0 * MOST_FRAMES))
+    if count > MOST_FRAMES:
+        raise ValueError(
+            f"duration is {duration:g}; it must be at most {MOST_FRAMES} frames, {MOST_FRAMES / fps:g} s"
+        )
     if count == 0:
         raise ValueError(f"duration is {duration:g}; it must be at least one frame, {1 / fps:g} s")
     return count
@@ -111,6 +120,8 @@ class Simulation:
         if isinstance(substeps, str) and substeps != "auto":
             raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
         self._forced = None if isinstance(substeps, str) else checks.count("substeps", substeps, 1)
+        if self._forced is not None and self._forced > MOST_SUBSTEPS:
+            raise ValueError(f"substeps is {substeps}; it must be at most {MOST_SUBSTEPS}")
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)

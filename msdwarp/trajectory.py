@@ -134,10 +134,10 @@ def _opened(path: Path) -> Any:
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
         file = h5py.File(path, "r", locking=False)
-    except OSError as error:
+        wrong = fault(file)
+    except (KeyError, OSError, RuntimeError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} cannot be read: {reason}") from error
-    wrong = fault(file)
     if wrong is not None:
         file.close()
         raise ValueError(f"{path} is no trajectory: {wrong}")

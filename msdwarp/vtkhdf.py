@@ -28,6 +28,8 @@ _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
 _FORESEEN = 1024
 """Frames whose offsets are written at once, where it is unknown how many there will be."""
+_MOST_FORESEEN = 1 << 16
+"""The same where it is known: for what is never reached room is taken too."""
 _BLOCK = 1 << 15
 """Connections whose strain is computed at a time: their coordinates fit into the cache."""
 
@@ -63,7 +65,7 @@ class Layout:
             cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
-        self._foreseen = frame_count or _FORESEEN
+        self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
 
     @classmethod
     def of(cls, file: Any, system: System) -> "Layout":

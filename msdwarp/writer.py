@@ -230,6 +230,7 @@ class TrajectoryWriter:
         n, number = self.frame_count, getattr(error, "errno", None)
         reason = os.strerror(number) if number else str(error)
         kept = f"its first {n} frame{'s are' if n > 1 else ' is'} kept" if n else "nothing was kept"
+        kept = kept if self.path.exists() or not n else "what it held went with it"
         explained = OSError(f"{self.path} could not be written further: {reason}; {kept}")
         explained.__cause__ = error
         return explained
@@ -351,6 +352,7 @@ class _File:
         # written, and do not open after a crash.
         self._file = h5py.File(path, "r+", locking=False, rdcc_nbytes=0, libver=("v110", "v110"))
         self._at, self._room = path, os.open(path, os.O_RDWR)
+        self._size = os.fstat(self._room).st_size
 
     def _append(self, frame: Frame, strain: NDArray | None) -> None:
         try:
@@ -359,22 +361,29 @@ class _File:
             there = False
         if not there:
             raise OSError("it was moved, removed or replaced meanwhile")
+        if os.fstat(self._room).st_size < self._size:
+            raise OSError("it was cut short meanwhile")
         self._reserve(self._layout.growth(self.written))
         self._layout.append(self.written, frame, strain)
+        self._size = os.fstat(self._room).st_size
 
     def _reserve(self, size: int) -> None:
         """Make sure that the disk has room for so many more bytes, and for HDF5's own records."""
-        size += _SLACK
-        try:
-            os.posix_fallocate(self._room, self._file.id.get_filesize(), size)
-            return
-        except AttributeError:
-            pass  # a system that cannot reserve
-        except OSError as error:
-            if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):  # a disk that cannot
-                raise
-        if shutil.disk_usage(self._at.parent).free < size:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        reserve(self._room, self._file.id.get_filesize(), size + _SLACK, self._at.parent)
+
+
+def reserve(number: int, start: int, size: int, folder: Path) -> None:
+    """Take room on the disk for an open file in `folder`, from byte `start` on; raise OSError if there is none."""
+    try:
+        os.posix_fallocate(number, start, size)
+        return
+    except AttributeError:
+        pass  # a system that cannot reserve
+    except OSError as error:
+        if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):  # a disk that cannot
+            raise
+    if shutil.disk_usage(folder).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _count_in_all(path: Path) -> None:

@@ -1,6 +1,8 @@
 """Export: what other programs would read is what was simulated."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -142,3 +144,27 @@ def test_particles_alone_hold_nothing_to_draw(tmp_path):
         with pytest.raises(ValueError, match="neither a surface nor connections"):
             export(found, tmp_path / "b.obj", "obj")
         assert export(found, tmp_path / "b.npz", "npz")
+
+
+@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "npz"])
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
+    code = """
+import resource, sys
+from msdwarp import Trajectory, TrajectoryWriter, box
+from msdwarp.export import export
+system = box((12, 12, 12))
+with TrajectoryWriter("a.vtkhdf", system, fps=30) as writer:
+    writer.write((0.0, system.position, system.velocity))
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+with Trajectory("a.vtkhdf") as trajectory:
+    try:
+        export(trajectory, f"b.{sys.argv[1]}", sys.argv[1], 0)
+    except OSError as error:
+        print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, to], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.startswith(f"b.{to} could not be written: ")
+    assert done.stderr == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,12 +21,13 @@ from msdwarp.run import alone_in
 # hold. `bang` says at what time something happens to the run, and what.
 SCENE = """
 import os, shutil, signal
+from enum import Enum
 from pathlib import Path
 from msdwarp import Plane, Scene, Sphere, at, box
 
 def motion(t):
     bang = Path(__file__).with_name("bang")
-    if bang.exists() and t > 0.15:
+    if bang.exists() and t > 0.15 and any(Path("out").rglob("trajectory.vtkhdf")):
         what = bang.read_text()
         bang.unlink()
         if what == "lose":
@@ -34,14 +36,20 @@ def motion(t):
             os.kill(os.getpid(), getattr(signal, what))
     return (0, 0, 0.1 * t)
 
+class Shade(Enum):
+    LIGHT = 1
+    DARK = 2
+
 def build(
     *,
     size: int = 3,
     stiffness: float = 300.0,
-    where: Path = Path("."),
+    where: Path | None = Path("."),
     origin: tuple[float, float, float] = (0, 0, 0),
+    shade: Shade = Shade.LIGHT,
 ):
     body = box((size, size, 3), 0.1, mass=0.01, stiffness=stiffness, damping=0.2).rotate(0.3, (1, 0, 0))
+    assert isinstance(where, Path) and isinstance(origin, tuple) and isinstance(shade, Shade)
     body = body.translate((0, 0, 0.2)).replace(yield_strain=0.05)
     ball = Sphere((0, 0, -0.4), 0.5, motion=motion)
     schedule = [at(0.1, stiffness=lambda k: 2 * k), at(0.25, mass=0.02)]
@@ -165,8 +173,8 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     code, out, err = msdwarp("resume", str(folder))
-    assert (code, out) == (1, "")
-    assert "all 7 frames of 0.1 s are there: a longer --duration goes on" in err
+    assert (code, err) == (0, "")
+    assert out == "all 7 frames are there, 0.1 s: a longer --duration goes on\n"
     assert "duration is 0" in msdwarp("resume", str(folder), "--duration", "0")[2]
     assert msdwarp("resume", "nothing")[2] == "error: nothing does not exist; it must be the folder of a run\n"
     own.write_text(SCENE.replace("0.01", "0.011"))
@@ -177,7 +185,7 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     )
     assert "no longer has the parameters ['stiffness']" in msdwarp(*longer)[2]
     own.unlink()
-    assert "own.py'; it must be a script's path" in msdwarp(*longer)[2]
+    assert "own.py', a script that is not there" in msdwarp(*longer)[2]
     own.write_text(SCENE)
     whole = (folder / "restart.h5").read_bytes()
     (folder / "restart.h5").write_bytes(whole[:-100])
@@ -325,6 +333,69 @@ def test_two_runs_do_not_write_in_one_folder(msdwarp, tmp_path):
     assert msdwarp("resume", "here", "--duration", "0.2")[0] == 0
 
 
+def test_force_does_not_touch_the_folder_of_a_run_that_is_going(msdwarp, tmp_path):
+    small = ("run", "cube", "--size", "3", "--duration", "0.1", *UNDRAWN, "--out", "here")
+    assert msdwarp(*small)[0] == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "here").iterdir()}
+    with alone_in(tmp_path / "here"):
+        assert "another run is writing in here" in msdwarp(*small, "--force")[2]
+    assert {path.name: path.read_bytes() for path in (tmp_path / "here").iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["trajectory.vtkhdf", "restart.h5"])
+def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
+    for folder, stiffness in (("one", "600"), ("other", "700")):
+        flags = ("--size", "3", "--stiffness", stiffness, "--duration", "0.2", "--out", folder)
+        assert msdwarp("run", "cube", *flags, *UNDRAWN)[0] == 0
+    shutil.copy(tmp_path / "other" / name, tmp_path / "one" / name)
+    before = (tmp_path / "one" / "trajectory.vtkhdf").read_bytes()
+    code, out, err = msdwarp("resume", "one", "--duration", "0.4")
+    assert (code, out) == (1, "")
+    assert err == "error: one/trajectory.vtkhdf is of another run than one/restart.h5\n"
+    assert (tmp_path / "one" / "trajectory.vtkhdf").read_bytes() == before
+
+
+@pytest.mark.parametrize(("old", "new"), [("0.1 * t)", "0.2 * t)"), ("2 * k)", "3 * k)")])
+def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
+    own.write_text(SCENE.replace(old, new))
+    assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2")[2]
+
+
+def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
+    # Killed before a minute is over: the restart file of the start is there.
+    assert msdwarp("run", "own.py", *UNDRAWN, "--out", "whole")[0] == 0
+    (own.parent / "bang").write_text("SIGKILL")
+    code = "import sys; sys.argv = ['msdwarp', *sys.argv[1:]]; from msdwarp.cli import main; main()"
+    killed = subprocess.run([sys.executable, "-c", code, "run", "own.py", *UNDRAWN], cwd=own.parent, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert read_restart(own.parent / "out" / "own" / "restart.h5")[1]["checkpoint"]["frame_index"] == 0
+    assert msdwarp("resume", "out/own")[0] == 0
+    assert_same_run(own.parent / "out" / "own", own.parent / "whole")
+
+
+def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwarp, own, monkeypatch):
+    (own.parent / "bang").write_text("SIGTERM")
+    drawn = ("--resolution", "64x64", "--duration", "0.167", "--frames", "none", "--device", "cpu")
+    code, _, err = msdwarp("run", "own.py", *drawn)
+    assert (code, "after frame 10 of 10" in err) == (143, True)
+    code, out, _ = msdwarp("resume", "out/own")
+    assert (code, "drew 11 frames" in out) == (0, True)
+    film = (own.parent / "out" / "own" / "own.webp").read_bytes()
+    code, out, _ = msdwarp("resume", "out/own")
+    assert (code, out) == (0, "all 11 frames are there, 0.1667 s: a longer --duration goes on\n")
+    assert (own.parent / "out" / "own" / "own.webp").read_bytes() == film
+
+
+def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
+    short = ("--log", "own.csv", "--duration", "0.1", *UNDRAWN)
+    assert msdwarp("run", "own.py", *short)[0] == 0
+    (own.parent / "own.csv").write_text("years of work")
+    code, _, err = msdwarp("resume", "out/own", "--duration", "0.2")
+    assert (code, "own.csv, which is not what the run had written there; move it away" in err) == (1, True)
+    assert (own.parent / "own.csv").read_text() == "years of work"
+
+
 @pytest.mark.slow
 def test_memory_stays_flat_over_ten_thousand_frames(tmp_path):
     peaks = []
@@ -386,12 +457,12 @@ def test_what_does_not_say_what_made_it_cannot_be_made_again(msdwarp, tmp_path):
 
 
 def test_a_file_says_all_that_made_it(msdwarp, own):
-    where = ("--where", "some/place", "--origin", "1", "2.5", "3")
+    where = ("--where", "some/place", "--origin", "1", "2.5", "3", "--shade", "dark")
     assert msdwarp("run", str(own), *where, *UNDRAWN, "--duration", "0.1", "--precision", "float64")[0] == 0
     with Trajectory(own.parent / "out" / "own" / "trajectory.vtkhdf") as found:
         about = found.attributes
     assert about["scene"] == str(own)
-    wanted = {"size": 3, "stiffness": 300.0, "where": "some/place", "origin": [1.0, 2.5, 3.0]}
+    wanted = {"size": 3, "stiffness": 300.0, "where": "some/place", "origin": [1.0, 2.5, 3.0], "shade": "DARK"}
     assert about["parameters"] == wanted
     assert about["command"][:2] == ["msdwarp", "run"]
     assert {"msdwarp", "warp-lang", "numpy", "h5py"} <= about["versions"].keys()
@@ -405,4 +476,4 @@ def test_a_file_says_all_that_made_it(msdwarp, own):
     for line in ("7 frames from 0 to 0.1 s", "precision: float64", "parameters: size 3, stiffness 300.0"):
         assert line in out
     assert "`msdwarp resume out/own` goes on from it" in out
-    assert msdwarp("rerun", "out/own")[0] == 0  # the path and the tuple are what they were
+    assert msdwarp("rerun", "out/own")[0] == 0  # the path, the tuple and the shade are what they were

@@ -1,6 +1,7 @@
 """Trajectories: what is written comes back bit for bit, to us and to VTK."""
 
 import shutil
+from contextlib import suppress
 from dataclasses import fields
 
 import h5py
@@ -255,6 +256,14 @@ def test_other_files_are_refused_by_what_is_wrong(tmp_path):
             change(file)
         with pytest.raises(ValueError, match=said):
             Trajectory(tmp_path / "bad")
+
+
+def test_damage_anywhere_in_the_head_is_an_error_of_one_kind(tmp_path):
+    whole = write(tmp_path / "a.vtkhdf", SYSTEMS["box"]).read_bytes()
+    for place in range(0, 4000, 40):
+        (tmp_path / "bad.vtkhdf").write_bytes(whole[:place] + bytes(40 * [0xFF]) + whole[place + 40 :])
+        with suppress(ValueError), Trajectory(tmp_path / "bad.vtkhdf") as found:
+            _ = found.system
 
 
 def test_a_damaged_system_is_refused_when_it_is_asked_for(tmp_path):

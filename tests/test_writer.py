@@ -121,7 +121,7 @@ def test_killed_at_random_twenty_times(tmp_path, vtk_output):
             np.testing.assert_array_equal(found.positions[:], expected)
             np.testing.assert_array_equal(found.velocities[:], -expected)
         for when, mesh in vtk_frames(path, slice(None, None, -10)):
-            k = round(when * 60)
+            k = round((when or 0.0) * 60)  # a file of one frame has no times for VTK
             np.testing.assert_array_equal(mesh.points, expected[k])
     assert vtk_output.GetOutput() == ""
 
@@ -200,9 +200,20 @@ def test_a_lost_folder_is_noticed(tmp_path):
     shutil.rmtree(folder)
     writer.write(second)
     until(lambda: writer._error is not None)
-    with pytest.raises(OSError, match="moved, removed or replaced meanwhile; its first 1 frame is kept"):
+    with pytest.raises(OSError, match="moved, removed or replaced meanwhile; what it held went with it"):
         writer.write(third)
     writer.close()  # which says nothing twice
+
+
+def test_a_file_cut_short_meanwhile_is_noticed(tmp_path):
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", SYSTEMS["box"], fps=60) as writer:
+        first, second = frames(SYSTEMS["box"], 2)
+        writer.write(first)
+        writer.flush()
+        os.truncate(writer.path, 1000)
+        writer.write(second)
+        with pytest.raises(OSError, match="it was cut short meanwhile"):
+            writer.flush()
 
 
 def test_a_writer_that_is_never_closed_loses_nothing(tmp_path):
@@ -336,7 +347,7 @@ def test_wrong_arguments_are_named(tmp_path):
         with pytest.raises(ValueError, match=said):
             TrajectoryWriter(**({"path": path, "system": system, "fps": 60} | wrong))
     (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="cannot be written to: it is a file"):
+    with pytest.raises(OSError, match="cannot be written to: it is no folder"):
         TrajectoryWriter(tmp_path / "file" / "a.vtkhdf", system, fps=60)
     with TrajectoryWriter(path, system, fps=60) as writer:
         time, position, velocity = next(frames(system, 1))
