@@ -56,7 +56,12 @@ def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Ch
     # Checked here, not at the first next().
     Model(trajectory.system, gravity=gravity, device="cpu", precision="float64")
     if trajectory.system.yields or schedule:
-        _ = trajectory.strains
+        try:
+            _ = trajectory.strains
+        except ValueError as error:
+            raise ValueError(
+                f"{error}, and rest lengths, which do not stay here, are known by it alone"
+            ) from error
     return _moments(trajectory, gravity, schedule)
 
 
@@ -229,7 +234,7 @@ def plot_history(
         "mean (centre of mass)": (table["mean_m"], DARK),
         "lowest": (table["lowest_m"], BLUE),
     }
-    draw_curves(heights, table["time_s"], curves, "height [m]")
+    draw_curves(heights, table["time_s"], curves, "height [m]" if system.dim > 1 else "x [m]")
     heights.fill_between(table["time_s"], table["lowest_m"], table["highest_m"], color=DARK, alpha=0.08, lw=0)
     heights.set_xlabel("time [s]")
     for axes in panels:  # above them a legend hides nothing, and on the right leaves room for a power of ten
