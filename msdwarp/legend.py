@@ -20,7 +20,7 @@ Stops = tuple[tuple[float, float, float], ...]
 def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
     unit = height / 720
-    length, thick, size = max(150, round(260 * unit)), max(4, round(14 * unit)), max(9, round(19 * unit))
+    length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
     font, ink = ImageFont.load_default(size), (60, 66, 72, 255)
     # A margin on either side for half the last number, and more where the label is longer than that leaves.
     left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)
@@ -31,7 +31,7 @@ def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, 0), scale.label, ink, font, anchor="ma")
-    for share in (0, 0.5, 1):
+    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # where there is no room for three numbers
         label = f"{share * scale.full:g}" + (" or more" if share == 1 else "")
         pen.text((left + share * length, top + thick + size / 4), label, ink, font, anchor="ma")
     return legend

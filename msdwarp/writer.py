@@ -296,7 +296,7 @@ class _File:
         self._layout = Layout.of(self._file, system)
         self._layout.open(self._file)
         self._layout.truncate(kept)
-        self.written = kept
+        self.written, self._size = kept, os.fstat(self._room).st_size
 
     def sync(self) -> None:
         """Have the system put on the disk what it was given."""

@@ -255,7 +255,8 @@ def test_the_plot_shows_the_history_and_its_legends_hide_nothing(net_run, tmp_pa
         assert np.asarray(picture.convert("L")).std() > 5  # not blank
     (figure,) = figures
     panels = figure.axes
-    assert [axes.get_ylabel() for axes in panels] == ["energy [J]", "momentum [kg m/s]", "height [m]"]
+    upwards = "x [m]" if trajectory.system.dim == 1 else "height [m]"
+    assert [axes.get_ylabel() for axes in panels] == ["energy [J]", "momentum [kg m/s]", upwards]
     assert panels[-1].get_xlabel() == "time [s]"
     curves = [{line.get_label(): line.get_ydata() for line in axes.lines} for axes in panels]
     moments = list(history.history(trajectory, gravity=G))
