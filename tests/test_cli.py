@@ -95,6 +95,7 @@ def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
     assert (origin.name, scene.system.particle_count, options) == ("cube", 1000, Options())
 
 
+@pytest.mark.slow
 def test_an_overlay_is_written_beside_the_film_or_alone(msdwarp, tmp_path):
     small = ("run", "cube", "--size", "3", *SMALL)
     code, out, _ = msdwarp(*small, "--overlay", "3", "--frames", "none", "--video", "none")

@@ -234,6 +234,7 @@ def test_bad_scales_and_zooms_are_named(scene, arguments, message):
         msd.Renderer(scene, scene.system.position, resolution=SIZE, backend="raycast", **arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_zoom_comes_nearer_to_the_same_target(scene, backend):
     position = scene.system.position

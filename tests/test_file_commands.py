@@ -48,6 +48,7 @@ def test_colours_and_the_camera_can_be_chosen(msdwarp, cube):
     assert "zoom is 0" in msdwarp("render", str(cube), *PICTURES, "--zoom", "0", "--out", "x")[2]
 
 
+@pytest.mark.slow
 def test_pictures_that_are_there_are_kept(msdwarp, cube):
     for folder in ("render", "render-2"):  # each time another
         code, out, _ = msdwarp("render", str(cube / "trajectory.vtkhdf"), *PICTURES)

@@ -272,6 +272,7 @@ def test_a_moving_obstacle_is_drawn_where_it_is_at_the_time(body, backend):
         assert blue < 1.3 * red
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("textured", ["both", "body", "obstacle"])
 def test_body_and_obstacle_keep_their_own_textures(body, backend, textured):

@@ -148,6 +148,7 @@ for child in children:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_at_random_it_is_whole(tmp_path):
     subprocess.run([sys.executable, "-W", "ignore", "-c", WRITE_FOR_EVER, tmp_path], check=True, timeout=120)

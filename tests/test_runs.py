@@ -129,7 +129,8 @@ def test_other_routes_go_on_too(msdwarp, tmp_path, route):
 
 
 @pytest.mark.parametrize(
-    ("name", "code", "word"), [("SIGINT", 130, "interrupted"), ("SIGTERM", 143, "terminated")]
+    ("name", "code", "word"),
+    [("SIGINT", 130, "interrupted"), pytest.param("SIGTERM", 143, "terminated", marks=pytest.mark.slow)],
 )
 def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, name, code, word):
     folder = own.parent
@@ -149,6 +150,7 @@ def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, n
     assert (folder / "own.png").exists()
 
 
+@pytest.mark.slow
 def test_what_was_to_be_drawn_is_drawn_in_the_end_and_pictures_are_kept(msdwarp, own):
     folder = own.parent / "out" / "own"
     (own.parent / "bang").write_text("SIGINT")
@@ -374,6 +376,7 @@ def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
     assert_same_run(own.parent / "out" / "own", own.parent / "whole")
 
 
+@pytest.mark.slow
 def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwarp, own, monkeypatch):
     (own.parent / "bang").write_text("SIGTERM")
     drawn = ("--resolution", "64x64", "--duration", "0.167", "--frames", "none", "--device", "cpu")

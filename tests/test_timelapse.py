@@ -89,6 +89,7 @@ def test_moving_obstacles_are_where_they_are_at_the_last_pose():
     assert blue < 1.3 * red
 
 
+@pytest.mark.slow
 def test_strain_colours_come_with_their_legend(scene):
     positions = poses(scene)
     renderer = msd.Renderer(scene, positions, resolution=(640, 360), colouring="strain", backend="raycast")

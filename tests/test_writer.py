@@ -47,7 +47,7 @@ LONG = [(True, 80, True), (False, 80, False)]
 
 @pytest.mark.parametrize(
     ("compress", "count", "known"),
-    [(False, 14, True), (True, 14, False), *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)],
+    [(False, 8, True), (True, 8, False), *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)],
 )
 def test_after_each_single_write_to_disk_every_frame_is_there(
     tmp_path, monkeypatch, compress, count, known, vtk_output
@@ -107,6 +107,7 @@ for child in children:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_at_random_twenty_times(tmp_path, vtk_output):
     subprocess.run([sys.executable, "-W", "ignore", "-c", WRITE_FOR_EVER, tmp_path], check=True, timeout=120)
