@@ -24,7 +24,7 @@ from .file_commands import (
 )
 from .options import Options
 from .origin import Build, Origin, find_scene, origin_of, scene_names
-from .run import Interrupted, run_scene
+from .run import Interrupted, heard, run_scene
 from .tune import TuneOptions, tune_scene
 from .watch import SimulationDiverged
 
@@ -153,10 +153,8 @@ def _terminate(number: int, _: Any) -> NoReturn:
 
 def _finish(command: Callable[[], Any]) -> NoReturn:
     """Run a command and exit: 0, or one line that says what was wrong."""
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # not every system has both
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
-            signal.signal(number, _terminate)
+    for number in heard("SIGTERM", "SIGHUP"):
+        signal.signal(number, _terminate)
     try:
         command()
     except BrokenPipeError:  # whoever read the output has read enough

@@ -128,9 +128,8 @@ def draw(
         path = film.write(images, count, folder, name=name, fps=trajectory.fps, **formats)
         drawn.append(f"{count} frame{'s' if count > 1 else ''}")
         if pictures.frames == "png":
-            results.append(
-                f"{folder / 'frame_0000.png'}" + (f" ... frame_{count - 1:04d}.png" if count > 1 else "")
-            )
+            others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
+            results.append(f"{folder / 'frame_0000.png'}{others}")
         if path is not None:
             results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
     if pictures.overlay is not None:

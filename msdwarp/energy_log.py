@@ -1,7 +1,6 @@
 """A log of energies: a CSV file that grows with the run, and a plot of it."""
 
 import csv
-import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from . import checks
 from .measure import Measures
+from .whole import becoming
 
 COLUMNS: dict[str, Callable[[Measures], float]] = {
     "kinetic_J": lambda m: m.kinetic_energy,
@@ -76,10 +76,8 @@ class EnergyLog:
 
     def __enter__(self) -> Self:
         """Open the file."""
-        unfinished = self.path.with_name(f".{self.path.name}.unfinished")
-        with unfinished.open("w", newline="", encoding="utf-8") as file:
+        with becoming(self.path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([["time_s", *COLUMNS], *self._kept])
-        os.replace(unfinished, self.path)
         self._file = self.path.open("a", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file)
         return self

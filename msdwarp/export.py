@@ -3,7 +3,6 @@
 import base64
 import importlib.util
 import json
-import os
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from . import checks
 from .picture import in_space
 from .trajectory import Trajectory
+from .whole import becoming
 from .writer import reserve
 
 
@@ -76,26 +76,22 @@ def export(
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
-        with _becoming(path) as unfinished:
+        with _told(path), becoming(path) as unfinished:
             _WHOLE[to](trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
-        with _becoming(one) as unfinished:
+        with _told(one), becoming(one) as unfinished:
             _MESHES[to](unfinished, points, cells, uv)
     return paths
 
 
 @contextmanager
-def _becoming(path: Path) -> Iterator[Path]:
-    """Give another name, whose file becomes `path` once it is whole; raise OSError that names it if it fails."""
-    unfinished = path.with_name(f".{path.stem}.unfinished{path.suffix}")
+def _told(path: Path) -> Iterator[None]:
+    """Name the file in what goes wrong with it."""
     try:
-        yield unfinished
-        os.replace(unfinished, path)
+        yield
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror or error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import os
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from . import checks
+from .whole import becoming
 
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
@@ -66,12 +66,8 @@ def write(
             pass
         return None
     path = folder / f"{name}.{video}"
-    unfinished = folder / f".{name}.unfinished.{video}"
-    try:
+    with becoming(path) as unfinished:
         _write_film(iter(images), count, unfinished, video, fps)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
     return path
 
 

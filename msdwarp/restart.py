@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .whole import becoming
+
 FORMAT = 1
 """Version of what is in such a file."""
 _MARK = "msdwarp_restart_format"
@@ -103,17 +105,13 @@ def _store(file: Any, name: str, values: NDArray) -> None:
 
 def _replace(path: Path, image: memoryview) -> None:
     """Give a file new contents, which are on the disk before they have its name."""
-    unfinished = path.with_name(f".{path.name}.unfinished")
     try:
-        with unfinished.open("wb") as stream:
+        with becoming(path) as unfinished, unfinished.open("wb") as stream:
             stream.write(image)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(unfinished, path)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror or error}") from error
-    finally:  # a signal may come at any moment
-        unfinished.unlink(missing_ok=True)
     if hasattr(os, "O_DIRECTORY"):  # the name is in the folder
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:

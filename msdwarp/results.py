@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from . import checks, film
+from .whole import is_unfinished
 
 TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
 
@@ -28,18 +29,13 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
 
 def remove_results(folder: Path, name: str) -> None:
     """Remove what an earlier run of this name has left in a folder."""
-    unfinished = [path for path in folder.iterdir() if _is_unfinished(path)]
+    unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
     for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, *unfinished):
         path.unlink(missing_ok=True)
 
 
-def _is_unfinished(path: Path) -> bool:
-    """Tell whether a file is what a process that was killed was about to write."""
-    return path.name.startswith(".") and ".unfinished" in path.name
-
-
 def _holds_something(folder: Path) -> bool:
-    return not all(map(_is_unfinished, folder.iterdir()))
+    return not all(map(is_unfinished, folder.iterdir()))
 
 
 def free_folder(wanted: Path) -> Path:

@@ -62,7 +62,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     log = None if options.log is None else EnergyLog(options.log, force=options.force)
     wanted = options.pictures.any or options.trajectory != "none"
     folder = result_folder(origin.name, options.out, options.force) if wanted else None
-    made_by = about(origin, scene) | used(simulation, options)
+    made_by = about(origin, scene) | used(simulation, options) if options.trajectory != "none" else {}
     with alone_in(folder):
         if folder is not None and options.force:
             remove_results(folder, origin.name)
@@ -297,6 +297,12 @@ class Run:
         )
 
 
+def heard(*names: str) -> list[int]:
+    """Return those of some signals that this system has and that are not ignored, as nohup ignores SIGHUP."""
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    return [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
+
+
 @contextmanager
 def _stop_asked_for(talk: Console) -> Iterator[list[int]]:
     """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does."""
@@ -304,11 +310,7 @@ def _stop_asked_for(talk: Console) -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():
         yield asked  # only there signals are heard
         return
-    known = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in known}
-    before = {
-        number: handler for number, handler in before.items() if handler != signal.SIG_IGN
-    }  # as nohup has it
+    before = {number: signal.getsignal(number) for number in heard("SIGINT", "SIGTERM", "SIGHUP")}
 
     def ask(number: int, _: Any) -> None:
         asked.append(number)

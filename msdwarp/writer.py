@@ -18,6 +18,7 @@ from . import checks
 from .system import System
 from .trajectory import Frame, Trajectory
 from .vtkhdf import DAMPERS, Layout, as_json
+from .whole import becoming
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
@@ -322,8 +323,7 @@ class _File:
 
         double = frame.position.dtype == np.float64
         self._layout = self._layout_for(np.dtype(np.float64 if double else np.float32))
-        unfinished = self.path.with_name(f".{self.path.name}.unfinished")
-        try:
+        with becoming(self.path) as unfinished:
             with h5py.File(unfinished, "w", libver=("earliest", "v108")):
                 pass
             self._open(unfinished)
@@ -336,10 +336,6 @@ class _File:
                 self.close()
             if self.path.exists() and not self.force:
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(self.path))
-            os.replace(unfinished, self.path)
-        except BaseException:
-            unfinished.unlink(missing_ok=True)
-            raise
         self._open(self.path)
         self._layout.open(self._file)
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 # the same line with it, if that does not import it in turn. Some are yet to be written.
 TIERS = [
     {"kernels"},
-    {"checks"},
+    {"checks", "whole"},
     {"surface", "dampers", "materials"},
     {"system", "grid"},
     {"shapes", "colliders", "vtkhdf", "trajectory", "writer", "restart"},
