@@ -206,8 +206,8 @@ def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, route
     assert found == BEFORE[name, route, method]
 
 
-# The same of what else there is, at the commit before the package had rooms. Kernels of a launch for each stage are
-# compiled here, not run: "stage" over particles, "columns" over columns of them, "connections".
+# The same of what else there is, at the commit before the package had rooms. Kernels of a launch for each stage
+# are generated, not run: "stage" over particles, "columns" over columns of them, "connections".
 EFFECTS = {
     "float64": (FULL, {"precision": "float64"}),
     "compensated": (FULL, {"precision": "float32-compensated", "colliders": [Plane()]}),
