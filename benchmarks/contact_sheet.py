@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from msdwarp import Renderer, scenes
-from msdwarp.accuracy import simulation_of
-from msdwarp.origin import find_scene
+from msdwarp.cli.scene_files import find_scene
+from msdwarp.studies.accuracy import simulation_of
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "scenes.png"
 

@@ -11,7 +11,7 @@ import numpy as np
 from common import arguments, machine, table, write_csv
 
 from msdwarp import SimulationDiverged, scenes
-from msdwarp.accuracy import simulation_of
+from msdwarp.studies.accuracy import simulation_of
 
 SECONDS = 30.0
 

@@ -39,9 +39,9 @@ import warp as wp
 from common import arguments, machine, read_csv, table, write_csv
 
 from msdwarp import Plane, Simulation, System, box
-from msdwarp.readback import Readback
-from msdwarp.trajectory import Frame
-from msdwarp.writer import TrajectoryWriter
+from msdwarp.bodies.frame import Frame
+from msdwarp.files.writer import TrajectoryWriter
+from msdwarp.simulation.readback import Readback
 
 FPS, SUBSTEPS = 60.0, 20
 SIZES = {"cpu": 46, "cuda": 100}

@@ -35,11 +35,11 @@ from msdwarp import (
     box,
     sheet,
 )
-from msdwarp.accuracy import simulate
-from msdwarp.grid import lattice_directions
-from msdwarp.legend import STOPS
+from msdwarp.pictures.legend import STOPS
+from msdwarp.pictures.timelapse import timelapse
 from msdwarp.scenes import block2d, chain, mattress, soft_cube
-from msdwarp.timelapse import timelapse
+from msdwarp.shapes.grid import lattice_directions
+from msdwarp.studies.accuracy import simulate
 
 INK, PALE, GROUND = "#333a40", "#9aa3ab", "#dfe4e8"
 FIVE = ("#0072b2", "#e69f00", "#009e73", "#c8352b", "#7b5ea7")

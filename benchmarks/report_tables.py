@@ -16,7 +16,8 @@ from common import METHODS, arguments, machine, read_csv, run, table, write_csv
 from theory import stable_step, top_mode
 
 from msdwarp import Plane, Simulation, SimulationDiverged, System, box
-from msdwarp.stability import choose_forced, rate_bounds
+from msdwarp.engine.rates import rate_bounds
+from msdwarp.integrators.stability import choose_forced
 from scenes import mattress_case, reference, relative_error
 
 DAMPING, FPS = 20.0, 60.0

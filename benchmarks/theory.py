@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import eigsh
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, SymplecticEuler, System
-from msdwarp.integrators import Integrator
+from msdwarp.integrators.base import Integrator
 from msdwarp.integrators.rkc2 import coefficients
 
 

@@ -51,9 +51,9 @@ from scipy.spatial import Delaunay
 from throughput_plots import draw
 
 from msdwarp import RKC2, Plane, Simulation, System, box, sheet
+from msdwarp.engine.routes import ROUTES, choose_route
 from msdwarp.kernels.basis import kernel
 from msdwarp.kernels.records import records
-from msdwarp.routes import ROUTES, choose_route
 
 SUBSTEPS = 48
 FPS = 1e4
@@ -387,7 +387,7 @@ def least_bytes(simulation: Simulation, row: dict) -> int:
 
 
 def constant_bytes(simulation: Simulation, number: int) -> int:
-    """Return the bytes of a connection's constants, as `msdwarp.kernels.constants` stores them."""
+    """Return the bytes of a connection's constants, as `msdwarp.kernels.forces.constants` stores them."""
     constants = simulation._dynamics.world.forces.constants
     return 3 * number if hasattr(constants, "rest_length") else int(hasattr(constants, "kind"))
 

@@ -73,7 +73,7 @@ DOUBLE4 = {
 
 @functools.cache
 def records(dim: int, scalar: type) -> Records:
-    """Compose the access to arrays of vectors that `msdwarp.model.new_vectors` made."""
+    """Compose the access to arrays of vectors that `msdwarp.engine.Model.vectors` made."""
     V = vector(dim, scalar)
     if dim == 3:
         parts = FLOAT4 if scalar is wp.float32 else DOUBLE4

@@ -1,7 +1,20 @@
 """msdwarp: elastic bodies as particles joined by springs and dampers, on the GPU."""
 
-from .colliders import Box, Capsule, Cone, Plane, Sphere
-from .dampers import CoulombDamper, QuadraticDamper
+from .bodies import (
+    COTTON,
+    FOAM,
+    JELLY,
+    RUBBER,
+    STEEL_WIRE,
+    CoulombDamper,
+    Frame,
+    Material,
+    QuadraticDamper,
+    Surface,
+    System,
+)
+from .engine import Measures
+from .files import Trajectory, TrajectoryWriter
 from .integrators import (
     RK4,
     RKC2,
@@ -10,24 +23,13 @@ from .integrators import (
     Leapfrog,
     LinearlyImplicitEuler,
     SymplecticEuler,
+    UnstableStep,
+    stability_limit,
 )
-from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
-from .measure import Measures
-from .meshes import from_mesh
-from .outlines import cloth
-from .picture import Scale
-from .render import Renderer
-from .scene import Look, Scene
-from .schedule import at
-from .shapes import box, chain, lattice, sheet
-from .simulation import Frame, Simulation
-from .solids import ball, cone, cylinder
-from .stability import UnstableStep, stability_limit
-from .surface import Surface
-from .system import System
-from .trajectory import Trajectory
-from .watch import SimulationDiverged
-from .writer import TrajectoryWriter
+from .pictures import Renderer, Scale
+from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, lattice, sheet
+from .simulation import Simulation, SimulationDiverged
+from .world import Box, Capsule, Cone, Look, Plane, Scene, Sphere, at
 
 __version__ = "0.1.0"
 

@@ -1,9 +1,8 @@
 """Checks of what users pass in: each error names the argument, what it was and what is allowed."""
 
 import math
-import tempfile
+import re
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -123,20 +122,42 @@ def member(name: str, of: Mapping[str, Any], key: str) -> Any:
     return of[key]
 
 
-def writable_folder(name: str, value: Path, folder: Path) -> None:
-    """Create a folder where it is missing; raise OSError, which names the argument, if it cannot be written to."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = "it is no folder" if folder.exists() and not folder.is_dir() else error.strerror or error
-        raise OSError(f"{name} is {value}, which cannot be written to: {reason}") from error
-
-
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
     if value not in allowed:
         words = ", ".join(map(repr, allowed)) or "those there are: none"
         raise ValueError(f"{name} is {value!r}; it must be one of {words}")
+
+
+def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Return so many finite numbers as an array; raise ValueError if it is anything else."""
+    vector = array(name, value)
+    if vector.shape != (count,) or not np.isfinite(vector).all():
+        numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise ValueError(f"{name} is {value!r}; it must be {numbers}")
+    return vector
+
+
+def point(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """Return a point as a tuple; raise ValueError if it is none."""
+    point = array(name, value)
+    if point.ndim != 1 or not 1 <= len(point) <= 3 or not np.isfinite(point).all():
+        raise ValueError(f"{name} is {value!r}; it must be 1 to 3 finite numbers")
+    return tuple(map(float, point))
+
+
+def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """Return a direction of unit length as a tuple; raise ValueError if it is none."""
+    direction = array(name, value)
+    if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
+        raise ValueError(f"{name} is {value!r}; it must be a finite direction other than zero")
+    return tuple(map(float, direction / np.linalg.norm(direction)))
+
+
+def colour(name: str, colour: str) -> tuple[float, float, float]:
+    """Return a colour "#rrggbb" as three numbers in 0 … 1; raise ValueError that names it if it is none."""
+    if not isinstance(colour, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
+        raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue

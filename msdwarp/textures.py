@@ -1,13 +1,12 @@
 """Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
-from .scene import rgb
 
 BOX_TILES = (3, 2)
 """Faces of a box side by side in its texture: columns and rows."""
@@ -15,7 +14,7 @@ BOX_TILES = (3, 2)
 
 def _mix(weight: NDArray, colour: str, other: str) -> NDArray[np.uint8]:
     """Return `colour` where weight is 0, `other` where it is 1, blended between."""
-    first, second = np.array(rgb("colour", colour)), np.array(rgb("other", other))
+    first, second = np.array(checks.colour("colour", colour)), np.array(checks.colour("other", other))
     return np.round(255 * (first + weight[..., None] * (second - first))).astype(np.uint8)
 
 
@@ -312,33 +311,3 @@ def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     # Less lies behind a place near an edge.
     through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75
     return _on_box(_mix(0.08 + 0.8 * through**1.5, colour, light))
-
-
-def plain(colour: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return an image of one pixel."""
-    return np.round(255 * np.array(colour)).astype(np.uint8)[None, None]
-
-
-def atlas(
-    images: Sequence[NDArray[np.uint8]],
-) -> tuple[NDArray[np.uint8], list[Callable[[NDArray], NDArray]]]:
-    """Return one image of several, on top of each other, and what turns coordinates in each into those in it.
-
-    Each is framed by its own outermost pixels, so that what is seen at its edges is the same as without the
-    others: half a pixel beyond them is looked at.
-    """
-    framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
-    width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)
-    whole = np.zeros((height, width, 3), dtype=np.uint8)
-    moves, row = [], 0
-    for image, (rows, columns, _) in zip(framed, (image.shape for image in framed), strict=True):
-        whole[row : row + rows, :columns] = image
-        scale = np.array([(columns - 2) / width, (rows - 2) / height])
-        corner = np.array([1 / width, 1 - (row + rows - 1) / height])
-        moves.append(partial(_moved, scale=scale, corner=corner))
-        row += rows
-    return whole, moves
-
-
-def _moved(uv: NDArray, *, scale: NDArray, corner: NDArray) -> NDArray:
-    return corner + scale * uv

@@ -5,9 +5,9 @@ import sys
 import pytest
 import warp as wp
 
-from msdwarp import routes
-from msdwarp.lattices import NotALattice, find_lattice
-from msdwarp.system import System
+from msdwarp.bodies.system import System
+from msdwarp.engine import routes
+from msdwarp.engine.lattice_search import NotALattice, find_lattice
 
 wp.config.log_level = wp.LOG_ERROR
 
@@ -67,7 +67,7 @@ def vtk_output():
 @pytest.fixture
 def msdwarp(tmp_path, monkeypatch, capsys):
     """Run the command in an empty folder; return (exit code, standard output, standard error)."""
-    from msdwarp import cli
+    from msdwarp.cli import app as cli
 
     monkeypatch.chdir(tmp_path)
 

@@ -14,8 +14,9 @@ import warp as wp
 from scipy.optimize import brentq
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEuler, System, box, sheet
-from msdwarp.dynamics import Dynamics
-from msdwarp.model import Model, State
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.model import Model
+from msdwarp.engine.state import State
 
 METHODS = {
     "symplectic euler": SymplecticEuler(),

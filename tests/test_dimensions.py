@@ -21,7 +21,8 @@ from msdwarp import (
     chain,
     sheet,
 )
-from msdwarp.model import Model, State
+from msdwarp.engine.model import Model
+from msdwarp.engine.state import State
 
 AXES = {1: [0], 2: [0, 2]}
 """Which axes of space the coordinates of a plane system are: the last one points up."""

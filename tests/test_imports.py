@@ -1,217 +1,220 @@
-"""Imports point one way, and heavy packages are imported where they belong: read off the source."""
+"""Imports point one way, through the faces of rooms, and heavy packages are imported where they belong."""
 
 import ast
-import functools
+import re
 import sys
-from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from rooms import MODULES, ROOT, TOP, arrows, imports, levels, room_of
 
-ROOT = Path(__file__).parents[1]
-
-# From what knows least to what knows most. A module may import what stands before it, and what stands in
-# the same line with it, if that does not import it in turn. Some are yet to be written.
-TIERS = [
-    {"kernels"},
-    {"checks", "whole"},
-    {"surface", "dampers", "materials"},
-    {"system", "grid"},
-    {"shapes", "colliders", "vtkhdf", "trajectory", "writer", "restart"},
-    {"solids"},
-    {"meshes", "outlines"},
-    {"lattices"},
-    {"routes", "surroundings"},
-    {"model"},
-    {"forces"},
-    {"dynamics"},
+LAYERS = [
+    {"checks", "disk", "kernels", "scenes"},
+    {"bodies", "textures"},
+    {"shapes", "world", "files"},
+    {"engine", "pictures"},
     {"integrators"},
-    {"stability", "measure"},
-    {"watch"},
-    {"schedule"},
     {"simulation"},
-    {"readback"},
-    {"readback"},
-    {"scene"},
-    {"textures"},
-    {"obstacles"},
-    {"opengl", "parts", "picture", "legend", "film", "raycast", "render", "timelapse", "viewer", "export"},
-    {"scenes"},  # the package, which is empty: by it the command finds the scenes' files
-    {"accuracy", "energy_log", "history", "quiet", "results", "origin"},
-    {"draw"},
-    {"options"},
-    {"run", "tune"},
-    {"rerun"},
-    {"file_commands"},
+    {"studies"},
     {"cli"},
-    {"__main__"},
-    {"__init__"},
-    {"scenes/*", "tests", "benchmarks"},
 ]
-TIER = {name: k for k, tier in enumerate(TIERS) for name in tier}
+"""A room may import what stands in a line before it; one exception stands in ASIDE."""
+ASIDE = {("textures", "checks"), (TOP, "*"), ("__main__", "cli")}
+APART = {
+    "bodies": {"engine", "integrators", "simulation", "pictures"},
+    "shapes": {"engine", "integrators", "simulation", "pictures"},
+    "world": {"engine", "integrators", "simulation", "pictures"},
+    "files": {"engine", "integrators", "simulation", "pictures"},
+    "textures": {"engine", "integrators", "simulation", "pictures"},
+    "engine": {"files", "integrators", "pictures", "studies", "cli"},
+    "integrators": {"files", "pictures", "studies", "cli"},
+    "simulation": {"files", "pictures", "studies", "cli"},
+    "pictures": {"files", "engine", "integrators"},
+}
+"""What a room never imports: a run knows no disk and no screen, a picture no simulation."""
+HOSTS_OF_KERNELS = {"engine", "pictures", "integrators", "shapes"}
 LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr"}
+ONE_PLACE = {
+    "pyvista": {"pictures", "files"},
+    "vtk": set(),
+    "vtkmodules": set(),
+    "h5py": {"files"},
+    "pxr": {"files"},
+    "cyclopts": {"cli"},
+    "rich": {"cli"},
+    "matplotlib": {"studies"},
+}
+MOST_ROOMS, MOST_LEVELS, MOST_ARROWS = 18, 9, 70
 
 
-class Import(NamedTuple):
-    """One imported module."""
-
-    name: str
-    """Absolute and dotted, as far as the source tells."""
-    line: int
-    lazy: bool
-    """Whether it stands inside a function."""
-
-
-@functools.cache
-def imports(source: str, package: str) -> list[Import]:
-    """Return the imports of a module that lies in `package`."""
-    tree = ast.parse(source)
-    inner = {
-        id(node)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for node in ast.walk(function)
-    }
-    found = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
-            module = ".".join([*parents, *([node.module] if node.module else [])])
-            # From a package its modules may be imported by name; from a module only what it holds.
-            names = [f"{module}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        found += [Import(name, node.lineno, id(node) in inner) for name in names]
-    return found
-
-
-def modules() -> dict[str, tuple[Path, str]]:
-    """Return the modules of the package, by path from the root: (file, dotted name of its package)."""
-    found = {}
-    for top, package in (
-        ("msdwarp", "msdwarp"),
-        ("kernels", "msdwarp.kernels"),
-        ("scenes", "msdwarp.scenes"),
-    ):
-        for path in sorted((ROOT / top).rglob("*.py")):
-            inside = path.relative_to(ROOT / top).parts
-            if top == "msdwarp" and inside[0] in ("kernels", "scenes"):
-                continue  # links to the folders at the top
-            found["/".join((top, *inside))] = (path, ".".join((package, *inside[:-1])))
-    return found
-
-
-MODULES = modules()
-
-
-def place(dotted: str) -> str | None:
-    """Return the name in TIERS of an imported module; None for what is not of this package."""
-    parts = dotted.split(".")
-    if parts[0] != "msdwarp":
-        return None
-    if parts[1:2] == ["scenes"]:
-        return "scenes" if len(parts) == 2 else "scenes/*"
-    return parts[1] if len(parts) > 1 and parts[1] in TIER else "__init__"
-
-
-def place_of_file(name: str) -> str:
-    """Return the name in TIERS of a module of this package."""
-    top, first, *_ = name.split("/")
-    if top == "scenes":
-        return "scenes" if first == "__init__.py" else "scenes/*"
-    return Path(first).stem if top == "msdwarp" else top
+def within(name):
+    """Return the imports of a module from other rooms of the package, as (import, room)."""
+    module = MODULES[name]
+    found = [(item, room_of(item.name)) for item in module.imports if item.name.split(".")[0] == TOP]
+    return [(item, room) for item, room in found if room != module.room]
 
 
 def test_reading_imports():
     # The reader itself, on every form that an import can take.
     source = """
-import msdwarp.model
-from . import checks, stability
-from .kernels.basis import vector
-from .. import other
+import msdwarp.engine
+from .. import checks
+from ..kernels.basis import vector
+from .base import Integrator
 from msdwarp import Plane
 def late():
     import pyvista as pv
 """
     assert [(i.name, i.lazy) for i in imports(source, "msdwarp.integrators")] == [
-        ("msdwarp.model", False),
-        ("msdwarp.integrators.checks", False),
-        ("msdwarp.integrators.stability", False),
-        ("msdwarp.integrators.kernels.basis.vector", False),
-        ("msdwarp.other", False),
+        ("msdwarp.engine", False),
+        ("msdwarp.checks", False),
+        ("msdwarp.kernels.basis.vector", False),
+        ("msdwarp.integrators.base.Integrator", False),
         ("msdwarp.Plane", False),
         ("pyvista", True),
     ]
-    assert place("msdwarp.kernels.basis.vector") == "kernels"
-    assert place("msdwarp.Plane") == "__init__"
-    assert place("msdwarp.scenes") == "scenes"
-    assert place("msdwarp.scenes.cube") == "scenes/*"
-    assert place("numpy.linalg") is None
-    assert {"msdwarp/model.py", "msdwarp/integrators/rk4.py", "kernels/forces.py"} <= MODULES.keys()
+    assert room_of("msdwarp.kernels.basis.vector") == "kernels"
+    assert room_of("msdwarp.Plane") == TOP
+    assert room_of("msdwarp.scenes.cube") == "scenes"
+    assert {"msdwarp.engine.model", "msdwarp.integrators.rk4", "msdwarp.kernels.forces.law"} <= MODULES.keys()
+
+
+def test_rooms_are_few_and_stand_in_order():
+    of = levels()  # raises where imports go round
+    assert len(of) <= MOST_ROOMS
+    assert max(of.values()) <= MOST_LEVELS
+    assert sum(map(len, arrows().values())) <= MOST_ARROWS
+
+
+@pytest.mark.parametrize("room", arrows())
+def test_layers_point_one_way(room):
+    layer = {name: k for k, names in enumerate(LAYERS) for name in names}
+    if room in (TOP, "__main__"):
+        return  # the face of all, and the command
+    assert room in layer, f"{room} is new: give it a place in LAYERS"
+    for other in arrows()[room]:
+        allowed = layer[other] < layer[room] or (room, other) in {("pictures", "shapes"), ("cli", "scenes")}
+        assert allowed, f"{room} imports {other}, which is not below it"
+    assert not arrows()[room] & APART.get(room, set())
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_every_module_has_a_place(name):
-    module = place_of_file(name)
-    assert module in TIER, f"{name} is new: give it a place in TIERS"
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_imports_point_one_way(name):
-    path, package = MODULES[name]
-    here = place_of_file(name)
-    for item in imports(path.read_text(), package):
-        there = place(item.name)
-        if there is None or there == here or here not in TIER:
+def test_other_rooms_are_entered_through_their_faces(name):
+    if MODULES[name].room == "scenes":
+        return  # which use the package as anybody's script does
+    for item, room in within(name):
+        parts = item.name.split(".")
+        if room == "kernels":  # whose groups have faces of their own; some are imported as modules
+            path = ROOT.joinpath(*parts[1:-1])
+            assert path.is_dir() or (path.with_suffix(".py").is_file() and len(parts) == 4), (
+                f"{name}:{item.line} {item.name}"
+            )
             continue
-        assert TIER[there] <= TIER[here], f"{name}:{item.line} imports {item.name}, which knows more"
+        assert len(parts) <= 3, f"{name}:{item.line} imports {item.name} past the face of {room}"
 
 
-def test_no_imports_go_round():
-    needs: dict[str, set[str]] = {}
-    for name, (path, package) in MODULES.items():
-        found = {place(item.name) for item in imports(path.read_text(), package)}
-        needs.setdefault(place_of_file(name), set()).update(found - {None, place_of_file(name)})
-    while needs:
-        done = [name for name, others in needs.items() if not others & needs.keys()]
-        assert done, f"these import each other: {', '.join(sorted(needs))}"
-        for name in done:
-            del needs[name]
+@pytest.mark.parametrize("name", MODULES)
+def test_what_is_private_stays_in_its_file(name):
+    module = MODULES[name]
+    for item in module.imports:
+        if item.name.split(".")[0] == TOP:
+            last = item.name.split(".")[-1]
+            assert not re.match(r"_[a-zA-Z]", last), f"{name}:{item.line} imports {item.name}"
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("kernels/")])
-def test_kernels_import_warp_and_each_other_only(name):
-    path, package = MODULES[name]
-    for item in imports(path.read_text(), package):
-        allowed = item.name.split(".")[0] in {"warp", *sys.stdlib_module_names}
-        assert allowed or place(item.name) == "kernels", f"{name}:{item.line} imports {item.name}"
-
-
-@pytest.mark.parametrize(
-    ("package", "allowed"),
-    [
-        ("pyvista", {"render", "viewer", "export"}),
-        ("vtk", set()),
-        ("vtkmodules", set()),
-        ("h5py", {"trajectory", "writer", "restart"}),
-        ("pxr", {"export"}),
-    ],
-)
-def test_packages_with_one_place(package, allowed):
-    found = {
-        place_of_file(name)
-        for name, (path, module_package) in MODULES.items()
-        for item in imports(path.read_text(), module_package)
-        if item.name.split(".")[0] == package
+def test_kernels_are_launched_from_few_rooms():
+    hosts = {module.room for name, module in MODULES.items() if any(room == "kernels" for _, room in within(name))}
+    assert hosts <= HOSTS_OF_KERNELS
+    meshes = {
+        name
+        for name in MODULES
+        if name.startswith("msdwarp.shapes") and any(r == "kernels" for _, r in within(name))
     }
-    assert found <= allowed
+    assert meshes == {"msdwarp.shapes.meshes"}
+
+
+def test_integrators_see_the_equation_of_motion_and_not_how_forces_come_about():
+    seen = {
+        item.name.split(".")[2]
+        for name in MODULES
+        if MODULES[name].room == "integrators"
+        for item, room in within(name)
+        if room == "engine"
+    }
+    assert seen <= {
+        "Dynamics",
+        "State",
+        "Rates",
+        "Model",
+        "rate_bounds",
+        "add_linearised",
+        "write_diagonal_blocks",
+    }
+
+
+@pytest.mark.parametrize("name", [name for name, module in MODULES.items() if module.room == "kernels"])
+def test_kernels_import_warp_and_each_other_only(name):
+    for item in MODULES[name].imports:
+        allowed = item.name.split(".")[0] in {"warp", *sys.stdlib_module_names}
+        assert allowed or room_of(item.name) == "kernels", f"{name}:{item.line} imports {item.name}"
+
+
+@pytest.mark.parametrize("package", ONE_PLACE)
+def test_packages_with_one_place(package):
+    found = {
+        module.room for module in MODULES.values() for item in module.imports if item.name.split(".")[0] == package
+    }
+    assert found <= ONE_PLACE[package]
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_heavy_packages_are_imported_late(name):
-    path, package = MODULES[name]
-    for item in imports(path.read_text(), package):
+    for item in MODULES[name].imports:
         top = item.name.split(".")[0]
         assert item.lazy or top not in LAZY, f"{name}:{item.line} imports {top} when it is itself imported"
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if MODULES[name].path.name == "__init__.py"])
+def test_faces_say_what_they_show(name):
+    tree = ast.parse(MODULES[name].path.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree)
+    shown = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    listed = [
+        {element.value for element in node.value.elts}
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"
+    ]
+    assert listed == ([shown] if shown else [])
+
+
+LONGEST, MEDIAN = 400, 150
+TOO_LONG: set[str] = {
+    "benchmarks/report_figures.py",
+    "benchmarks/throughput.py",
+    "msdwarp/simulation/simulation.py",
+    "tests/bodies/test_materials.py",
+    "tests/bodies/test_system.py",
+    "tests/cli/test_runs.py",
+    "tests/engine/test_colliders.py",
+    "tests/engine/test_lattice.py",
+    "tests/engine/test_plasticity.py",
+    "tests/engine/test_routes.py",
+    "tests/shapes/test_shapes.py",
+    "tests/shapes/test_solids.py",
+}
+"""Files that are longer than LONGEST lines, and are to be cut."""
+
+
+def test_files_stay_short():
+    places = ("msdwarp", "kernels", "scenes", "tests", "benchmarks")
+    paths = {path.relative_to(ROOT).as_posix(): path for place in places for path in (ROOT / place).rglob("*.py")}
+    paths = {
+        name: path for name, path in paths.items() if not name.startswith(("msdwarp/kernels", "msdwarp/scenes"))
+    }
+    lines = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in paths.items()}
+    assert {name for name, count in lines.items() if count > LONGEST} == TOO_LONG
+    assert sorted(lines.values())[len(lines) // 2] <= MEDIAN

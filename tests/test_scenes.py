@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
-from msdwarp.accuracy import simulation_of
+from msdwarp.studies.accuracy import simulation_of
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))

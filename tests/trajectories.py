@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from msdwarp import System, TrajectoryWriter, ball, box, chain, sheet
-from msdwarp.trajectory import Frame
+from msdwarp.bodies.frame import Frame
 
 SYSTEMS = {
     "line": System(position=[[0.0], [1.0], [2.5]], connections=[[0, 1], [1, 2]]),

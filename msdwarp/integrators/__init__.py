@@ -1,20 +1,38 @@
-"""Integrators, one file per method."""
+"""Methods of time stepping, one file each, and the steps that are stable for them."""
 
-from .base import Integrator, Rates
+from .base import Integrator
+from .catalogue import DEFAULT, METHODS
 from .explicit_euler import ExplicitEuler
 from .leapfrog import Leapfrog
 from .linearly_implicit_euler import LinearlyImplicitEuler
 from .rk4 import RK4
 from .rkc2 import RKC2
+from .stability import (
+    MOST_SUBSTEPS,
+    SAFETY,
+    StepChoice,
+    UnstableStep,
+    choose_forced,
+    choose_substeps,
+    stability_limit,
+)
 from .symplectic_euler import SymplecticEuler
 
 __all__ = [
+    "DEFAULT",
+    "METHODS",
+    "MOST_SUBSTEPS",
     "RK4",
     "RKC2",
+    "SAFETY",
     "ExplicitEuler",
     "Integrator",
     "Leapfrog",
     "LinearlyImplicitEuler",
-    "Rates",
+    "StepChoice",
     "SymplecticEuler",
+    "UnstableStep",
+    "choose_forced",
+    "choose_substeps",
+    "stability_limit",
 ]

@@ -2,28 +2,11 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import warp as wp
 
-from ..dynamics import Dynamics
-from ..model import State
-
-
-class Rates(NamedTuple):
-    """How fast a linear system M x'' = −K x − B x' can move; what stability limits depend on."""
-
-    stiffness: float
-    """Largest eigenvalue of M⁻¹K [1/s²]: a squared angular frequency."""
-    damping: float
-    """Largest eigenvalue of M⁻¹B [1/s]."""
-    least_ratio: float
-    """Least damping over stiffness of a spring [s]; inf where nothing is stiff."""
-
-    @property
-    def damping_ratio(self) -> float:
-        """ζ of the fastest mode, where K and B share modes: 1 is critical."""
-        return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
+from ..engine import Dynamics, Rates, State
 
 
 class Integrator(ABC):
@@ -39,7 +22,7 @@ class Integrator(ABC):
     carried: ClassVar[int] = 0
     """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
     one_kernel: ClassVar[bool] = True
-    """Whether all that a substep launches is stages of one method (see `msdwarp.dynamics.Stepper`)."""
+    """Whether all that a substep launches is stages of one method (see `msdwarp.engine.Stepper`)."""
 
     def workspace(self, state: State) -> tuple[wp.array, ...]:
         """Return the arrays that the method needs beside the state."""

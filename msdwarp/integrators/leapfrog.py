@@ -6,10 +6,9 @@ from typing import ClassVar
 import warp as wp
 
 from .. import checks
-from ..dynamics import Dynamics
-from ..kernels.integrate import extrapolated_leapfrog, kick, symplectic_euler
-from ..model import State
-from .base import Integrator, Rates, kick_drift_limit
+from ..engine import Dynamics, Rates, State
+from ..kernels.integrators import extrapolated_leapfrog, kick, symplectic_euler
+from .base import Integrator, kick_drift_limit
 
 
 @dataclass(frozen=True)

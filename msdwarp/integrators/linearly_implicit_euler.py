@@ -8,17 +8,9 @@ from typing import Any, ClassVar
 import warp as wp
 
 from .. import checks
-from ..dynamics import Dynamics
-from ..forces import add_linearised, write_diagonal_blocks
-from ..kernels.implicit import (
-    block_inverses,
-    conjugate_gradients,
-    implicit_finish,
-    impulse,
-    mass_product,
-)
-from ..model import State
-from .base import Integrator, Rates
+from ..engine import Dynamics, Rates, State, add_linearised, write_diagonal_blocks
+from ..kernels.integrators import block_inverses, conjugate_gradients, implicit_finish, impulse, mass_product
+from .base import Integrator
 
 
 @dataclass(frozen=True)

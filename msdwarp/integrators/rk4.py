@@ -6,10 +6,9 @@ from typing import ClassVar
 
 import warp as wp
 
-from ..dynamics import Dynamics
-from ..kernels.runge_kutta import rk4
-from ..model import State
-from .base import Integrator, Rates
+from ..engine import Dynamics, Rates, State
+from ..kernels.integrators import rk4
+from .base import Integrator
 
 
 @dataclass(frozen=True)

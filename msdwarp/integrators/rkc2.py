@@ -11,10 +11,9 @@ from numpy.polynomial.chebyshev import Chebyshev
 from numpy.typing import NDArray
 
 from .. import checks
-from ..dynamics import Dynamics
-from ..kernels.runge_kutta import chebyshev
-from ..model import State
-from .base import Integrator, Rates
+from ..engine import Dynamics, Rates, State
+from ..kernels.integrators import chebyshev
+from .base import Integrator
 
 MOST_STAGES = 40
 MOST_AUTOMATIC_STAGES = 5

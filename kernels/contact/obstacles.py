@@ -1,0 +1,87 @@
+"""Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from .distance import signed_distance, solids
+from .rule import surface, touch
+
+
+@wp.struct
+class NoColliders:
+    """The colliders of a scene without any: nothing to read, nothing compiled."""
+
+
+@functools.cache
+def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
+    """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other."""
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+
+    @wp.struct
+    class Obstacles:
+        count: int
+        solids: Solids
+        surface: Surface
+
+    @wp.func
+    def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
+        for p in range(obstacles.count):
+            found = distance_from(obstacles.solids, p, x)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
+        return x, v
+
+    return Obstacles, collide
+
+
+@functools.cache
+def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
+    """Compose the same for obstacles that move, which a particle meets as if they stood still.
+
+    When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
+    the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
+    is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
+    """
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    Turn = wp.types.matrix((dim, dim), scalar)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+
+    @wp.struct
+    class MovingObstacles:
+        count: int
+        solids: Solids
+        surface: Surface
+        turn: wp.array2d(dtype=Turn)
+        shift: wp.array2d(dtype=V)
+        turning: wp.array2d(dtype=Turn)
+        speed: wp.array2d(dtype=V)
+        substep: int
+        inverse_mass: wp.array(dtype=scalar)
+
+    @wp.func
+    def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
+        n = obstacles.substep
+        for p in range(obstacles.count):
+            turn = obstacles.turn[n + 1, p]
+            shift = obstacles.shift[n + 1, p]
+            y = wp.transpose(turn) * (x - shift)
+            found = distance_from(obstacles.solids, p, y)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            normal = turn * normal
+            # Where it was, and the speeds of that place, as given by the obstacle.
+            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+            u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
+            start = turn * y_old + shift
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
+            v = v + u
+        return x, v
+
+    return MovingObstacles, collide

@@ -1,0 +1,104 @@
+"""Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+
+
+@functools.cache
+def contact_response(dim: int, scalar: type, rule: str):
+    """Compose (velocity after, share) for a contact with surface normal n of a particle approaching it.
+
+    The share is |v_t'| / |v_t|, what is left of the tangential velocity. Rule "coulomb": with v_old the
+    velocity before the force of this substep,
+
+        v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
+        j    = v_n' − v_n                       normal impulse per mass, support of the load included
+        v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
+
+    so that neither bounce nor friction depends on the step. Rule "report" (its Algorithm 1) mirrors and
+    multiplies at every touch, v_n' = −e v_n and v_t' = f v_t: both depend on the step.
+    e: restitution, μ: friction, f: tangential factor.
+    """
+    V = vector(dim, scalar)
+    coulomb = rule == "coulomb"
+
+    @wp.func
+    def respond(
+        v: V,
+        v_old: V,
+        normal: V,
+        restitution: scalar,
+        friction: scalar,
+        tangential_factor: scalar,
+        rest_speed: scalar,
+    ):
+        v_n = wp.dot(v, normal)
+        v_t = v - v_n * normal
+        v_n_after = -restitution * v_n
+        if wp.static(coulomb):
+            v_n_old = wp.dot(v_old, normal)
+            v_n_after = scalar(0.0)
+            if v_n_old < -rest_speed:
+                v_n_after = -restitution * v_n_old
+        share = tangential_factor
+        if wp.static(coulomb):
+            speed = wp.length(v_t)
+            loss = friction * (v_n_after - v_n)
+            if loss <= scalar(0.0):  # whatever the speed: the way that it has come is not taken back either
+                share = scalar(1.0)
+            elif loss < (scalar(1.0) - tangential_factor) * speed:
+                share = scalar(1.0) - loss / speed
+        return share * v_t + v_n_after * normal, share
+
+    return respond
+
+
+@functools.cache
+def touch(dim: int, scalar: type, rule: str):
+    """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
+
+    A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
+    this substep's way along the surface, so that what sticks does not creep. A particle already on its way out is
+    left alone. Velocities and ways are those relative to the surface. Returns (x, v).
+    """
+    V, Surface = vector(dim, scalar), surface(scalar)
+    coulomb = rule == "coulomb"
+    respond = contact_response(dim, scalar, rule)
+
+    @wp.func
+    def put_back(s: Surface, p: int, distance: scalar, normal: V, x: V, v: V, x_old: V, v_old: V):
+        if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
+            v, share = respond(
+                v,
+                v_old,
+                normal,
+                s.restitution[p],
+                s.friction[p],
+                s.tangential_factor[p],
+                s.rest_speed[p],
+            )
+            x = x - distance * normal
+            if wp.static(coulomb):
+                way = x - x_old
+                along = way - wp.dot(way, normal) * normal
+                x = x - (scalar(1.0) - share) * along
+        return x, v
+
+    return put_back
+
+
+@functools.cache
+def surface(scalar: type):
+    """Compose the struct of what all obstacles have."""
+
+    @wp.struct
+    class Surface:
+        restitution: wp.array(dtype=scalar)
+        friction: wp.array(dtype=scalar)
+        tangential_factor: wp.array(dtype=scalar)
+        rest_speed: wp.array(dtype=scalar)
+
+    return Surface

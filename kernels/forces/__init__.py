@@ -1,0 +1,35 @@
+"""Forces: the law of a connection (`law`), and the routes by which a particle gets the sum of all its forces.
+
+A route names a struct (`Forces`) of what its kernels read, and a function `force_at` that returns the force on a
+particle. Scattered forces (`scatter`) are evaluated beforehand, connection by connection; gathered ones where they
+are asked for, from a table of neighbours (`gather`) or, in a lattice, by counting (`stencil`). Positions are
+x − lost.x in compensated precision: what rounding took matters to short springs.
+"""
+
+from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
+from .dampers import Law, damper_force
+from .gather import CHUNK, SLICE, gather
+from .linearised import add_blocks
+from .plasticity import flow_each, plastic_flow
+from .route import Route
+from .scatter import scatter
+from .stencil import COLUMN, stencil, stencil_rows
+
+__all__ = [
+    "CHUNK",
+    "COLUMN",
+    "CONSTANTS",
+    "KIND_SHIFT",
+    "MOST_KINDS",
+    "SLICE",
+    "Law",
+    "Route",
+    "add_blocks",
+    "damper_force",
+    "flow_each",
+    "gather",
+    "plastic_flow",
+    "scatter",
+    "stencil",
+    "stencil_rows",
+]

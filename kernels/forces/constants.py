@@ -1,0 +1,105 @@
+"""Where the constants of connections lie: once where all are alike, and by connection only if they must be."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..records import records
+
+CONSTANTS = ("rest_length", "stiffness", "damping")
+"""The constants of a connection."""
+MOST_KINDS = 256
+"""Kinds of connections that one byte tells apart."""
+KIND_SHIFT = 24
+"""Bits of a particle's number below the kind of a connection, where a slot holds both."""
+TAKE = """
+#if defined(__CUDA_ARCH__)
+    return __ldcs(values.data + c);  // read once: it need not stay in the cache
+#else
+    return values.data[c];
+#endif
+"""
+
+
+@functools.cache
+def constants(scalar: type, storage: str):
+    """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
+
+    Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
+    ones), "packed" (the same table, c being a kind), "own" (three numbers per connection) or "listed" (the
+    same, c being a slot that names one). `take` returns a vector, in the order of CONSTANTS.
+    """
+    Three = vector(3, scalar)
+    load = records(3, scalar).load
+
+    if storage == "one":
+
+        @wp.struct
+        class OneForAll:
+            all: Three
+
+        @wp.func
+        def take_one(constants: OneForAll, c: int) -> Three:
+            return constants.all
+
+        return OneForAll, take_one
+    if storage == "packed":
+
+        @wp.struct
+        class Table:
+            table: wp.array(dtype=Three)
+
+        @wp.func
+        def take_listed(constants: Table, kind: int) -> Three:
+            return load(constants.table, kind)
+
+        return Table, take_listed
+    if storage == "kinds":
+
+        @wp.func_native(TAKE)
+        def kind_of(values: wp.array(dtype=wp.uint8), c: int) -> wp.uint8: ...
+
+        @wp.struct
+        class Kinds:
+            kind: wp.array(dtype=wp.uint8)
+            table: wp.array(dtype=Three)
+
+        @wp.func
+        def take_kind(constants: Kinds, c: int) -> Three:
+            return load(constants.table, int(kind_of(constants.kind, c)))
+
+        return Kinds, take_kind
+
+    @wp.func_native(TAKE)
+    def number(values: wp.array(dtype=scalar), c: int) -> scalar: ...
+
+    if storage == "listed":
+
+        @wp.struct
+        class Listed:
+            connection: wp.array(dtype=int)
+            rest_length: wp.array(dtype=scalar)
+            stiffness: wp.array(dtype=scalar)
+            damping: wp.array(dtype=scalar)
+
+        @wp.func
+        def take_named(constants: Listed, slot: int) -> Three:
+            c = wp.max(constants.connection[slot], 0)  # slots that pad name none, and exert no force
+            return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
+
+        return Listed, take_named
+
+    @wp.struct
+    class Own:
+        rest_length: wp.array(dtype=scalar)
+        stiffness: wp.array(dtype=scalar)
+        damping: wp.array(dtype=scalar)
+
+    @wp.func
+    def take_own(constants: Own, c: int) -> Three:
+        return Three(
+            number(constants.rest_length, c), number(constants.stiffness, c), number(constants.damping, c)
+        )
+
+    return Own, take_own

@@ -1,0 +1,90 @@
+"""The route by particles: each sums the forces of its connections, found in a table of neighbours."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import Law
+from .law import spring_damper
+from .route import Route, difference
+
+SLICE = 32
+"""Particles side by side in the table of neighbours: as many as the GPU's threads that go together."""
+CHUNK = 4
+"""Slots that are read together, so that a thread waits for memory once for all of them."""
+NEIGHBOURS = f"""
+    wp::vec_t<{CHUNK}, wp::int32> others;
+    for (int n = 0; n < {CHUNK}; ++n) {{
+#if defined(__CUDA_ARCH__)
+        others[n] = __ldcs(other.data + slot + n * {SLICE});  // read once: it need not stay in the cache
+#else
+        others[n] = other.data[slot + n * {SLICE}];
+#endif
+    }}
+    return others;
+"""
+
+
+@functools.cache
+def gather(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
+    """Compose the route by particles: each sums the forces of its own connections, from a table of neighbours.
+
+    The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
+    fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
+    numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
+    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    packed, damped = storage == "packed", damper is not None
+
+    Others = wp.types.vector(CHUNK, int)
+
+    @wp.func_native(NEIGHBOURS)
+    def neighbours(other: wp.array(dtype=int), slot: int) -> Others: ...
+
+    @wp.struct
+    class Gathered:
+        first: wp.array(dtype=int)
+        other: wp.array(dtype=int)
+        constants: Constants
+
+    @wp.func
+    def force_at(forces: Gathered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        part = i / wp.static(SLICE)
+        slot = forces.first[part] + i % wp.static(SLICE)
+        end = forces.first[part + 1]
+        following = neighbours(forces.other, slot)
+        while slot < end:
+            others = following
+            # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
+            following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
+            for n in range(wp.static(CHUNK)):
+                j = others[n]
+                c = slot + wp.static(n * SLICE)
+                if wp.static(packed):
+                    c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
+                    j = j & wp.static((1 << KIND_SHIFT) - 1)
+                own = take(forces.constants, c)
+                dx = apart(lost, x, x_i, i, j)
+                if wp.static(damped):
+                    dv = v_i - load(v, j)
+                force -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+            slot += wp.static(CHUNK * SLICE)
+        return force
+
+    bounds = (256, 5) if scalar is wp.float32 else None
+    return Route(Gathered, force_at, bounds=bounds, grid_stride=False)

@@ -1,0 +1,103 @@
+"""The linearised force law: products with K and B, and their diagonal blocks."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+
+
+@functools.cache
+def add_linearised(dim: int, scalar: type):
+    """Compose z += scale (spring·K + damper·B) p, over connections, K and B linearised at x; pinned rows stay 0.
+
+    A connection's part of K is k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)), of B b d dᵀ, for its axis d: a compressed
+    spring's push across its axis is left out, so that K is never indefinite.
+    """
+    V = vector(dim, scalar)
+
+    @kernel
+    def add_linearised_product(
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        stiffness: wp.array(dtype=scalar),
+        damping: wp.array(dtype=scalar),
+        inverse_mass: wp.array(dtype=scalar),
+        # State in:
+        x: wp.array(dtype=V),
+        p: wp.array(dtype=V),
+        spring: scalar,
+        damper: scalar,
+        scale: scalar,
+        # State out:
+        z: wp.array(dtype=V),
+    ):
+        c = wp.tid()
+        i = connections[c][0]
+        j = connections[c][1]
+        dx = x[i] - x[j]
+        length = wp.length(dx)
+        if length == scalar(0.0):
+            return
+        axis = dx / length
+        dp = V()
+        if inverse_mass[i] > scalar(0.0):
+            dp += p[i]
+        if inverse_mass[j] > scalar(0.0):
+            dp -= p[j]
+        across = wp.max(scalar(0.0), scalar(1.0) - rest_length[c] / length)
+        k = scale * spring * stiffness[c]
+        b = scale * damper * damping[c]
+        part = (k * (scalar(1.0) - across) + b) * wp.dot(axis, dp) * axis + k * across * dp
+        if inverse_mass[i] > scalar(0.0):
+            wp.atomic_add(z, i, part)
+        if inverse_mass[j] > scalar(0.0):
+            wp.atomic_sub(z, j, part)
+
+    return add_linearised_product
+
+
+@functools.cache
+def add_blocks(dim: int, scalar: type):
+    """Compose the kernel, over connections, that adds each to the blocks of its two particles.
+
+    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each connection of i.
+    """
+    V = vector(dim, scalar)
+    Block = wp.types.matrix((dim, dim), wp.float64)
+
+    @kernel
+    def add_connection_blocks(
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        stiffness: wp.array(dtype=scalar),
+        damping: wp.array(dtype=scalar),
+        x: wp.array(dtype=V),
+        stiffness_block: wp.array(dtype=Block),
+        damping_block: wp.array(dtype=Block),
+    ):
+        c = wp.tid()
+        i = connections[c][0]
+        j = connections[c][1]
+        dx = x[i] - x[j]
+        length = wp.length(dx)
+        if length == scalar(0.0):
+            return
+        axis = dx / length
+        across = wp.max(wp.float64(0.0), wp.float64(1.0) - wp.float64(rest_length[c]) / wp.float64(length))
+        along = Block()
+        spring = Block()
+        for p in range(wp.static(dim)):
+            for q in range(wp.static(dim)):
+                along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
+                spring[p, q] = (wp.float64(1.0) - across) * along[p, q]
+            spring[p, p] += across
+        spring = wp.float64(stiffness[c]) * spring
+        along = wp.float64(damping[c]) * along
+        wp.atomic_add(stiffness_block, i, spring)
+        wp.atomic_add(stiffness_block, j, spring)
+        wp.atomic_add(damping_block, i, along)
+        wp.atomic_add(damping_block, j, along)
+
+    return add_connection_blocks

@@ -1,0 +1,62 @@
+"""What a route to the forces is, and the pieces that all routes share."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+
+
+class Route(NamedTuple):
+    """The device side of a route."""
+
+    Forces: Any
+    """Struct type of what the functions read."""
+    force_at: Any
+    """wp.func (forces, lost, x, v, i) -> force on particle i [N]."""
+    evaluate: Any = None
+    """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
+    column_forces: Any = None
+    """wp.func (forces, lost, x, v, i) -> forces on the particles i + d stride, as the rows d of a matrix."""
+    block: int = 256
+    """Threads in a block over particles."""
+    bounds: tuple[int, int] | None = None
+    """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
+    grid_stride: bool | None = None
+    """Whether threads may take several particles (`wp.kernel`): False needs less, but made stencils slower."""
+
+
+@functools.cache
+def difference(dim: int, scalar: type, compensated: bool):
+    """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.func
+    def apart(lost: Lost, x: wp.array(dtype=V), x_i: V, i: int, j: int) -> V:
+        dx = x_i - load(x, j)
+        if wp.static(compensated):
+            dx = dx - (load(lost.x, i) - load(lost.x, j))
+        return dx
+
+    return apart
+
+
+PAIR = """
+#if defined(__CUDA_ARCH__)
+    const int2 ends = reinterpret_cast<const int2*>(connections.data)[c];
+    return {ends.x, ends.y};
+#else
+    return connections.data[c];
+#endif
+"""
+
+
+@wp.func_native(PAIR)
+def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
+    """Return the two particles of connection c."""
+    ...

@@ -1,0 +1,56 @@
+"""The route by connections: each adds its force to its two particles."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .constants import constants
+from .dampers import Law
+from .law import spring_damper
+from .route import Route, difference, ends_of
+
+
+@functools.cache
+def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
+    """Compose the route by connections: each adds its force to one end and subtracts it from the other.
+
+    The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
+    Taking a force sets its place to zero for the next evaluation.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, store, add = records(dim, scalar)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    damped = damper is not None
+
+    @wp.struct
+    class Scattered:
+        f: wp.array(dtype=V)
+        connections: wp.array(dtype=wp.vec2i)
+        constants: Constants
+
+    @wp.func
+    def evaluate(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int):
+        ends = ends_of(forces.connections, c)
+        i = ends[0]
+        j = ends[1]
+        dx = apart(lost, x, load(x, i), i, j)
+        dv = V()
+        if wp.static(damped):
+            dv = load(v, i) - load(v, j)
+        own = take(forces.constants, c)
+        force = -force_density(dx, dv, own[0], own[1], own[2]) * dx
+        add(forces.f, i, force)
+        add(forces.f, j, -force)
+
+    @wp.func
+    def force_at(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        f = load(forces.f, i)
+        store(forces.f, i, V())
+        return f
+
+    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1), grid_stride=False)

@@ -1,0 +1,223 @@
+"""The route to the forces for lattices, whose neighbours need no table: they are found by counting."""
+
+import functools
+import zlib
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .dampers import Law
+from .law import spring_damper
+from .route import Route, difference
+
+
+class Neighbour(NamedTuple):
+    """One of the neighbours that a lattice point may have."""
+
+    along: int
+    """Its place in its row, relative to the point: −1, 0 or 1."""
+    direction: int
+    """Which direction of the lattice leads there, or back."""
+    bit: int
+    """The bit of the point's mask that says that it is connected with it."""
+
+
+@functools.cache
+def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
+    """Return the rows (y, z) around a lattice point in which its neighbours lie, and the neighbours in each row.
+
+    `steps` are the lattice's directions. Points along x lie side by side in memory, so a row is found once.
+    """
+    found: dict[tuple[int, int], list[Neighbour]] = {}
+    for d, (x, y, z) in enumerate(steps):
+        found.setdefault((y, z), []).append(Neighbour(x, d, 1 << d))
+        found.setdefault((-y, -z), []).append(Neighbour(-x, d, 1 << (d + len(steps))))
+    rows = tuple(sorted(found, key=lambda row: row[::-1]))
+    return rows, [sorted(found[row]) for row in rows]
+
+
+def _layout(rows: tuple, neighbours: list) -> int:
+    """Return a number for what a stencil's loops compile in.
+
+    Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
+    without this number in their sources two stencils of equally many rows would be taken for one.
+    """
+    return zlib.crc32(repr((COLUMN, rows, neighbours)).encode()) >> 1
+
+
+@functools.cache
+def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, uniform: bool) -> Route:
+    """Compose the gathering route for lattices, whose neighbours need no table.
+
+    A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
+    of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
+    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    damped = damper is not None
+    rows, neighbours = stencil_rows(steps)
+    Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
+    most = max(map(len, neighbours))
+    layout = _layout(rows, neighbours)
+
+    def field(r: int, n: int, name: str) -> int:
+        return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
+
+    @wp.struct
+    class Lattice:
+        mask: wp.array(dtype=wp.uint32)
+        shift: Shifts
+        stride: int
+        rest_length: Constants
+        stiffness: Constants
+        damping: Constants
+
+    @wp.struct
+    class Lattices:
+        mask: wp.array(dtype=wp.uint32)
+        shift: wp.array2d(dtype=int)
+        kind: wp.array(dtype=int)
+        rest_length: wp.array2d(dtype=scalar)
+        stiffness: wp.array2d(dtype=scalar)
+        damping: wp.array2d(dtype=scalar)
+
+    Forces = Lattice if uniform else Lattices
+
+    @wp.func
+    def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        mask = forces.mask[i]
+        if wp.static(layout) < 0:  # never: see _layout
+            return V()
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        kind = int(0)
+        if wp.static(damped):
+            v_i = load(v, i)
+        if wp.static(not uniform):
+            kind = forces.kind[i]
+        force = V()
+        for r in range(wp.static(len(rows))):
+            if wp.static(uniform):
+                row = i + forces.shift[r]
+            else:
+                row = i + forces.shift[r, i]
+            for n in range(wp.static(most)):
+                if wp.static(n < len(neighbours[r])):
+                    j = row + wp.static(field(r, n, "along"))
+                    d = wp.static(field(r, n, "direction"))
+                    dx = apart(lost, x, x_i, i, j)
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    if wp.static(uniform):
+                        q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
+                    else:
+                        q = force_density(
+                            dx,
+                            dv,
+                            forces.rest_length[kind, d],
+                            forces.stiffness[kind, d],
+                            forces.damping[kind, d],
+                        )
+                    # What is read of a missing neighbour may be any other particle's: it does not count.
+                    if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
+                        q = scalar(0.0)
+                    force -= q * dx
+        return force
+
+    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice) if uniform else None
+    # In float64 more threads would not find registers for columns.
+    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128)
+
+
+COLUMN = 2
+"""Particles in a column whose neighbours are read together."""
+
+
+@functools.cache
+def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, Lattice: Any):
+    """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
+
+    The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
+    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    force_density, damped = spring_damper(dim, scalar, damper), damper is not None
+    rows, neighbours = stencil_rows(steps)
+    axis = 1 if any(z for _, z in rows) else 0  # layers are along z, in a sheet along y
+    inner = [row for row in rows if row[axis] == 0]
+    if any(row[axis] and ((row[0], 0) if axis else (0, 0)) not in inner for row in rows) or len(rows) == 1:
+        return None
+    found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
+    Column = wp.types.matrix((COLUMN, dim), scalar)
+    Masks = wp.types.vector(COLUMN, wp.uint32)
+    layout = _layout(rows, neighbours)
+
+    def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
+        """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
+        row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
+        return found.get((row, a - 1))
+
+    def is_read(r: int, p: int, a: int) -> bool:
+        return any(neighbour(r, p, a, d) for d in range(COLUMN))
+
+    def is_felt(r: int, p: int, a: int, d: int) -> bool:
+        return neighbour(r, p, a, d) is not None
+
+    def field(r: int, p: int, a: int, d: int, name: str) -> int:
+        return getattr(neighbour(r, p, a, d), name, 0)
+
+    @wp.func
+    def forces_at(forces: Lattice, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> Column:
+        own_x = Column()
+        own_v = Column()
+        own_lost = Column()
+        total = Column()
+        masks = Masks()
+        if wp.static(layout) < 0:  # never: see _layout
+            return total
+        for d in range(wp.static(COLUMN)):
+            own = i + d * forces.stride
+            own_x[d] = load(x, own)
+            if wp.static(damped):
+                own_v[d] = load(v, own)
+            if wp.static(compensated):
+                own_lost[d] = load(lost.x, own)
+            if own < forces.mask.shape[0]:
+                masks[d] = forces.mask[own]
+        for p in range(wp.static(COLUMN + 2)):
+            for r in range(wp.static(len(inner))):
+                row = i + (p - 1) * forces.stride + forces.shift[wp.static(rows.index(inner[r]))]
+                for a in range(3):
+                    if wp.static(is_read(r, p, a)):
+                        j = row + (a - 1)
+                        x_j = load(x, j)
+                        v_j = V()
+                        lost_j = V()
+                        if wp.static(damped):
+                            v_j = load(v, j)
+                        if wp.static(compensated):
+                            lost_j = load(lost.x, j)
+                        for d in range(wp.static(COLUMN)):
+                            if wp.static(is_felt(r, p, a, d)):
+                                n = wp.static(field(r, p, a, d, "direction"))
+                                dx = own_x[d] - x_j
+                                if wp.static(compensated):
+                                    dx = dx - (own_lost[d] - lost_j)
+                                l0 = forces.rest_length[n]
+                                q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
+                                # What is read of a missing neighbour may be any other particle's.
+                                if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
+                                    q = scalar(0.0)
+                                total[d] = total[d] - q * dx
+        return total
+
+    return forces_at

@@ -1,0 +1,84 @@
+"""Builds the table of neighbours that the gathering route reads (see `forces.gather`)."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from .constants import KIND_SHIFT
+from .gather import CHUNK, SLICE
+
+
+@kernel
+def list_ends(connections: wp.array(dtype=wp.vec2i), particle: wp.array(dtype=int), end: wp.array(dtype=int)):
+    """List both ends of each connection c: their particles, and their numbers 2c and 2c + 1."""
+    c = wp.tid()
+    for side in range(2):
+        particle[2 * c + side] = connections[c][side]
+        end[2 * c + side] = 2 * c + side
+
+
+@kernel
+def count_ends(particle: wp.array(dtype=int), count: wp.array(dtype=int)):
+    """Count the ends at each particle."""
+    wp.atomic_add(count, particle[wp.tid()], 1)
+
+
+@kernel
+def measure_slices(count: wp.array(dtype=int), length: wp.array(dtype=int)):
+    """Write the length of each slice: as many slots as its fullest particle has, for all, in whole chunks."""
+    part = wp.tid()
+    most = int(0)
+    for lane in range(SLICE):
+        i = part * SLICE + lane
+        if i < count.shape[0]:
+            most = wp.max(most, count[i])
+    length[part] = (most + CHUNK - 1) / CHUNK * CHUNK * SLICE
+
+
+@kernel
+def name_itself(first: wp.array(dtype=int), other: wp.array(dtype=int), particle_count: int):
+    """Fill every slot with its own particle, which exerts no force on itself."""
+    part = wp.tid()
+    for slot in range(first[part], first[part + 1]):
+        other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
+
+
+@kernel
+def fill_slots(
+    particle: wp.array(dtype=int),
+    end: wp.array(dtype=int),
+    start: wp.array(dtype=int),
+    first: wp.array(dtype=int),
+    connections: wp.array(dtype=wp.vec2i),
+    other: wp.array(dtype=int),
+    connection: wp.array(dtype=int),
+):
+    """Enter each end, in the order of particles, into its particle's next slot."""
+    e = wp.tid()
+    i = particle[e]
+    slot = first[i / SLICE] + (e - start[i]) * SLICE + i % SLICE
+    c = end[e] / 2
+    other[slot] = connections[c][1 - end[e] % 2]
+    connection[slot] = c
+
+
+@kernel
+def pack_kinds(connection: wp.array(dtype=int), kind: wp.array(dtype=wp.uint8), other: wp.array(dtype=int)):
+    """Write each connection's kind above the number of the neighbour."""
+    slot = wp.tid()
+    if connection[slot] >= 0:
+        other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
+
+
+@functools.cache
+def take(dtype: type):
+    """Compose the kernel, over slots, that takes each connection's value into its slots."""
+
+    @kernel
+    def take_values(connection: wp.array(dtype=int), values: wp.array(dtype=dtype), slots: wp.array(dtype=dtype)):
+        slot = wp.tid()
+        if connection[slot] >= 0:
+            slots[slot] = values[connection[slot]]
+
+    return take_values

@@ -1,0 +1,89 @@
+"""Conjugate gradients on the device."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+
+RZ, NEXT_RZ, PQ = 0, 1, 2
+"""The numbers of conjugate gradients: r·z of this iteration and of the next, and p·q with q = A p."""
+
+
+@functools.cache
+def conjugate_gradients(dim: int, scalar: type):
+    """Compose the kernels of preconditioned conjugate gradients for A x = b with x = 0, r = b at the start.
+
+    Each thread takes its share of the particles, strided, so that few atomics meet at one number. The numbers
+    stay on the device, so that a graph can hold any number of iterations.
+    Reference: Golub & Van Loan, Matrix Computations, 4th ed. (2013), 11.5.
+    """
+    V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
+
+    @kernel
+    def begin(
+        inverses: wp.array(dtype=Block),
+        r: wp.array(dtype=V),
+        x: wp.array(dtype=V),
+        p: wp.array(dtype=V),
+        threads: int,
+        numbers: wp.array(dtype=wp.float64),
+    ):
+        i = wp.tid()
+        total = wp.float64(0.0)
+        while i < r.shape[0]:
+            z = inverses[i] * r[i]
+            x[i] = V()
+            p[i] = z
+            total += wp.float64(wp.dot(r[i], z))
+            i += threads
+        wp.atomic_add(numbers, RZ, total)
+
+    @kernel
+    def multiply(p: wp.array(dtype=V), q: wp.array(dtype=V), threads: int, numbers: wp.array(dtype=wp.float64)):
+        i = wp.tid()
+        total = wp.float64(0.0)
+        while i < p.shape[0]:
+            total += wp.float64(wp.dot(p[i], q[i]))
+            i += threads
+        wp.atomic_add(numbers, PQ, total)
+
+    @kernel
+    def advance(
+        inverses: wp.array(dtype=Block),
+        p: wp.array(dtype=V),
+        q: wp.array(dtype=V),
+        x: wp.array(dtype=V),
+        r: wp.array(dtype=V),
+        z: wp.array(dtype=V),
+        threads: int,
+        numbers: wp.array(dtype=wp.float64),
+    ):
+        i = wp.tid()
+        alpha = scalar(0.0)
+        if numbers[PQ] > wp.float64(0.0):
+            alpha = scalar(numbers[RZ] / numbers[PQ])
+        total = wp.float64(0.0)
+        while i < p.shape[0]:
+            x[i] = x[i] + alpha * p[i]
+            r[i] = r[i] - alpha * q[i]
+            z[i] = inverses[i] * r[i]
+            total += wp.float64(wp.dot(r[i], z[i]))
+            i += threads
+        wp.atomic_add(numbers, NEXT_RZ, total)
+
+    @kernel
+    def turn(z: wp.array(dtype=V), p: wp.array(dtype=V), numbers: wp.array(dtype=wp.float64)):
+        i = wp.tid()
+        beta = scalar(0.0)
+        if numbers[RZ] > wp.float64(0.0):
+            beta = scalar(numbers[NEXT_RZ] / numbers[RZ])
+        p[i] = z[i] + beta * p[i]
+
+    @kernel
+    def shift(numbers: wp.array(dtype=wp.float64)):
+        numbers[RZ] = numbers[NEXT_RZ]
+        numbers[NEXT_RZ] = wp.float64(0.0)
+        numbers[PQ] = wp.float64(0.0)
+
+    return begin, multiply, advance, turn, shift

@@ -1,0 +1,118 @@
+"""Euler's methods and leapfrog, as seen from one particle."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .composition import Composition, Stage, world
+from .stages import finish, particle_acceleration
+
+
+def symplectic_euler(motion: Composition) -> Stage:
+    """Compose v += h a(x, v), then x += h v (report eq. 10), then contact."""
+    return _euler(motion, explicit=False)
+
+
+def explicit_euler(motion: Composition) -> Stage:
+    """Compose x += h v and v += h a(x, v), both from the old state, then contact."""
+    return _euler(motion, explicit=True)
+
+
+@functools.cache
+def _euler(motion: Composition, explicit: bool) -> Stage:
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+
+    @wp.struct
+    class EulerStep:
+        h: scalar
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: EulerStep, force: V, i: int):
+        v_old = load(step.v, i)
+        v_new = add(v_old, step.h * acceleration(world, force, i), step.lost.v, step.lost.v, i)
+        dx = step.h * v_new
+        if wp.static(explicit):
+            dx = step.h * v_old
+        x_new, v_end = finish_substep(world.colliders, step.lost, load(step.x, i), v_old, dx, v_new, i)
+        store(step.x_out, i, x_new)
+        store(step.v_out, i, v_end)
+
+    return Stage(EulerStep, advance)
+
+
+@functools.cache
+def extrapolated_leapfrog(motion: Composition) -> Stage:
+    """Compose a leapfrog substep whose dampers see `v`, the velocities extrapolated to the positions.
+
+    `v` for the next substep is v_new + theta (v_new − v_old); after a contact there is no past to go by.
+    """
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+
+    @wp.struct
+    class ExtrapolatedLeapfrogStep:
+        h: scalar
+        theta: scalar
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        v_half: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+        v_half_out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: ExtrapolatedLeapfrogStep, force: V, i: int):
+        v_old = load(step.v_half, i)
+        dv = step.h * acceleration(world, force, i)
+        v_free = add(v_old, dv, step.lost.v, step.lost.v, i)
+        x_old = load(step.x, i)
+        x_new, v_new = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_free, v_free, i)
+        ahead = step.theta * (v_new - v_old)
+        if wp.length_sq(v_new - v_free) > scalar(0.0):
+            ahead = V()
+        store(step.x_out, i, x_new)
+        store(step.v_half_out, i, v_new)
+        store(step.v_out, i, v_new + ahead)
+
+    return Stage(ExtrapolatedLeapfrogStep, advance)
+
+
+@functools.cache
+def kick(motion: Composition) -> Stage:
+    """Compose v_out = v_half + h a(x, v): a velocity moved in time, positions held."""
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+    acceleration = particle_acceleration(motion)
+
+    @wp.struct
+    class Kick:
+        h: scalar
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        v_half: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: Kick, force: V, i: int):
+        a = acceleration(world, force, i)
+        store(step.v_out, i, load(step.v_half, i) + step.h * a)
+
+    return Stage(Kick, advance)

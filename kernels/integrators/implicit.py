@@ -1,0 +1,117 @@
+"""The stages and products of a linearly implicit method."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensation
+from ..records import records
+from .composition import Composition, Stage, world
+from .stages import finish, particle_acceleration
+
+
+@functools.cache
+def mass_product(dim: int, scalar: type):
+    """Compose z = M p; a pinned particle counts as one of 1 kg."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def multiply_by_mass(inverse_mass: wp.array(dtype=scalar), p: wp.array(dtype=V), z: wp.array(dtype=V)):
+        i = wp.tid()
+        mass = scalar(1.0)
+        if inverse_mass[i] > scalar(0.0):
+            mass = scalar(1.0) / inverse_mass[i]
+        z[i] = mass * p[i]
+
+    return multiply_by_mass
+
+
+@functools.cache
+def block_inverses(dim: int, scalar: type):
+    """Compose the inverses of the diagonal blocks m + h² A_i + h B_i: the preconditioner."""
+    Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
+
+    @kernel
+    def invert_blocks(
+        inverse_mass: wp.array(dtype=scalar),
+        stiffness_block: wp.array(dtype=Wide),
+        damping_block: wp.array(dtype=Wide),
+        h: wp.float64,
+        inverses: wp.array(dtype=Block),
+    ):
+        i = wp.tid()
+        w = wp.float64(inverse_mass[i])
+        block = Wide()
+        if w > wp.float64(0.0):
+            block = h * h * stiffness_block[i] + h * damping_block[i]
+            for k in range(wp.static(dim)):
+                block[k, k] += wp.float64(1.0) / w
+        else:
+            for k in range(wp.static(dim)):
+                block[k, k] = wp.float64(1.0)
+        if wp.static(dim == 1):
+            block[0, 0] = wp.float64(1.0) / block[0, 0]
+        else:
+            block = wp.inverse(block)
+        inverses[i] = Block(block)
+
+    return invert_blocks
+
+
+@functools.cache
+def impulse(motion: Composition) -> Stage:
+    """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle."""
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    acceleration = particle_acceleration(motion)
+    V = vector(motion.dim, scalar)
+    _, store, _ = records(motion.dim, scalar)
+
+    @wp.struct
+    class Impulse:
+        h: scalar
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: Impulse, force: V, i: int):
+        a = acceleration(world, force, i)
+        p = V()
+        if world.inverse_mass[i] > scalar(0.0):
+            p = step.h * a / world.inverse_mass[i]
+        store(step.out, i, p)
+
+    return Stage(Impulse, advance)
+
+
+@functools.cache
+def implicit_finish(motion: Composition) -> Stage:
+    """Compose v += dv (0 for a pinned particle), then x += h v, then contact."""
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    finish_substep = finish(motion)
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+
+    @wp.struct
+    class ImplicitFinish:
+        h: scalar
+        lost: Lost
+        dv: wp.array(dtype=V)
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: ImplicitFinish, force: V, i: int):
+        v_old = load(step.v, i)
+        v_new = add(v_old, load(step.dv, i), step.lost.v, step.lost.v, i)
+        x_old = load(step.x, i)
+        x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
+        store(step.x_out, i, x_new)
+        store(step.v_out, i, v_end)
+
+    return Stage(ImplicitFinish, advance, forced=False)

@@ -1,0 +1,69 @@
+"""Many steps in one launch, for bodies so small that launches are most of what they cost."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel
+from ..forces import plastic_flow
+from .composition import Composition, world
+
+MOST_THREADS = 512
+"""Threads in a block; the compiler leaves registers for so many."""
+WAIT = """
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");
+#elif defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+"""
+
+
+@wp.func_native(WAIT)
+def wait():
+    """Let no thread of the cluster of blocks go on before all have come here, and see what they have written."""
+    ...
+
+
+@functools.cache
+def persistent(motion: Composition, method: Any, blocks: int):
+    """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
+
+    Step k is steps[k mod their number], which are those of two substeps. A launch is then paid once for all: most
+    of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
+    """
+    World, (Step, advance, _) = world(motion), method(motion)
+    evaluate, force_at = motion.route.evaluate, motion.route.force_at
+    moving, yields, flow = motion.moving, motion.yields, None
+    if yields:
+        _, flow = plastic_flow(motion.dim, motion.scalar, motion.compensated)
+
+    def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
+        thread = wp.tid()
+        if wp.static(moving):
+            first = int(world.colliders.substep)
+        for k in range(count):
+            step = steps[k % steps.shape[0]]
+            if wp.static(yields):
+                if k % (steps.shape[0] / 2) == 0:  # where a substep begins
+                    c = thread
+                    while c < connection_count:
+                        flow(world.flow, step.lost, step.x, c)
+                        c += threads
+                    wait()
+            if wp.static(evaluate is not None):
+                c = thread
+                while c < connection_count:
+                    evaluate(world.forces, step.lost, step.x, step.v, c)
+                    c += threads
+                wait()
+            if wp.static(moving):
+                world.colliders.substep = first + k / (steps.shape[0] / 2)
+            i = thread
+            while i < world.inverse_mass.shape[0]:
+                advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
+                i += threads
+            wait()
+
+    return kernel(take_steps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

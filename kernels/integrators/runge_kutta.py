@@ -1,0 +1,127 @@
+"""Methods of several stages, as seen from one particle."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .composition import Composition, Stage, world
+from .stages import finish, particle_acceleration
+
+
+@functools.cache
+def rk4(motion: Composition) -> Stage:
+    """Compose a stage of Runge-Kutta 4 (report eq. 6).
+
+    From the stage (x, v): its acceleration is added to v_sum with `weight`, and the next stage is
+    (x0, v0) + reach·(v, a). The first stage begins the sum; the last adds it to v0, and to x0 what the velocities
+    v0, v_a, v_b and v of the four stages make, with contact.
+    """
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+
+    @wp.struct
+    class RK4Step:
+        reach: scalar
+        weight: scalar
+        first: int
+        last: int
+        lost: Lost
+        x0: wp.array(dtype=V)
+        v0: wp.array(dtype=V)
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+        v_sum: wp.array(dtype=V)
+        v_a: wp.array(dtype=V)
+        v_b: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: RK4Step, force: V, i: int):
+        v = load(step.v, i)
+        a = acceleration(world, force, i)
+        x0 = load(step.x0, i)
+        v0 = load(step.v0, i)
+        dv = step.weight * a
+        if step.first == 0:
+            dv = dv + load(step.v_sum, i)
+        if step.last == 1:
+            middle = load(step.v_a, i) + load(step.v_b, i)
+            dx = step.weight * (v0 + middle + middle + v)
+            v_new = add(v0, dv, step.lost.v, step.lost.v, i)
+            x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            store(step.x_out, i, x_new)
+            store(step.v_out, i, v_end)
+        else:
+            store(step.v_sum, i, dv)
+            store(step.x_out, i, x0 + step.reach * v)
+            store(step.v_out, i, v0 + step.reach * a)
+
+    return Stage(RK4Step, advance)
+
+
+@functools.cache
+def chebyshev(motion: Composition) -> Stage:
+    """Compose a stage of Runge-Kutta-Chebyshev; the last adds its change to (x0, v0), with contact.
+
+    With D_j = Y_j − Y0, which keeps small numbers small,
+    D_j = mu D_{j−1} + nu D_{j−2} + reach F_{j−1} + reach0 F0. The first stage has only reach F0, and keeps F0.
+    """
+    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
+    V = vector(motion.dim, scalar)
+    load, store, _ = records(motion.dim, scalar)
+    _, add = compensation(motion.dim, scalar, motion.compensated)
+    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+
+    @wp.struct
+    class ChebyshevStep:
+        mu: scalar
+        nu: scalar
+        reach: scalar
+        reach0: scalar
+        first: int
+        last: int
+        lost: Lost
+        x0: wp.array(dtype=V)
+        v0: wp.array(dtype=V)
+        a0: wp.array(dtype=V)
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        dx: wp.array(dtype=V)
+        dv: wp.array(dtype=V)
+        # The changes of stage j − 2 in, of stage j out:
+        dx_out: wp.array(dtype=V)
+        dv_out: wp.array(dtype=V)
+        x_out: wp.array(dtype=V)
+        v_out: wp.array(dtype=V)
+
+    @wp.func
+    def advance(world: World, step: ChebyshevStep, force: V, i: int):
+        x0 = load(step.x0, i)
+        v0 = load(step.v0, i)
+        a = acceleration(world, force, i)
+        dx = step.reach * load(step.v, i)
+        dv = step.reach * a
+        if step.first == 1:
+            store(step.a0, i, a)
+        else:
+            dx += step.mu * load(step.dx, i) + step.nu * load(step.dx_out, i) + step.reach0 * v0
+            dv += step.mu * load(step.dv, i) + step.nu * load(step.dv_out, i) + step.reach0 * load(step.a0, i)
+        if step.last == 1:
+            v_new = add(v0, dv, step.lost.v, step.lost.v, i)
+            x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            store(step.x_out, i, x_new)
+            store(step.v_out, i, v_end)
+        else:
+            store(step.dx_out, i, dx)
+            store(step.dv_out, i, dv)
+            store(step.x_out, i, x0 + dx)
+            store(step.v_out, i, v0 + dv)
+
+    return Stage(ChebyshevStep, advance)

@@ -1,0 +1,207 @@
+"""What is drawn: points, normals and colours that follow the particles (float32, three coordinates)."""
+
+import warp as wp
+
+from ..basis import kernel
+
+STRAIN_STOPS = ((0.13, 0.62, 0.33), (0.96, 0.80, 0.23), (0.85, 0.15, 0.14))
+"""Colours, evenly spaced, of strain from none to full: green, yellow, red."""
+VALUE_STOPS = (
+    (0.08, 0.29, 0.58),
+    (0.32, 0.31, 0.74),
+    (0.54, 0.32, 0.80),
+    (0.73, 0.32, 0.75),
+    (0.89, 0.36, 0.64),
+    (0.99, 0.44, 0.49),
+    (1.00, 0.56, 0.34),
+    (1.00, 0.71, 0.26),
+    (0.98, 0.87, 0.31),
+)
+"""Colours, evenly spaced, of any other value from 0 to full: from blue through red to yellow.
+
+Each is as far from the next in OKLab as the others are, to 5 %, and lighter: equal differences of values look
+alike. The darkest is light enough for shading to show the shape of a body at rest.
+"""
+
+
+@kernel
+def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)):
+    """Put every surface vertex where its particle is."""
+    i = wp.tid()
+    points[i] = x[particle[i]]
+
+
+@kernel
+def place_mixtures(
+    x: wp.array(dtype=wp.vec3),
+    particle: wp.array2d(dtype=int),
+    weights: wp.array2d(dtype=float),
+    points: wp.array(dtype=wp.vec3),
+):
+    """Put every surface vertex at the weighted sum of its particles."""
+    i = wp.tid()
+    point = wp.vec3()
+    for k in range(particle.shape[1]):
+        point += weights[i, k] * x[particle[i, k]]
+    points[i] = point
+
+
+@kernel
+def add_face_normals(
+    points: wp.array(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    normal_of: wp.array(dtype=int),
+    sums: wp.array(dtype=wp.vec3),
+):
+    """Add each triangle's normal, weighted by its area, at the vertices whose normals its corners take."""
+    t = wp.tid()
+    a = triangles[t][0]
+    b = triangles[t][1]
+    c = triangles[t][2]
+    normal = wp.cross(points[b] - points[a], points[c] - points[a])
+    wp.atomic_add(sums, normal_of[a], normal)
+    wp.atomic_add(sums, normal_of[b], normal)
+    wp.atomic_add(sums, normal_of[c], normal)
+
+
+@kernel
+def take_normals(sums: wp.array(dtype=wp.vec3), normal_of: wp.array(dtype=int), normals: wp.array(dtype=wp.vec3)):
+    """Give every vertex the unit normal of the vertex that it shares it with."""
+    i = wp.tid()
+    normals[i] = wp.normalize(sums[normal_of[i]])
+
+
+@kernel
+def place_balls(
+    x: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), radius: float, points: wp.array(dtype=wp.vec3)
+):
+    """Put a ball, given by the directions from its middle to its vertices, at every particle."""
+    p, k = wp.tid()
+    points[p * directions.shape[0] + k] = x[p] + radius * directions[k]
+
+
+@kernel
+def place_rigid(
+    given_points: wp.array(dtype=wp.vec3),
+    given_normals: wp.array(dtype=wp.vec3),
+    turn: wp.mat33,
+    shift: wp.vec3,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+):
+    """Turn and shift a mesh as one."""
+    i = wp.tid()
+    points[i] = turn * given_points[i] + shift
+    normals[i] = turn * given_normals[i]
+
+
+@kernel
+def place_tubes(
+    x: wp.array(dtype=wp.vec3),
+    connections: wp.array(dtype=wp.vec2i),
+    radius: float,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+):
+    """Lay a three-sided tube along every connection: six vertices each, at its start and its end in turn."""
+    c = wp.tid()
+    start = x[connections[c][0]]
+    end = x[connections[c][1]]
+    axis = wp.normalize(end - start)
+    aside = wp.vec3(0.0, 0.0, 1.0)
+    if wp.abs(axis[2]) > 0.9:
+        aside = wp.vec3(1.0, 0.0, 0.0)
+    e1 = wp.normalize(wp.cross(axis, aside))
+    e2 = wp.cross(axis, e1)
+    for k in range(3):
+        angle = float(k) * 2.0943951
+        outwards = wp.cos(angle) * e1 + wp.sin(angle) * e2
+        near = 6 * c + 2 * k
+        points[near] = start + radius * outwards
+        points[near + 1] = end + radius * outwards
+        normals[near] = outwards
+        normals[near + 1] = outwards
+
+
+@wp.func
+def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
+    """Return the colour at a share of a scale: linear between its stops, and its ends below 0 and above 1."""
+    last = stops.shape[0] - 1
+    at = wp.clamp(share, 0.0, 1.0) * float(last)
+    k = wp.min(int(at), last - 1)
+    return stops[k] + (at - float(k)) * (stops[k + 1] - stops[k])
+
+
+@kernel
+def colour_by_strain(
+    x: wp.array(dtype=wp.vec3),
+    connections: wp.array(dtype=wp.vec2i),
+    rest_length: wp.array(dtype=float),
+    full_strain: float,
+    stops: wp.array(dtype=wp.vec3),
+    colours: wp.array(dtype=wp.vec3),
+):
+    """Colour the six vertices of every connection's tube by its strain / full_strain, in either direction."""
+    c = wp.tid()
+    strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
+    colour = colour_at(stops, wp.abs(strain / full_strain))
+    for k in range(6):
+        colours[6 * c + k] = colour
+
+
+@kernel
+def colour_by_value(
+    shares: wp.array(dtype=float),
+    particle: wp.array2d(dtype=int),
+    weights: wp.array2d(dtype=float),
+    stops: wp.array(dtype=wp.vec3),
+    colours: wp.array(dtype=wp.vec3),
+):
+    """Colour every vertex by the mixture of its particles' values, given as shares of the full one."""
+    i = wp.tid()
+    share = float(0.0)
+    for k in range(particle.shape[1]):
+        share += weights[i, k] * shares[particle[i, k]]
+    colours[i] = colour_at(stops, share)
+
+
+@wp.func
+def byte(pixel: wp.uint32, k: int) -> int:
+    """Return byte k of a pixel: red, green, blue, coverage."""
+    return int((pixel >> wp.uint32(8 * k)) & wp.uint32(255))
+
+
+@kernel
+def halve_over(
+    fine: wp.array2d(dtype=wp.uint32),
+    first_row: int,
+    first_column: int,
+    pixels: wp.array2d(dtype=wp.uint32),
+):
+    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over what is there.
+
+    Threads cover a rectangle from the first row and column on. A pixel is four bytes. Where nothing was drawn
+    `fine` is 0, so an average is weighted by coverage already.
+    """
+    i, j = wp.tid()
+    row = first_row + i
+    column = first_column + j
+    y = fine.shape[0] - 1 - 2 * row
+    x = 2 * column
+    a = fine[y, x]
+    b = fine[y, x + 1]
+    c = fine[y - 1, x]
+    d = fine[y - 1, x + 1]
+    if (a | b | c | d) == wp.uint32(0):
+        return
+    if a == b and a == c and a == d:
+        pixels[row, column] = a
+    else:
+        below = pixels[row, column]
+        bare = 4 * 255 - byte(a, 3) - byte(b, 3) - byte(c, 3) - byte(d, 3)
+        pixel = wp.uint32(255) << wp.uint32(24)
+        for k in range(3):
+            total = byte(a, k) + byte(b, k) + byte(c, k) + byte(d, k)
+            mean = (255 * total + bare * byte(below, k) + 510) / 1020
+            pixel = pixel | (wp.uint32(mean) << wp.uint32(8 * k))
+        pixels[row, column] = pixel

@@ -1,0 +1,142 @@
+"""Measures of a state, in float64 whatever the precision of the simulation: sums, and the strain of everything.
+
+Every thread sums a share of its own, strided so that neighbours in memory are read together; the host adds the
+shares. The order of sums is fixed, so a measure of a state is the same each time.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..forces import Law, damper_force
+
+KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
+"""Columns of what `sum_particles` gives: one, one, three and three."""
+PARTICLE_COLUMNS = 8
+ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
+"""Columns of what `sum_connections` gives; the strain is the largest, not a sum."""
+CONNECTION_COLUMNS = 3
+
+
+@functools.cache
+def sum_particles(dim: int, scalar: type):
+    """Compose the kernel that sums over the particles that are not pinned."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def sum_over_particles(
+        inverse_mass: wp.array(dtype=scalar),
+        gravity: V,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        shares: wp.array2d(dtype=wp.float64),
+    ):
+        share = wp.tid()
+        i = share
+        while i < x.shape[0]:
+            w = wp.float64(inverse_mass[i])
+            if w > wp.float64(0.0):
+                mass = wp.float64(1.0) / w
+                position = wp.vec3d()
+                momentum = wp.vec3d()
+                fall = wp.float64(0.0)
+                for k in range(wp.static(dim)):
+                    position[k] = wp.float64(x[i][k])
+                    momentum[k] = mass * wp.float64(v[i][k])
+                    fall += wp.float64(gravity[k]) * position[k]
+                turn = wp.cross(position, momentum)
+                shares[share, 0] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                shares[share, 1] -= mass * fall
+                for k in range(3):
+                    shares[share, 2 + k] += momentum[k]
+                    shares[share, 5 + k] += turn[k]
+            i += shares.shape[0]
+
+    return sum_over_particles
+
+
+@functools.cache
+def difference(dim: int, scalar: type, compensated: bool):
+    """Compose `apart(x, x_lost, i, j)`, x[i] − x[j]; with `compensated` true positions are x − x_lost."""
+    V = vector(dim, scalar)
+
+    @wp.func
+    def apart(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int, j: int) -> wp.vec3d:
+        dx = wp.vec3d()
+        for k in range(wp.static(dim)):
+            dx[k] = wp.float64(x[i][k]) - wp.float64(x[j][k])
+            if wp.static(compensated):
+                dx[k] -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
+        return dx
+
+    return apart
+
+
+@functools.cache
+def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
+    """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost."""
+    V, resistance = vector(dim, scalar), damper_force(wp.float64, law)
+    apart = difference(dim, scalar, compensated)
+
+    @kernel
+    def sum_over_connections(
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        stiffness: wp.array(dtype=scalar),
+        damping: wp.array(dtype=scalar),
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        x_lost: wp.array(dtype=V),
+        shares: wp.array2d(dtype=wp.float64),
+    ):
+        share = wp.tid()
+        c = share
+        half = wp.float64(0.5)
+        while c < connections.shape[0]:
+            i = connections[c][0]
+            j = connections[c][1]
+            rest = wp.float64(rest_length[c])
+            dx = apart(x, x_lost, i, j)
+            closing = wp.float64(0.0)
+            for k in range(wp.static(dim)):
+                closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
+            length = wp.length(dx)
+            stretch = length - rest
+            shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
+            if length > wp.float64(0.0):
+                rate = closing / length
+                shares[share, 1] += resistance(rate, wp.float64(damping[c])) * rate
+            shares[share, 2] = wp.max(shares[share, 2], wp.abs(stretch) / rest)
+            c += shares.shape[0]
+
+    return sum_over_connections
+
+
+@functools.cache
+def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
+    """Compose the kernel, over connections, that writes length / rest length − 1.
+
+    With `sorted_anew` true the device has connections in an order of its own, and the strain of its connection c
+    is written at place[c].
+    """
+    V = vector(dim, scalar)
+    apart = difference(dim, scalar, compensated)
+
+    @kernel
+    def strain_of_each(
+        connections: wp.array(dtype=wp.vec2i),
+        rest_length: wp.array(dtype=scalar),
+        place: wp.array(dtype=int),
+        x: wp.array(dtype=V),
+        x_lost: wp.array(dtype=V),
+        strain: wp.array(dtype=scalar),
+    ):
+        c = wp.tid()
+        length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))
+        at = c
+        if wp.static(sorted_anew):
+            at = place[c]
+        strain[at] = scalar(length / wp.float64(rest_length[c]) - wp.float64(1.0))
+
+    return strain_of_each

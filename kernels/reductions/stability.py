@@ -1,0 +1,51 @@
+"""How fast each particle can move against its neighbours: see msdwarp.integrators.stability."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+
+
+@functools.cache
+def largest_rate(dim: int, scalar: type):
+    """Compose the kernel, over particles, that raises bounds[0] and bounds[1] to 2|A_i|/m_i and 2|B_i|/m_i."""
+    Block = wp.types.matrix((dim, dim), wp.float64)
+
+    @wp.func
+    def largest_eigenvalue(A: Block) -> wp.float64:
+        """Return the largest eigenvalue of a symmetric matrix; in three dimensions by Smith (1961)."""
+        if wp.static(dim == 1):
+            return A[0, 0]
+        if wp.static(dim == 2):
+            middle = wp.float64(0.5) * (A[0, 0] + A[1, 1])
+            half = wp.float64(0.5) * (A[0, 0] - A[1, 1])
+            return middle + wp.sqrt(half * half + A[0, 1] * A[0, 1])
+        if wp.static(dim == 3):
+            mean = (A[0, 0] + A[1, 1] + A[2, 2]) / wp.float64(3.0)
+            off = A[0, 1] * A[0, 1] + A[0, 2] * A[0, 2] + A[1, 2] * A[1, 2]
+            a = A[0, 0] - mean
+            b = A[1, 1] - mean
+            c = A[2, 2] - mean
+            spread = wp.sqrt((a * a + b * b + c * c + wp.float64(2.0) * off) / wp.float64(6.0))
+            if spread == wp.float64(0.0):
+                return mean
+            det = a * (b * c - A[1, 2] * A[1, 2]) - A[0, 1] * (A[0, 1] * c - A[1, 2] * A[0, 2])
+            det += A[0, 2] * (A[0, 1] * A[1, 2] - b * A[0, 2])
+            r = det / (wp.float64(2.0) * spread * spread * spread)
+            r = wp.clamp(r, wp.float64(-1.0), wp.float64(1.0))
+            return mean + wp.float64(2.0) * spread * wp.cos(wp.acos(r) / wp.float64(3.0))
+
+    @kernel
+    def raise_bounds(
+        inverse_mass: wp.array(dtype=scalar),
+        stiffness_block: wp.array(dtype=Block),
+        damping_block: wp.array(dtype=Block),
+        bounds: wp.array(dtype=wp.float64),
+    ):
+        i = wp.tid()
+        twice = wp.float64(2.0) * wp.float64(inverse_mass[i])
+        wp.atomic_max(bounds, 0, twice * largest_eigenvalue(stiffness_block[i]))
+        wp.atomic_max(bounds, 1, twice * largest_eigenvalue(damping_block[i]))
+
+    return raise_bounds

@@ -1,0 +1,5 @@
+"""The command as `python -m msdwarp`."""
+
+from .cli import main
+
+main()

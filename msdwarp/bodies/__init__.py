@@ -1,0 +1,35 @@
+"""What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
+
+from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
+from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
+from .frame import Frame
+from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
+from .space import AXES, in_space, rotation
+from .surface import Surface
+from .system import System
+from .uniform import is_uniform, stored, uniform, uniform_like
+
+__all__ = [
+    "AXES",
+    "CONNECTION_FIELDS",
+    "COTTON",
+    "FOAM",
+    "JELLY",
+    "LINEAR",
+    "PARTICLE_FIELDS",
+    "RUBBER",
+    "STEEL_WIRE",
+    "CoulombDamper",
+    "Damper",
+    "Frame",
+    "Material",
+    "QuadraticDamper",
+    "Surface",
+    "System",
+    "in_space",
+    "is_uniform",
+    "rotation",
+    "stored",
+    "uniform",
+    "uniform_like",
+]

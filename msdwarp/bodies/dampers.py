@@ -1,0 +1,93 @@
+"""Dampers: the force that a connection's rate of lengthening meets, as frozen dataclasses.
+
+`System.damping` is the constant b of each connection, in the units that its law gives it. Laws without a linear
+term have a speed at which they turn into one, since a force that jumps, or grows without bound, is stable at no
+step; with it the steepest slope of the force is known, and with that the stable step.
+"""
+
+from dataclasses import dataclass
+
+from .. import checks
+
+
+@dataclass(frozen=True)
+class Damper:
+    """F = b l', the report's damper (eq. 3): b in N s/m."""
+
+    @property
+    def steepest(self) -> float:
+        """Largest slope of the force over the rate, per b: what stability depends on."""
+        return 1.0
+
+    @property
+    def law(self) -> tuple[str, float]:
+        """Name and speed [m/s] of the law, which kernels are composed from."""
+        return "linear", 0.0
+
+
+@dataclass(frozen=True)
+class QuadraticDamper(Damper):
+    """F = b |l'| l', the resistance of a turbulent flow: b in N s²/m². Above `most_speed` it grows linearly.
+
+    Parameters
+    ----------
+    most_speed
+        Rate of lengthening up to which the law holds [m/s]; the stable step falls as its inverse.
+
+    Raises
+    ------
+    ValueError
+        If the speed is not positive and finite.
+    """
+
+    most_speed: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        checks.positive("most_speed", self.most_speed)
+
+    @property
+    def steepest(self) -> float:
+        """Largest slope of the force over the rate, per b [m/s]."""
+        return 2.0 * self.most_speed
+
+    @property
+    def law(self) -> tuple[str, float]:
+        """Name and speed [m/s] of the law."""
+        return "quadratic", self.most_speed
+
+
+@dataclass(frozen=True)
+class CoulombDamper(Damper):
+    """F = b sign(l'), dry friction: b in N. Below `sliding_speed` it is in proportion to the rate.
+
+    Parameters
+    ----------
+    sliding_speed
+        Rate of lengthening from which friction is whole [m/s]: what should stand still creeps by up to this.
+
+    Raises
+    ------
+    ValueError
+        If the speed is not positive and finite.
+    """
+
+    sliding_speed: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        checks.positive("sliding_speed", self.sliding_speed)
+
+    @property
+    def steepest(self) -> float:
+        """Largest slope of the force over the rate, per b [s/m]."""
+        return 1.0 / self.sliding_speed
+
+    @property
+    def law(self) -> tuple[str, float]:
+        """Name and speed [m/s] of the law."""
+        return "coulomb", self.sliding_speed
+
+
+LINEAR = Damper()
+"""The report's law."""

@@ -1,0 +1,16 @@
+"""Frame: what a run hands out, a file stores and a picture shows."""
+
+from typing import NamedTuple
+
+from numpy.typing import NDArray
+
+
+class Frame(NamedTuple):
+    """One recorded instant, on the host."""
+
+    time: float
+    """Simulated time [s]."""
+    position: NDArray
+    """Particle positions [m], shape [particle_count, d]."""
+    velocity: NDArray
+    """Particle velocities [m/s], shape [particle_count, d]."""

@@ -1,0 +1,132 @@
+"""Materials: what a body is made of, and the springs that a lattice of it needs."""
+
+import math
+from dataclasses import dataclass
+
+from .. import checks
+
+# Stiffness of a connection inside the body over E·a (a solid), E·t (a sheet) or E·A/a (a chain), by how many axes
+# it goes along; the key is (number of axes, whether there are diagonals). Derived in the docstring of Material.
+_STIFFNESS = {
+    (1, False): (1.0,),
+    (2, False): (1.0,),
+    (2, True): (3 / 4, 3 / 8),
+    (3, False): (1.0,),
+    (3, True): (1 / 2, 3 / 10, 3 / 40),
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """An elastic, slightly damped material, which shapes turn into mass, stiffness and damping.
+
+    Every whole cell of a lattice of spacing a contributes an eighth of its mass (a quarter in a sheet) to each of
+    its corners, and its share of stiffness to each of its connections: a quarter to its edges, half to the
+    diagonals of its faces (half and all in a sheet), all to its space diagonals. In the body's faces and edges
+    connections are therefore softer than inside, a stretched bar is exact however few particles it has across,
+    and the mass is density times volume. Such a lattice's constants differ within a direction, so that its forces
+    are gathered by a table instead of the stencil (see `msdwarp.kernels.forces`).
+
+    **Stiffness.** Springs of stiffness k, length l and direction n have the energy of an elastic solid with
+    C_ijkl = Σ k l² n_i n_j n_k n_l, summed over the springs in a unit of volume (Born and Huang, Dynamical Theory
+    of Crystal Lattices, 1954; Ostoja-Starzewski, Lattice models in micromechanics, Appl. Mech. Rev. 55 (2002)
+    35-60). With k₁ along axes, k₂ along face and k₃ along space diagonals inside the body:
+
+    - *Solid, 26 neighbours*: C11 = (k₁ + 2 k₂ + 4/3 k₃)/a and C12 = C44 = (k₂ + 4/3 k₃)/a. It is isotropic if
+      C11 − C12 = 2 C44, so k₁ = k₂ + 8/3 k₃; then E = 5/2 C44. One ratio is left, s = 4/3 k₃ / (k₂ + 4/3 k₃).
+      Waves of compression of wave number q are too slow by (q a)²/24, times 1 along an axis, 3/2 along a face
+      diagonal and (11 + 10 s)/9 along a space diagonal: up to s = 1/4 none are worse than at s = 0. Waves of
+      shear are the more alike in all directions the larger s is, up to about 1/3. Hence s = 1/4: k₁ = 1/2 E a,
+      k₂ = 3/10 E a, k₃ = 3/40 E a. At s = 1 a cell could be deformed without any resistance.
+    - *Sheet of thickness t, 8 neighbours*: C11 t = k₁ + k₂ and C12 t = C66 t = k₂. It is isotropic if k₁ = 2 k₂;
+      then in plane stress E t = 8/3 k₂: k₁ = 3/4 E t, k₂ = 3/8 E t. Nothing resists bending out of its plane.
+    - *6 or 4 neighbours*: k₁ = E a or E t. The modulus is met along the axes; nothing resists shear.
+    - *Chain of cross section A*: k₁ = E A / a.
+
+    **What a lattice cannot have.** Springs that pull along their own direction make C12 = C44, Cauchy's relation:
+    Poisson's ratio is 1/4 in a solid, 1/3 in a sheet and 0 without diagonals, whatever it really is (almost 1/2
+    in rubber and gels). The modulus is met for small strains.
+
+    **Error.** Homogeneous strain is exact. A bar n cells high resists bending too much: by 5/(4 n²) of E I in a
+    sheet, and by at most 11/(10 n²) in a solid: four cells are 8 and 7 % too stiff. N cells long, the frequency
+    of its slowest longitudinal mode is too low by at most π²/(24 N²).
+
+    **Damping.** Every connection has b = β k with β = 2 ζ/ω₁, where ω₁ = π c/L and c = √(E/ρ): ζ is the damping
+    ratio of the slowest longitudinal mode of a free bar as long as the body, whatever the spacing. L is the
+    body's longest extent along an axis. A mode of frequency ω has the damping ratio ζ ω/ω₁.
+
+    Parameters
+    ----------
+    density
+        ρ [kg/m³].
+    youngs_modulus
+        E [Pa].
+    damping_ratio
+        ζ; at 1 the slowest longitudinal mode just does not swing. Half the loss factor η, if that is small.
+
+    Raises
+    ------
+    ValueError
+        If the density or the modulus is not positive, the damping ratio is negative, or any is not finite.
+    """
+
+    density: float
+    youngs_modulus: float
+    damping_ratio: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        object.__setattr__(self, "density", checks.positive("density", self.density))
+        object.__setattr__(self, "youngs_modulus", checks.positive("youngs_modulus", self.youngs_modulus))
+        object.__setattr__(self, "damping_ratio", checks.non_negative("damping_ratio", self.damping_ratio))
+
+    @property
+    def wave_speed(self) -> float:
+        """Speed c = √(E/ρ) of long waves of compression in a thin bar [m/s]."""
+        return math.sqrt(self.youngs_modulus / self.density)
+
+    def cell_mass(self, axes: int, spacing: float, section: float = 1.0) -> float:
+        """Return the mass of a cell of a lattice of so many axes [kg].
+
+        The section is the cross section of a chain [m²], the thickness of a sheet [m], or 1.
+        """
+        return self.density * section * spacing**axes
+
+    def cell_stiffness(
+        self, axes: int, spacing: float, section: float = 1.0, *, diagonals: bool
+    ) -> tuple[float, ...]:
+        """Return the stiffness of connections inside a body [N/m], by how many axes they go along, from 1."""
+        unit = self.youngs_modulus * section * spacing ** (axes - 2)
+        return tuple(unit * share for share in _STIFFNESS[axes, diagonals])
+
+    def damping_time(self, length: float) -> float:
+        """Return β = b/k of a body of this length [s]."""
+        return 2 * self.damping_ratio * length / (math.pi * self.wave_speed)
+
+
+# Values are the middle of the range that is quoted, damping ratios half the loss factor, which depends on
+# frequency, temperature and amplitude. Ashby: Materials Selection in Mechanical Design, appendix A.
+
+RUBBER = Material(density=925.0, youngs_modulus=2.0e6, damping_ratio=0.03)
+"""Natural rubber without filler."""
+# Density 920-930, E 1.5-2.5 MPa (Ashby). Loss factor 0.02-0.10 (Gent, Engineering with Rubber).
+
+JELLY = Material(density=1000.0, youngs_modulus=12.5e3, damping_ratio=0.05)
+"""Gel of 5 % of gelatin in water, of the density of water."""
+# Shear modulus G = 4.18 ± 0.84 kPa (Nguyen et al., Ultrasound in Medicine and Biology 40 (2014) 168-176), and E is
+# 3 G as its volume hardly changes. Loss factor of a soft gel 0.06-0.14 at 20-200 Hz (Okamoto, Clayton and Bayly,
+# Physics in Medicine and Biology 56 (2011) 6379).
+
+FOAM = Material(density=54.0, youngs_modulus=2.0e6, damping_ratio=0.05)
+"""Flexible polymer foam of low density, as in cushions."""
+# Density 38-70, E 1-3 MPa (Ashby). Loss factor of the order of 0.1 (Ashby's chart of loss coefficients).
+
+COTTON = Material(density=324.0, youngs_modulus=0.61e6, damping_ratio=0.04)
+"""Woven cotton, as a sheet 1 mm thick: denim."""
+# 0.324 kg/m²; 205 N/m along the weft and 1014 N/m along the warp, of which this is the mean ("11oz black denim" in
+# the data of Wang, O'Brien and Ramamoorthi, Data-driven elastic models for cloth, ACM Trans. Graph. 30 (2011) 71).
+# Denims are 0.8-1.2 mm thick and give back 48-66 % of the work of stretching, one 54 %: ζ = (1 − 0.54)/(4π)
+# (Kumari and Khurana, Journal of Textiles 2016, 4614168, table 5).
+
+STEEL_WIRE = Material(density=7850.0, youngs_modulus=210e9, damping_ratio=1e-4)
+"""Steel with much carbon, as in springs and wire ropes."""

@@ -1,0 +1,54 @@
+"""Space: coordinates in one, two and three dimensions, and rotations."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+
+AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
+"""Which axes of space coordinates are, by their number: a line lies along x, a plane stands upright."""
+
+
+def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
+    """Return the matrix of a turn by `angle` [rad]; in three dimensions by Rodrigues' formula."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    if dim == 2:
+        return np.array([[cosine, -sine], [sine, cosine]])
+    if dim == 1:
+        raise ValueError("a one-dimensional system cannot be rotated")
+    u = np.array(checks.broadcast("axis", axis, (3,)))
+    if not np.isfinite(u).all() or not u.any():
+        raise ValueError(f"axis is {axis!r}; it must be a finite direction other than zero")
+    u /= np.linalg.norm(u)
+    cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+    return cosine * np.eye(3) + sine * cross + (1 - cosine) * np.outer(u, u)
+
+
+def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
+    """Return the matrix of a rotation vector [rad], or in two dimensions of an angle.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape or is not finite.
+    """
+    if dim == 1:
+        raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
+    if dim == 2:
+        angle: Any = [turn]
+        return rotation_matrix(2, float(checks.vector(name, angle, 1)[0]))
+    vector = checks.vector(name, turn, 3)
+    angle = float(np.linalg.norm(vector))
+    return rotation_matrix(3, angle, vector) if angle else np.eye(3)
+
+
+def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
+    """Return positions in three dimensions: a plane system stands upright, a line lies along x."""
+    dim = position.shape[-1]
+    if dim == 3:
+        return np.ascontiguousarray(position, dtype=dtype)
+    points = np.zeros((*position.shape[:-1], 3), dtype=dtype)
+    points[..., AXES[dim]] = position
+    return points

@@ -1,0 +1,171 @@
+"""Surface: the triangles that are drawn, and how they are carried by the particles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+
+_SUM = 1e-9
+"""How far the weights of a vertex may be from summing to 1: far more than rounding leaves."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Surface:
+    """The triangles that are drawn, with vertices of their own, so that edges and textures can be sharp.
+
+    A vertex either lies on a particle or is a mixture of k of them, Σ weight · position. Since the weights sum
+    to 1, the vertices follow every affine motion of the particles: a shift, a turn, a stretch.
+
+    Parameters
+    ----------
+    particle
+        The particle that each vertex moves with, shape [vertex_count]; or the k that it is a mixture of,
+        shape [vertex_count, k].
+    weights
+        The share of each of the k, shape [vertex_count, k]: each row sums to 1, and an entry below 0 or above 1
+        extrapolates. None where each vertex is its particle.
+    uv
+        Texture coordinates in 0 … 1, shape [vertex_count, 2].
+    triangles
+        Vertices of each triangle, counter-clockwise seen from outside, shape [triangle_count, 3].
+    normal_of
+        The vertex whose normal each vertex takes, shape [vertex_count]: those of the triangles around all
+        vertices that share it. So a texture can have a seam where the surface has no edge. None: each its own.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or holds an index out of range, weights are missing, not finite or do
+        not sum to 1, or a vertex takes the normal of one that takes another's.
+    """
+
+    particle: NDArray[np.int32]
+    weights: NDArray[np.float64] | None
+    uv: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    normal_of: NDArray[np.int32] | None
+
+    def __init__(
+        self,
+        *,
+        particle: ArrayLike,
+        uv: ArrayLike,
+        triangles: ArrayLike,
+        weights: ArrayLike | None = None,
+        normal_of: ArrayLike | None = None,
+    ) -> None:
+        given = np.asarray(particle)
+        if given.ndim not in (1, 2) or given.shape[1:] == (0,) or given.dtype.kind not in "iu":
+            raise ValueError(
+                f"particle has shape {given.shape} and type {given.dtype}; "
+                "it must hold whole numbers in the shape (vertex_count,) or (vertex_count, k)"
+            )
+        own = given.astype(np.int32)
+        own.flags.writeable = False
+        object.__setattr__(self, "particle", own)
+        object.__setattr__(self, "weights", _shares(weights, own.shape))
+        object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
+        object.__setattr__(self, "triangles", checks.indices("triangles", triangles, 3, len(own)))
+        object.__setattr__(self, "normal_of", _normals(normal_of, len(own)))
+
+    def points(self, position: ArrayLike) -> NDArray[np.float64]:
+        """Return where the vertices are [m], shape [vertex_count, d].
+
+        Parameters
+        ----------
+        position
+            Particle positions [m], shape [particle_count, d].
+        """
+        x = np.asarray(position, dtype=np.float64)
+        if x.ndim != 2:
+            raise ValueError(f"position has shape {x.shape}; it must be (particle_count, d)")
+        checks.within("particle", self.particle, checks.index_below(len(x)))
+        if self.weights is None:
+            return x[self.particle]
+        return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
+
+    def behind(self, first: "Surface | None", particles: int) -> "Surface":
+        """Return both surfaces as one, this one's particles numbered behind so many others."""
+        own = Surface(
+            particle=self.particle + np.int32(particles),
+            weights=self.weights,
+            uv=self.uv,
+            triangles=self.triangles,
+            normal_of=self.normal_of,
+        )
+        if first is None:
+            return own
+        weights = normal_of = None
+        particle = [first.particle, own.particle]
+        if first.weights is not None or own.weights is not None:
+            width = max(first._mixture[0].shape[1], own._mixture[0].shape[1])
+            particle, weights = zip(*(_widened(*each._mixture, width) for each in (first, own)), strict=True)
+        vertices = len(first.particle)
+        if first.normal_of is not None or own.normal_of is not None:
+            normal_of = [each._normals_of for each in (first, own)]
+            normal_of[1] = normal_of[1] + np.int32(vertices)
+        return Surface(
+            particle=np.concatenate(particle),
+            weights=None if weights is None else np.concatenate(weights),
+            uv=np.concatenate([first.uv, own.uv]),
+            triangles=np.concatenate([first.triangles, own.triangles + np.int32(vertices)]),
+            normal_of=None if normal_of is None else np.concatenate(normal_of),
+        )
+
+    @property
+    def _mixture(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Particles and weights of each vertex, both of shape [vertex_count, k]."""
+        if self.weights is None:
+            return self.particle[:, None], np.ones((len(self.particle), 1))
+        return self.particle, self.weights
+
+    @property
+    def _normals_of(self) -> NDArray[np.int32]:
+        """The vertex whose normal each vertex takes, shape [vertex_count]."""
+        return np.arange(len(self.particle), dtype=np.int32) if self.normal_of is None else self.normal_of
+
+
+def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Return the weights of particles of this shape as a read-only array, None where there are none."""
+    if len(shape) == 1:
+        if weights is not None:
+            raise ValueError(
+                f"weights are given, but particle has shape {shape}: weights must be None, or particle of the "
+                "shape (vertex_count, k)"
+            )
+        return None
+    if weights is None:
+        raise ValueError(f"weights is None, but particle has shape {shape}: weights must be of that shape")
+    shares = checks.broadcast("weights", weights, shape)
+    checks.within("weights", shares, (np.isfinite, "finite"))
+    total = shares.sum(axis=1)
+    checks.every("the sum of weights", total, np.abs(total - 1) <= _SUM, f"1 to within {_SUM:g}")
+    return shares
+
+
+def _normals(normal_of: ArrayLike | None, vertices: int) -> NDArray[np.int32] | None:
+    """Return the vertex whose normal each vertex takes as a read-only array."""
+    if normal_of is None:
+        return None
+    given = np.asarray(normal_of)
+    if given.shape != (vertices,) or given.dtype.kind not in "iu":
+        raise ValueError(
+            f"normal_of has shape {given.shape} and type {given.dtype}; "
+            f"it must hold whole numbers in the shape ({vertices},)"
+        )
+    checks.within("normal_of", given, checks.index_below(vertices))
+    own = given.astype(np.int32)
+    own.flags.writeable = False
+    checks.every("normal_of", own, own[own] == own, "a vertex that takes its own normal")
+    return own
+
+
+def _widened(
+    particle: NDArray[np.int32], weights: NDArray[np.float64], width: int
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Return mixtures of `width` particles each: the first one is repeated, with weight 0."""
+    more = width - particle.shape[1]
+    repeated = np.repeat(particle[:, :1], more, axis=1)
+    return np.hstack([particle, repeated]), np.hstack([weights, np.zeros((len(weights), more))])

@@ -1,0 +1,364 @@
+"""System: what is simulated, as NumPy arrays on the host."""
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from .dampers import LINEAR, Damper
+from .fields import CONNECTION_FIELDS, DEFAULTS, LIMITS, PARTICLE_FIELDS, group_of, lengths, pairs, positions
+from .space import rotation_matrix
+from .surface import Surface
+from .uniform import is_uniform, joined, stored, uniform
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class System:
+    """Particles joined by connections, each a spring and a damper along its axis. It never changes.
+
+    Scalars broadcast: `mass=0.1` is a tenth of a kilogram for every particle. All arrays are read-only;
+    the methods return a new System.
+
+    Parameters
+    ----------
+    position
+        Particle positions [m], shape [particle_count, d] with d = 1, 2 or 3 coordinates. The last one
+        points up.
+    velocity
+        Particle velocities [m/s], shape [particle_count, d].
+    mass
+        Particle masses [kg], shape [particle_count]; inf pins a particle where it is.
+    connections
+        The two particles of each connection, shape [connection_count, 2].
+    rest_length
+        Length at which a spring exerts no force [m], shape [connection_count]; by default as placed.
+    stiffness
+        Spring constants k [N/m], shape [connection_count].
+    damping
+        Damper constants b [N s/m], shape [connection_count].
+    damper
+        The law of all dampers: what force a rate of lengthening meets; see `msdwarp.bodies.dampers`.
+    yield_strain
+        Strain beyond which a spring gives way for good, shape [connection_count]; inf: it never does. See
+        `msdwarp.kernels.forces.plasticity`.
+    relaxation_time
+        Time in which the excess falls to 1/e [s], shape [connection_count]; 0 yields at once.
+    largest_plastic_strain
+        Bound of |rest_length / original_length − 1|, below 1, shape [connection_count].
+    original_length
+        Rest length before anything yielded [m], shape [connection_count]; by default the rest length.
+    surface
+        The triangles that are drawn, if there are any.
+    directions
+        For each body in the system, the slice of connections of each lattice direction, by name.
+    groups
+        Particles by the name of what they make up, indices of shape [any]; see `named`.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape, is not finite, or holds a mass that is not positive, a negative
+        stiffness or damping, a rest length that is not positive, an index that is out of range, a
+        connection of a particle with itself, or a pinned particle that moves.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    connections: NDArray[np.int32]
+    rest_length: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    damper: Damper
+    yield_strain: NDArray[np.float64]
+    relaxation_time: NDArray[np.float64]
+    largest_plastic_strain: NDArray[np.float64]
+    original_length: NDArray[np.float64]
+    surface: Surface | None
+    directions: tuple[Mapping[str, slice], ...]
+    groups: Mapping[str, NDArray[np.int32]]
+
+    def __init__(
+        self,
+        *,
+        position: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        mass: ArrayLike = 1.0,
+        connections: ArrayLike = (),
+        rest_length: ArrayLike | None = None,
+        stiffness: ArrayLike = DEFAULTS["stiffness"],
+        damping: ArrayLike = DEFAULTS["damping"],
+        damper: Damper = LINEAR,
+        yield_strain: ArrayLike = DEFAULTS["yield_strain"],
+        relaxation_time: ArrayLike = DEFAULTS["relaxation_time"],
+        largest_plastic_strain: ArrayLike = DEFAULTS["largest_plastic_strain"],
+        original_length: ArrayLike | None = None,
+        surface: Surface | None = None,
+        directions: tuple[Mapping[str, slice], ...] = ({},),
+        groups: Mapping[str, ArrayLike] | None = None,
+        _known: "System | None" = None,
+    ) -> None:
+        # An array of `_known` itself is valid and nobody writes to it: it is shared, as long as it fits.
+        known: dict[str, Any] = {} if _known is None else vars(_known)
+
+        def is_known(name: str, value: Any) -> bool:
+            return name in known and value is known[name]
+
+        def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+            if is_known(name, value) and known[name].shape == shape:
+                return known[name]
+            if is_known(name, value) and is_uniform(known[name]):
+                value = known[name][0]  # whatever their number
+            values = checks.broadcast(name, value, shape)
+            checks.within(name, values, *LIMITS[name])
+            return values
+
+        x = known["position"] if is_known("position", position) else positions(position)
+        v, m = numbers("velocity", velocity, x.shape), numbers("mass", mass, x.shape[:1])
+        pinned = np.isinf(m)
+        if pinned.any():
+            still = ~pinned | (v == 0).all(axis=1)
+            checks.every("velocity", v, np.broadcast_to(still[:, None], v.shape), "0: it is pinned")
+
+        fits = is_known("connections", connections) and len(x) == len(known["position"])
+        joined = known["connections"] if fits else pairs(connections, len(x))
+        if rest_length is None:
+            rest_length = lengths(x, joined)
+        fields: dict[str, Any] = {"position": x, "velocity": v, "mass": m, "connections": joined}
+        of_connections = (
+            *(rest_length, stiffness, damping, yield_strain, relaxation_time, largest_plastic_strain),
+            rest_length if original_length is None else original_length,
+        )
+        for name, value in zip(CONNECTION_FIELDS, of_connections, strict=True):
+            same = name == "original_length" and value is rest_length
+            fields[name] = fields["rest_length"] if same else numbers(name, value, joined.shape[:1])
+        if not isinstance(damper, Damper):
+            raise ValueError(f"damper is {damper!r}; it must be a law of damping, such as CoulombDamper()")
+        if surface is not None:
+            checks.within("surface.particle", surface.particle, checks.index_below(len(x)))
+
+        if groups is None or not (is_known("groups", groups) and len(x) == len(known["position"])):
+            groups = {name: group_of(name, particles, len(x)) for name, particles in (groups or {}).items()}
+        fields |= {"damper": damper, "surface": surface, "directions": directions, "groups": groups}
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def _of_own(cls, **fields: Any) -> Self:
+        """Return a system of valid fields whose arrays nobody else holds: nothing is checked or copied.
+
+        What is left out is as it is by default.
+        """
+        system = cls.__new__(cls)
+        count = len(fields["connections"])
+        missing = {name: uniform(value, count) for name, value in DEFAULTS.items()}
+        missing |= {"velocity": np.broadcast_to(0.0, fields["position"].shape)}
+        missing |= {"mass": uniform(1.0, len(fields["position"]))}
+        missing |= {"original_length": fields["rest_length"], "damper": LINEAR, "surface": None, "groups": {}}
+        for name, value in (missing | fields).items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(system, name, value)
+        return system
+
+    @property
+    def particle_count(self) -> int:
+        """Number of particles."""
+        return len(self.position)
+
+    @property
+    def connection_count(self) -> int:
+        """Number of connections."""
+        return len(self.connections)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a particle: 1, 2 or 3."""
+        return self.position.shape[1]
+
+    @property
+    def pinned(self) -> NDArray[np.bool_]:
+        """Which particles are pinned, shape [particle_count]."""
+        return np.isinf(self.mass)
+
+    @property
+    def yields(self) -> bool:
+        """Whether any connection can give way for good."""
+        return bool(np.isfinite(stored(self.yield_strain)).any())
+
+    @property
+    def length(self) -> NDArray[np.float64]:
+        """Present length of each connection [m], shape [connection_count]."""
+        return lengths(self.position, self.connections)
+
+    @property
+    def strain(self) -> NDArray[np.float64]:
+        """Strain of each connection, length / rest_length − 1, shape [connection_count]."""
+        return self.length / self.rest_length - 1
+
+    @property
+    def centre_of_mass(self) -> NDArray[np.float64]:
+        """Centre of mass of the particles that are not pinned (of all, if all are) [m], shape [d]."""
+        weights = np.where(self.pinned, 0.0, self.mass)
+        return np.average(self.position, axis=0, weights=weights if weights.any() else None)
+
+    def direction(self, name: str, body: int = 0) -> slice:
+        """Return the slice of a body's connections in one lattice direction, such as "x" or "x+y".
+
+        Raises
+        ------
+        KeyError
+            If the body has no direction of that name; the message lists those that it has.
+        """
+        if name not in self.directions[body]:
+            known = ", ".join(self.directions[body]) or "none"
+            raise KeyError(f"direction {name!r} is unknown; body {body} has: {known}")
+        return self.directions[body][name]
+
+    def replace(self, **changes: Any) -> Self:
+        """Return this system with some of its fields changed and validated; the others are shared.
+
+        A new rest length is the original one too, unless that is given.
+        """
+        if "rest_length" in changes:
+            changes.setdefault("original_length", None)
+        return dataclasses.replace(self, _known=self, **changes)
+
+    def translate(self, displacement: ArrayLike) -> Self:
+        """Return this system moved by `displacement` [m], shape [d]."""
+        shift = checks.broadcast("displacement", displacement, (self.dim,))
+        return self.replace(position=self.position + shift)
+
+    def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
+        """Return this system turned by `angle` [rad] about an axis, velocities turned with it.
+
+        Parameters
+        ----------
+        angle
+            Turn [rad], counter-clockwise seen from the tip of the axis.
+        axis
+            Direction of the axis in three dimensions, any length, shape [3]; without meaning in two.
+        about
+            A point of the axis [m], shape [d]; by default the centre of mass.
+
+        Raises
+        ------
+        ValueError
+            If the system is one-dimensional, or the axis is zero.
+        """
+        checks.between("angle", angle, -sys.float_info.max, sys.float_info.max)
+        centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
+        turn = rotation_matrix(self.dim, angle, axis)
+        return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
+
+    def spin(self, angular_velocity: ArrayLike) -> Self:
+        """Return this system with a rotation about its centre of mass added to its velocities.
+
+        Parameters
+        ----------
+        angular_velocity
+            Angular velocity [rad/s], shape [3] in three dimensions, a scalar in two. Pinned particles
+            stay still.
+
+        Raises
+        ------
+        ValueError
+            If the system is one-dimensional.
+        """
+        arm = self.position - self.centre_of_mass
+        if self.dim == 3:
+            added = np.cross(checks.broadcast("angular_velocity", angular_velocity, (3,)), arm)
+        elif self.dim == 2:
+            omega = checks.broadcast("angular_velocity", angular_velocity, ())
+            added = omega * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        else:
+            raise ValueError("a one-dimensional system cannot spin")
+        return self.with_velocity(self.velocity + added)
+
+    def with_velocity(self, velocity: ArrayLike) -> Self:
+        """Return this system with these velocities [m/s], shape [d] or [particle_count, d].
+
+        Pinned particles stay still.
+        """
+        velocity = checks.broadcast("velocity", velocity, self.position.shape)
+        pinned = self.pinned
+        return self.replace(velocity=np.where(pinned[:, None], 0.0, velocity) if pinned.any() else velocity)
+
+    def pin(self, selection: Any) -> Self:
+        """Return this system with the selected particles pinned where they are.
+
+        Parameters
+        ----------
+        selection
+            Whatever indexes an array of particles: indices, a slice, or a mask of shape [particle_count].
+        """
+        mass, velocity = np.array(self.mass), np.array(self.velocity)
+        try:
+            mass[selection] = np.inf
+        except IndexError as error:
+            raise ValueError(f"selection does not index {self.particle_count} particles: {error}") from error
+        velocity[selection] = 0.0
+        return self.replace(mass=mass, velocity=velocity)
+
+    def freeze(self) -> Self:
+        """Return this system with every rest length set to the present length: a body keeps its shape.
+
+        It has then never yielded.
+        """
+        return self.replace(rest_length=self.length)
+
+    def named(self, name: str) -> Self:
+        """Return this system with all its particles in a group of this name, beside the groups it has."""
+        return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
+
+    def group(self, name: str) -> NDArray[np.bool_]:
+        """Return which particles are in a group, shape [particle_count].
+
+        Raises
+        ------
+        ValueError
+            If there is no group of that name; the message lists those there are.
+        """
+        checks.one_of("group", name, self.groups)
+        return np.isin(np.arange(self.particle_count), self.groups[name])
+
+    def __add__(self, other: "System") -> Self:
+        """Return one system that holds both, with the particles and connections of `other` behind."""
+        if not isinstance(other, System):
+            return NotImplemented
+        if other.dim != self.dim:
+            raise ValueError(f"cannot add a system of {other.dim} coordinates to one of {self.dim}")
+        if self.damper != other.damper and self.damping.any() and other.damping.any():
+            raise ValueError(f"cannot add a system damped by {other.damper} to one damped by {self.damper}")
+        n, c = self.particle_count, self.connection_count
+        surface = self.surface
+        if other.surface is not None:
+            surface = other.surface.behind(surface, n)
+        shifted = tuple(
+            {name: slice(part.start + c, part.stop + c) for name, part in body.items()}
+            for body in other.directions
+        )
+        connections = np.concatenate([self.connections, other.connections])
+        connections[c:] += n
+        groups = dict(self.groups)
+        for name, particles in other.groups.items():
+            groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
+        fields = {
+            name: joined(getattr(self, name), getattr(other, name))
+            for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)
+        }
+        if self.original_length is self.rest_length and other.original_length is other.rest_length:
+            fields["original_length"] = fields["rest_length"]
+        return self._of_own(
+            **fields,
+            connections=connections,
+            damper=self.damper if self.damping.any() else other.damper,
+            surface=surface,
+            directions=self.directions + shifted,
+            groups=groups,
+        )

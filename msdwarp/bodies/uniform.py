@@ -1,0 +1,37 @@
+"""Uniform arrays: one number, or one row, stored once and seen many times (a view whose first stride is 0).
+
+A constant that is the same everywhere costs one number of memory, on the host and on the device. Whoever makes,
+joins or reads arrays of a system does it by these functions, so that what is uniform stays so.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def uniform(value: ArrayLike, count: int) -> NDArray:
+    """Return a number or a row, seen `count` times: shape [count, ...], read-only."""
+    value = np.asarray(value)
+    return np.broadcast_to(value, (count, *value.shape))
+
+
+def is_uniform(values: NDArray) -> bool:
+    """Return whether an array of more than one entry stores only one."""
+    return len(values) > 1 and values.strides[0] == 0
+
+
+def stored(values: NDArray) -> NDArray:
+    """Return the entries that are stored: one of a uniform array, all of another."""
+    return values[:1] if is_uniform(values) else values
+
+
+def uniform_like(values: NDArray, like: NDArray) -> NDArray:
+    """Return `values`, computed entry by entry from `like`, stored once where `like` is."""
+    return uniform(values[0], len(values)) if is_uniform(like) else values
+
+
+def joined(a: NDArray, b: NDArray) -> NDArray:
+    """Return both arrays, one behind the other; uniform where both are, with the same entry."""
+    views = a.strides[:1] == b.strides[:1] == (0,)  # of one entry, too: two of the same are uniform
+    if views and len(a) and len(b) and np.array_equal(a[0], b[0]):
+        return uniform(a[0], len(a) + len(b))
+    return np.concatenate([a, b])

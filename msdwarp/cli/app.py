@@ -1,0 +1,141 @@
+"""The `msdwarp` command, and what a scene script runs when it is started by itself."""
+
+import ast
+import inspect
+import sys
+from dataclasses import fields, is_dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+from cyclopts import App, Parameter
+
+from .. import scenes
+from .file_commands import (
+    export_command,
+    info_command,
+    plot_command,
+    render_command,
+    rerun_command,
+    resume_command,
+)
+from .options import Options
+from .process import finish, start_warp
+from .run import run_scene
+from .scene_files import Build, Origin, find_scene, origin_of, scene_names
+from .tune import TuneOptions, tune_scene
+
+app = App(
+    name="msdwarp",
+    suppress_keyboard_interrupt=False,
+    help="Elastic bodies as particles joined by springs and dampers, on the GPU.",
+)
+
+
+def main() -> NoReturn:
+    """Run the `msdwarp` command."""
+    finish(lambda: app(sys.argv[1:], result_action="return_value"))
+
+
+def scene_main(build: Build) -> NoReturn:
+    """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
+    origin = origin_of(build)
+    scene_app = partial(_scene_app, origin, f"{origin.name}.py", Options, run_scene)
+    finish(lambda: scene_app()(sys.argv[1:], result_action="return_value"))
+
+
+@app.command(name="list")
+def list_scenes() -> None:
+    """List the scenes that come with msdwarp."""
+    for name in scene_names():
+        source = Path(scenes.__path__[0], name + ".py").read_text(encoding="utf-8")
+        summary = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+        print(f"{name:12} {summary}")
+
+
+for _name, _command in (
+    ("info", info_command),
+    ("render", render_command),
+    ("plot", plot_command),
+    ("export", export_command),
+    ("resume", resume_command),
+    ("rerun", rerun_command),
+):
+    app.command(_command, name=_name)
+
+
+Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
+
+
+@app.command(help_flags=())
+def run(scene: Words, /, *flags: Words) -> None:
+    """Simulate a scene and draw it.
+
+    `msdwarp run SCENE --help` shows the flags of a scene.
+
+    Parameters
+    ----------
+    scene
+        A name that `msdwarp list` shows, or the path of a scene script.
+    flags
+        The scene's own flags, and those of every run.
+    """
+    _with_scene("run", scene, flags, Options, run_scene)
+
+
+@app.command(name="tune", help_flags=())
+def tune_command(scene: Words, /, *flags: Words) -> None:
+    """Find the cheapest method, precision and substeps that keep a scene's error under a tolerance.
+
+    `msdwarp tune SCENE --help` shows the flags; `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
+
+    Parameters
+    ----------
+    scene
+        A name that `msdwarp list` shows, or the path of a scene script.
+    flags
+        The scene's own flags, and those of every tuning.
+    """
+    _with_scene("tune", scene, flags, TuneOptions, tune_scene)
+
+
+def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, action: Any) -> None:
+    if scene in ("--help", "-h"):
+        app.help_print([command])
+        return
+    scene_app = _scene_app(find_scene(scene), f"msdwarp {command} {scene}", options_type, action)
+    scene_app(list(flags), result_action="return_value")
+
+
+def _scene_app(origin: Origin, command: str, options_type: type, action: Any) -> App:
+    """Return the command whose flags are the parameters of `build` and the fields of `options_type`."""
+    defaults = options_type()
+
+    def act(*, options: Any = defaults, **parameters: Any) -> None:
+        start_warp(options.verbose)
+        chosen = origin._replace(parameters=parameters)
+        action(chosen, chosen.scene(), options)
+
+    own = inspect.signature(origin.build, eval_str=True).parameters.values()
+    own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
+    common = inspect.Parameter(
+        "options", inspect.Parameter.KEYWORD_ONLY, annotation=options_type, default=defaults
+    )
+    clash = {parameter.name for parameter in own} & _names(defaults)
+    if clash:
+        raise ValueError(f"build of scene {origin.name!r} has parameters that every run has: {sorted(clash)}")
+    act.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
+    act.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
+    act.__doc__ = origin.build.__doc__
+    scene_app = App(name=command, version_flags=(), suppress_keyboard_interrupt=False)
+    scene_app.default(act)
+    return scene_app
+
+
+def _names(options: Any) -> set[str]:
+    """Return the names of options, those within others among them."""
+    names = set()
+    for one in fields(options):
+        value = getattr(options, one.name)
+        names |= _names(value) if is_dataclass(value) else {one.name}
+    return names

@@ -1,0 +1,118 @@
+"""Drawing a trajectory: single frames, a film, and several poses in one picture."""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from rich.progress import Progress
+
+from ..files import Trajectory
+from ..pictures import ADVICE, Renderer, Scale, outermost, timelapse, write_film
+from ..studies import particle_energies, system_in
+from ..world import Scene
+from .options import Pictures, parse_resolution
+from .results import overlay_path
+
+Values = Callable[[int], NDArray[np.float64]]
+
+
+def draw(
+    scene: Scene,
+    trajectory: Trajectory,
+    folder: Path,
+    name: str,
+    pictures: Pictures,
+    progress: Progress,
+    *,
+    zoom: float = 1.0,
+) -> str:
+    """Draw a trajectory into a folder; return a line that says so.
+
+    Parameters
+    ----------
+    scene
+        What it is of; its system is the trajectory's.
+    trajectory
+        The frames.
+    folder, name
+        Where pictures go, and what the film is called.
+    pictures
+        What is drawn.
+    progress
+        Where it is shown how far it is.
+    zoom
+        How much nearer the camera comes than where it sees all.
+    """
+    began, count = time.perf_counter(), len(trajectory)
+    colouring, values = _colouring(scene, trajectory, pictures.colour)
+    size = parse_resolution(pictures.resolution)
+    seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in range(count)]
+    renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=zoom)
+    if not renderer.uses_opengl:
+        progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
+    positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
+    if not pictures.frames == pictures.video == "none":
+        shown = progress.track(range(count), count, description="drawing")
+        images = (renderer.image(positions[k], times[k], values and values(k)) for k in shown)
+        formats = {"frames": pictures.frames, "video": pictures.video}
+        path = write_film(images, count, folder, name=name, fps=trajectory.fps, **formats)
+        drawn.append(f"{count} frame{'s' if count > 1 else ''}")
+        if pictures.frames == "png":
+            others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
+            results.append(f"{folder / 'frame_0000.png'}{others}")
+        if path is not None:
+            results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+    if pictures.overlay is not None:
+        chosen = np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))
+        path = overlay_path(folder, name)
+        all_values = None if values is None else np.array([values(k) for k in chosen])
+        Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
+        drawn.append(f"an overlay of {len(chosen)} poses")
+        results.append(str(path))
+    seconds = time.perf_counter() - began
+    return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
+
+
+def _colouring(
+    scene: Scene, trajectory: Trajectory, colour: str | None
+) -> tuple[str | Scale | None, Values | None]:
+    """Return how a body is coloured, and what gives the values of its particles in frame k, if any are shown.
+
+    The scale ends where, in the frame in which they are largest, all but a hundredth of the particles are below.
+    """
+    if colour not in _SHOWN:
+        return colour, None
+    label, values_of = _SHOWN[colour]
+
+    def values(k: int) -> NDArray[np.float64]:
+        return values_of(scene, trajectory, k)
+
+    largest = max(float(np.quantile(values(k), 0.99)) for k in range(len(trajectory)))
+    return Scale(label, _rounded_up(largest)), values
+
+
+def _speeds(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
+    return np.linalg.norm(trajectory.velocities[k].astype(np.float64), axis=1)
+
+
+def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
+    return particle_energies(system_in(trajectory, k, scene.schedule))
+
+
+_SHOWN: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
+    "velocity": ("speed [m/s]", _speeds),
+    "energy": ("energy of a particle and half its connections [J]", _energies),
+}
+"""What can be shown of particles, by name: what it is called, and its values in a frame."""
+
+
+def _rounded_up(value: float) -> float:
+    """Return a number of one or two digits that is not less; 1 where nothing is above 0."""
+    if value <= 0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * power >= value * (1 - 1e-9))

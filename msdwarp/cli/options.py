@@ -1,0 +1,163 @@
+"""Options: what can be said of every run, whatever its scene."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from .. import checks
+from ..pictures import check_formats
+from .results import overlay_path
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Pictures:
+    """What is drawn of a run.
+
+    Parameters
+    ----------
+    frames
+        Format of the single frames.
+    video
+        Format of the film; mp4 needs the extra `video`. With both none and no overlay nothing is drawn.
+    overlay
+        Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
+    resolution
+        Width and height of the pictures in pixels.
+    colour
+        The surface as it looks, connections from green (rest) to red (strained), or the body by the speed or the
+        energy of its particles; by default as the scene looks best.
+    """
+
+    frames: Literal["png", "none"] = "png"
+    video: Literal["webp", "mp4", "gif", "none"] = "webp"
+    overlay: int | None = None
+    resolution: str = "1280x720"
+    colour: Literal["texture", "strain", "velocity", "energy"] | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is to be drawn."""
+        return self.overlay is not None or not self.frames == self.video == "none"
+
+    def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
+        """Tell whether all that is to be drawn of so many frames has been."""
+        wanted = [] if self.overlay is None else [overlay_path(folder, name)]
+        wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
+        wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
+        return all(path.exists() for path in wanted)
+
+    def check(self, frame_count: int) -> None:
+        """Raise ValueError unless so many frames can be drawn."""
+        check_formats(self.frames, self.video)
+        parse_resolution(self.resolution)
+        if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
+            raise ValueError(
+                f"overlay is {self.overlay}; the run has {frame_count} frames, and it must be at most that"
+            )
+
+
+def parse_resolution(text: str) -> tuple[int, int]:
+    """Return (width, height) of "WIDTHxHEIGHT"; raise ValueError unless both are even, from 64 to 16384."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    size = tuple(map(int, match.groups())) if match else ()
+    if len(size) != 2 or any(not 64 <= n <= 16384 or n % 2 for n in size):
+        raise ValueError(
+            f"resolution is {text!r}; it must be WIDTHxHEIGHT, both even and from 64 to 16384, such as 1280x720"
+        )
+    return size
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What can be said of every run, whatever the scene.
+
+    Parameters
+    ----------
+    device
+        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+    precision
+        Numbers of the simulation; by default float32.
+    route
+        How forces are summed, a matter of speed alone; auto takes the fastest. On a GPU gather and stencil (of
+        lattices) give the same result to the last bit each time.
+    integrator
+        Time-stepping method; by default symplectic-euler.
+    substeps
+        Integrator steps per frame; auto chooses them by the scene's stability limit.
+    allow_unstable
+        Accept substeps beyond the stability limit.
+    tolerance
+        Choose integrator, precision and substeps so that the error stays under this share of the body's size
+        (see `msdwarp tune`).
+    duration
+        Simulated time [s]; by default the scene's own.
+    fps
+        Frames per second of simulated time.
+    out
+        Folder for the results; by default out/SCENE, or out/SCENE-2 ... where that is taken.
+    trajectory
+        Keep frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, and slower), or none.
+    every
+        Keep, and draw, the first frame and each so many behind it.
+    strain
+        Keep the strain of every connection too: in a lattice twice as many numbers as all else.
+    restart
+        Seconds of computing after which restart.h5 is written anew beside the trajectory; `msdwarp resume` goes on
+        from it. It is written at the end too; 0 writes none.
+    log
+        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it.
+    force
+        Replace an earlier run's results in --out and --log.
+    quiet
+        Print errors only.
+    verbose
+        Let Warp and VTK speak too.
+    """
+
+    device: str | None = None
+    precision: Literal["float32", "float32-compensated", "float64"] | None = None
+    route: Literal["auto", "scatter", "gather", "stencil"] = "auto"
+    integrator: (
+        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
+        | None
+    ) = None
+    substeps: int | Literal["auto"] = "auto"
+    allow_unstable: Annotated[bool, Parameter(negative=())] = False
+    tolerance: float | None = None
+    duration: float | None = None
+    fps: float = 60.0
+    out: Path | None = None
+    pictures: Pictures = field(default_factory=Pictures)
+    trajectory: Literal["plain", "compressed", "none"] = "plain"
+    every: int = 1
+    strain: bool = True
+    restart: float = 60.0
+    log: Path | None = None
+    force: Annotated[bool, Parameter(negative=())] = False
+    quiet: Annotated[bool, Parameter(negative=())] = False
+    verbose: Annotated[bool, Parameter(negative=())] = False
+
+    def check(self, last: int) -> None:
+        """Raise ValueError unless a run up to frame `last` can be kept and drawn as they say."""
+        checks.non_negative("restart", self.restart)
+        self.pictures.check(last // checks.count("every", self.every, 1) + 1)
+
+    def as_stored(self) -> dict[str, Any]:
+        """Return them as JSON has them."""
+        log = self.log and str(self.log.absolute())  # for whoever goes on from another folder
+        return asdict(self) | {"out": self.out and str(self.out), "log": log}
+
+    @classmethod
+    def stored(cls, values: Mapping[str, Any], **changes: Any) -> "Options":
+        """Return what `as_stored` gave, with changes; raise ValueError where another version stored it."""
+        unknown = values.keys() ^ {one.name for one in fields(cls)}
+        if unknown:
+            raise ValueError(f"the run's options are those of another version of msdwarp: {sorted(unknown)}")
+        paths = {name: values[name] and Path(values[name]) for name in ("out", "log")}
+        return cls(**{**values, **paths, "pictures": Pictures(**values["pictures"]), **changes})

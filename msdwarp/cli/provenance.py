@@ -1,0 +1,138 @@
+"""What made a run, as text that a file can hold, and the scene built again from that text."""
+
+import hashlib
+import inspect
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from enum import Enum, EnumType
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import numpy as np
+
+from .. import checks
+from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
+from ..world import Scene
+from .scene_files import Origin, find_scene
+
+
+def about(origin: Origin, scene: Scene) -> dict[str, Any]:
+    """Return what made a run, as JSON has it: the scene, how it is built again, and by what program."""
+    defaults = inspect.signature(origin.build).parameters.items()
+    parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
+    return {
+        "scene": origin.place,
+        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=_as_json)),
+        "gravity": np.asarray(scene.gravity).tolist(),
+        "schedule": len(scene.schedule),
+        "digest": digest(scene),
+        "command": list(sys.argv),
+        "versions": {package: _version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
+        "commit": commit(),
+    }
+
+
+def built_again(attributes: Mapping[str, Any]) -> tuple[Origin, Scene]:
+    """Return the scene that a file's attributes say it came from, built again.
+
+    Its script is run, if it came from one.
+
+    Raises
+    ------
+    ValueError
+        If they do not say so, or it cannot be built.
+    """
+    place = str(checks.member("the file", attributes, "scene"))
+    found = find_scene(place)
+    known = inspect.signature(found.build, eval_str=True).parameters
+    stored = checks.member("the file", attributes, "parameters")
+    unknown = stored.keys() - known.keys()
+    if unknown:
+        raise ValueError(f"build of scene {place!r} no longer has the parameters {sorted(unknown)}")
+    parameters = {name: _as_declared(value, known[name].annotation) for name, value in stored.items()}
+    found = found._replace(parameters=parameters)
+    return found, found.scene()
+
+
+def _as_declared(value: Any, annotation: Any) -> Any:
+    """Return a value that JSON held as what it is declared to be, with its paths, tuples and Enum members."""
+    if get_origin(annotation) is Annotated:
+        return _as_declared(value, get_args(annotation)[0])
+    for kind in get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,):
+        if isinstance(value, str):
+            if kind is Path:
+                return Path(value)
+            if isinstance(kind, EnumType) and value in kind.__members__:
+                return kind[value]
+        whole = get_origin(kind) or kind
+        if isinstance(value, list) and whole in (list, tuple, set):
+            inner = [one for one in get_args(kind) if one is not ...] or [Any]
+            inner += inner[-1:] * (len(value) - len(inner))
+            return whole(_as_declared(*both) for both in zip(value, inner, strict=False))
+    return value
+
+
+def _as_json(value: Any) -> Any:
+    """Return what stands for a value that JSON cannot hold."""
+    if isinstance(value, set | frozenset):
+        return sorted(value)
+    return value.name if isinstance(value, Enum) else str(value)
+
+
+def digest(scene: Scene) -> str:
+    """Return a short text that two scenes share if the same moves in them in the same surroundings.
+
+    Functions are in it by some of their values: where a collider is now and then, what a change makes of a start.
+    """
+    found = hashlib.sha256()
+    for part in _parts(scene):
+        found.update(part)
+    return found.hexdigest()[:16]
+
+
+def _parts(scene: Scene) -> Iterator[bytes]:
+    for field in fields(System):
+        values = getattr(scene.system, field.name)
+        if isinstance(values, np.ndarray):
+            yield f"{field.name} {values.shape}".encode()
+            yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
+    yield repr((scene.system.damper, np.asarray(scene.gravity, dtype=float).tolist())).encode()
+    for collider in scene.colliders:
+        held = {field.name: getattr(collider, field.name) for field in fields(collider) if field.name != "motion"}
+        yield repr((type(collider).__name__, held)).encode()
+        for time in np.linspace(0.0, scene.duration, 9) if collider.motion is not None else ():
+            for part in collider.pose(float(time), scene.system.dim):
+                yield np.asarray(part, dtype=float).tobytes()
+    for change in scene.schedule:
+        yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
+        changed = change.applied_to(scene.system)
+        for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+            yield np.ascontiguousarray(getattr(changed, name)).tobytes()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from its sources alone
+        return None
+
+
+def commit() -> str | None:
+    """Return the commit of the working copy that this is, with a + where it was changed since; None if none."""
+    folder = Path(__file__).parent
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=True, timeout=5)
+        return done.stdout.strip()
+
+    try:
+        if not git("ls-files", "--", Path(__file__).name):  # a copy that happens to lie within another project
+            return None
+        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None

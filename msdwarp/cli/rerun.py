@@ -1,0 +1,78 @@
+"""Rerunning: simulate again what is in a trajectory, and compare."""
+
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from rich.console import Console
+
+from ..files import Trajectory
+from ..studies import compare
+from .options import Options, Pictures
+from .process import alone_in
+from .provenance import about, built_again
+from .results import TRAJECTORY, result_folder
+from .run import Run, simulation_by, used
+
+
+def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> str | None:
+    """Simulate again what a trajectory holds; return in what it differs, None if in nothing.
+
+    Parameters
+    ----------
+    path
+        The trajectory.
+    device
+        Where to simulate; by default where it was.
+    out
+        A folder to keep the result in, with the pictures that the run asked for; by default it is not kept.
+    quiet
+        Show no progress.
+
+    Raises
+    ------
+    ValueError
+        If the file does not say what made it, or that cannot be built or simulated here.
+    """
+    with Trajectory(path) as trajectory, contextlib.ExitStack() as stack:
+        attributes = trajectory.attributes
+        origin, scene = built_again(attributes)
+        changes = {"log": None, "restart": 0.0, "quiet": True, "device": device or attributes["device"]}
+        options = Options.stored(attributes["options"], **changes)
+        if options.trajectory == "none":
+            options = replace(options, trajectory="plain")
+        if out is None:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            options = replace(options, pictures=Pictures(frames="none", video="none"))
+        else:
+            folder = result_folder(origin.name, out, False)
+        simulation = simulation_by(scene, options)
+        new = about(origin, scene) | used(simulation, options)
+        last = (len(trajectory) - 1) * options.every
+        talk = Console(stderr=True, quiet=quiet)
+        with alone_in(folder):
+            Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
+        with Trajectory(folder / TRAJECTORY) as again:
+            if again.positions.shape != trajectory.positions.shape:
+                return f"it has {again.positions.shape[1]} particles now, not {trajectory.positions.shape[1]}"
+            found = compare(trajectory, again)
+            if found.first is None:
+                return None
+            said = f"it differs from frame {found.first} ({trajectory.times[found.first]:.4g} s) on"
+            size = float(np.ptp(trajectory.positions[0], axis=0).max()) or 1.0
+            said += f", by at most {found.largest:.2g} m, {found.largest / size:.1g} of the body's size, in frame "
+            return f"{said}{found.frame}{_why(attributes, new)}"
+
+
+def _why(before: dict, now: dict) -> str:
+    """Return what was other than now and may be why."""
+    other = [
+        f"{name} was {before.get(name)!r}, and is {now[name]!r}"
+        for name in ("digest", "versions", "commit", "device_name", "route", "precision", "substeps")
+        if before.get(name) != now[name]
+    ]
+    if now["route"] == "scatter" and now["device"] != "cpu":
+        other.append("sums scattered on a GPU are not repeatable to the last bit")
+    return "".join(f"\n  {line}" for line in other)

@@ -1,0 +1,60 @@
+"""Results: the folder of a run, and the files in it."""
+
+from pathlib import Path
+
+from .. import disk
+from ..disk import is_unfinished
+from ..pictures import FILM_FORMATS
+
+TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
+
+
+def result_folder(name: str, out: Path | None, force: bool) -> Path:
+    """Create and return the folder for results.
+
+    Raises
+    ------
+    FileExistsError
+        If `out` is given, holds something, and `force` is False.
+    OSError
+        If it cannot be created or written to.
+    """
+    folder = out
+    if folder is None:
+        folder = Path("out") / name if force else free_folder(Path("out") / name)
+    elif not force and folder.is_dir() and _holds_something(folder):
+        raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
+    disk.writable_folder("out", folder, folder)
+    return folder
+
+
+def remove_results(folder: Path, name: str) -> None:
+    """Remove what an earlier run of this name has left in a folder."""
+    unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
+    for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, *unfinished):
+        path.unlink(missing_ok=True)
+
+
+def _holds_something(folder: Path) -> bool:
+    return not all(map(is_unfinished, folder.iterdir()))
+
+
+def free_folder(wanted: Path) -> Path:
+    """Return a folder that is not there or empty: the one wanted, or one with the next free number behind."""
+    folder, k = wanted, 2
+    while folder.exists() and (not folder.is_dir() or _holds_something(folder)):
+        folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1
+    return folder
+
+
+def pictures_in(folder: Path, name: str) -> list[Path]:
+    """Return the pictures in a folder that a run of this name would replace."""
+    films = [folder / f"{name}.{end}" for end in FILM_FORMATS]
+    return [
+        p for p in (*sorted(folder.glob("frame_[0-9]*.png")), *films, overlay_path(folder, name)) if p.exists()
+    ]
+
+
+def overlay_path(folder: Path, name: str) -> Path:
+    """Return the file of the picture of several poses."""
+    return folder / f"{name}_overlay.png"

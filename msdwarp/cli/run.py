@@ -1,0 +1,231 @@
+"""Running a scene: simulate it, keep every frame, then draw them."""
+
+import shlex
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from ..files import Trajectory, TrajectoryWriter, write_restart
+from ..integrators import DEFAULT, METHODS
+from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
+from ..studies import EnergyLog, cheapest, simulation_of, tune
+from ..world import Scene
+from .draw import draw
+from .options import Options
+from .process import Interrupted, alone_in, progress_on, stop_asked_for
+from .provenance import about
+from .results import RESTART, TRAJECTORY, remove_results, result_folder
+from .scene_files import Origin
+
+
+def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
+    """Simulate a scene, keep its frames, draw them, and say what was done.
+
+    Raises
+    ------
+    ValueError, OSError
+        If an option is out of its range or `out` cannot be used: before anything is written.
+    SimulationDiverged, Interrupted
+        If the simulation ends early; what there is until then is kept.
+    """
+    talk = Console(stderr=True, quiet=options.quiet)
+    options = replace(options, duration=scene.duration if options.duration is None else options.duration)
+    last = last_frame(options)
+    options.check(last)
+    if options.tolerance is not None:
+        options = _tuned(scene, options, talk)
+    simulation = simulation_by(scene, options)
+    log = None if options.log is None else EnergyLog(options.log, force=options.force)
+    wanted = options.pictures.any or options.trajectory != "none"
+    folder = result_folder(origin.name, options.out, options.force) if wanted else None
+    made_by = about(origin, scene) | used(simulation, options) if options.trajectory != "none" else {}
+    with alone_in(folder):
+        if folder is not None and options.force:
+            remove_results(folder, origin.name)
+        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
+
+
+def last_frame(options: Options) -> int:
+    """Return the number of the last frame, counted from 0."""
+    assert options.duration is not None
+    return frame_count(options.duration, options.fps)
+
+
+def simulation_by(scene: Scene, options: Options) -> Simulation:
+    """Return the simulation of a scene that options ask for."""
+    return simulation_of(
+        scene,
+        integrator=METHODS[options.integrator or DEFAULT],
+        fps=options.fps,
+        substeps=options.substeps,
+        allow_unstable=options.allow_unstable,
+        device=options.device,
+        precision=options.precision or "float32",
+        route=options.route,
+    )
+
+
+def used(simulation: Simulation, options: Options) -> dict[str, Any]:
+    """Return how it is simulated, and the options that said so or left it open, as JSON has it."""
+    model = simulation.model
+    return {
+        "integrator": options.integrator or DEFAULT,
+        "precision": model.precision,
+        "substeps": simulation.substeps,
+        "route": model.route,
+        "device": simulation.device,
+        "device_name": model.device.name,
+        "options": options.as_stored(),
+    }
+
+
+def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
+    """Return the options with the cheapest method under their tolerance."""
+    assert options.tolerance is not None
+    if options.integrator or options.precision or options.substeps != "auto":
+        raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
+    if options.fps != 60.0:
+        raise ValueError(f"fps is {options.fps:g}; with a tolerance it must be 60")
+    with talk.status("tuning"):
+        found, _ = tune(scene, options.tolerance, device=options.device)
+    best: Any = cheapest(found, options.tolerance)
+    talk.print(f"tuned: {best.method} keeps the error to {best.error:.1e} of the body's size", highlight=False)
+    return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)
+
+
+@dataclass
+class Run:
+    """A simulation, and where its frames go."""
+
+    scene: Scene
+    options: Options
+    simulation: Simulation
+    folder: Path | None
+    """Where results go; None where frames are neither kept nor drawn."""
+    name: str
+    """What the film is called."""
+    made_by: dict[str, Any]
+    """What made the run."""
+    log: EnergyLog | None
+    talk: Console
+    """Where it is shown how far it is."""
+
+    def __post_init__(self) -> None:
+        """See what is to be kept."""
+        self._keeps = self.options.trajectory != "none"
+        self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
+
+    def to(self, last: int, *, behind: int = 0) -> None:
+        """Simulate up to frame `last`, keep the frames behind the first `behind`, draw all, and say so.
+
+        Raises
+        ------
+        SimulationDiverged, Interrupted, OSError
+            If it ends early; what was kept until then is whole, and unless it was interrupted it is drawn.
+        """
+        trouble: SimulationDiverged | None = None
+        with ExitStack() as stack:
+            progress = stack.enter_context(progress_on(self.talk))
+            # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
+            kept_in = self.folder if self._keeps else None
+            path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
+            began, start = time.perf_counter(), self.simulation.time
+            try:
+                with ExitStack() as files:
+                    log = files.enter_context(self.log) if self.log is not None else None
+                    writer = files.enter_context(self._writer(path, last, behind)) if self.folder else None
+                    self._simulate(last, behind, writer, log, progress)
+            except SimulationDiverged as error:
+                trouble = error  # told once what there is has been drawn
+            lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
+            if self._keeps:
+                lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+            if self.folder is not None and self.options.pictures.any:
+                with Trajectory(path) as trajectory:
+                    pictures = self.options.pictures
+                    lines.append(draw(self.scene, trajectory, self.folder, self.name, pictures, progress))
+        if not self.options.quiet:
+            print(*lines, sep="\n")
+        if trouble is not None:
+            raise trouble
+
+    def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
+        return TrajectoryWriter(
+            path,
+            self.scene.system,
+            fps=self.options.fps,
+            frame_count=last + 1,
+            compress=self.options.trajectory == "compressed",
+            every=self.options.every,
+            strain=self._strain,
+            attributes=self.made_by,
+            behind=behind,
+        )
+
+    def _simulate(
+        self, last: int, behind: int, writer: TrajectoryWriter | None, log: EnergyLog | None, progress: Progress
+    ) -> None:
+        """Simulate frame by frame."""
+        simulation, readback = self.simulation, Readback(self.simulation, strain=self._strain)
+        saved = time.monotonic()
+        with stop_asked_for(self.talk) as asked:
+            for k in progress.track(range(behind, last + 1), description="simulating"):
+                if k:
+                    self._step(writer)
+                if writer is not None:
+                    writer.write_pending(readback.take() if writer.wants_next() else None)
+                if log is not None:
+                    log.write(simulation.time, simulation.measure())
+                if asked:
+                    self._save(writer)
+                    raise Interrupted(self._farewell(asked[0], last), asked[0])
+                if k == behind or time.monotonic() - saved > self.options.restart:
+                    self._save(writer)
+                    saved = time.monotonic()
+            self._save(writer)
+
+    def _step(self, writer: TrajectoryWriter | None) -> None:
+        """Advance by a frame; if that fails, the simulation is at the frame before."""
+        try:
+            self.simulation.step()
+        except SimulationDiverged:
+            self._save(writer)
+            raise
+
+    def _save(self, writer: TrajectoryWriter | None) -> None:
+        """Write the restart file, once the frames up to the present one are on the disk."""
+        if writer is None or self.folder is None or not self._keeps or not self.options.restart:
+            return
+        writer.flush()
+        arrays, numbers = self.simulation.checkpoint()
+        write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
+
+    def _farewell(self, number: int, last: int) -> str:
+        """Say where the run has ended, and how it goes on."""
+        word = "interrupted" if number == signal.SIGINT else "terminated"
+        said = f"{word} at {self.simulation.time:.4g} s, after frame {self.simulation.frame_index} of {last}"
+        return (
+            f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
+            if self._keeps and self.options.restart
+            else said
+        )
+
+
+def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
+    """Say what was simulated, with which steps and why, and how fast."""
+    system = simulation.system
+    yield (
+        f"{system.particle_count} particles and {system.connection_count} connections by "
+        f"{options.integrator or DEFAULT} in {simulation.model.precision} on {simulation.device}: "
+        f"{simulation.choice}"
+    )
+    time_simulated = simulation.time - start
+    yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {time_simulated / seconds:.2g} times real time"

@@ -1,0 +1,79 @@
+"""Scene files: a scene found by its name or its script."""
+
+import importlib.util
+import inspect
+import pkgutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .. import scenes
+from ..world import Scene
+
+Build = Callable[..., Scene]
+
+
+class Origin(NamedTuple):
+    """Where a scene comes from."""
+
+    name: str
+    """What its results are called."""
+    place: str
+    """A name that `msdwarp list` shows, or the absolute path of a script."""
+    build: Build
+    """Builds it."""
+    parameters: Mapping[str, Any]
+    """What it was built with; what is not among them is as `build` has it."""
+
+    def scene(self) -> Scene:
+        """Return the scene; raise ValueError if `build` returns something else."""
+        scene = self.build(**self.parameters)
+        if not isinstance(scene, Scene):
+            raise ValueError(f"build of scene {self.name!r} returned {scene!r}; it must return a Scene")
+        return scene
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes that come with msdwarp."""
+    return sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
+
+
+def find_scene(scene: str) -> Origin:
+    """Return a scene, given by name or by the path of its script, with no parameters.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scene, or its script has no `build`.
+    """
+    path = Path(scene)
+    if scene in scene_names():
+        name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
+    elif path.suffix == ".py" and path.is_file():
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec is not None
+        assert spec.loader is not None
+        name, module = path.stem, importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
+        sys.path.insert(0, str(path.parent.resolve()))  # as `python my_scene.py` has it
+        try:
+            spec.loader.exec_module(module)
+        except SystemExit as error:
+            guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
+            raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
+    elif path.suffix == ".py":
+        raise ValueError(f"scene is {scene!r}, a script that is not there")
+    else:
+        raise ValueError(f"scene is {scene!r}; it must be a script's path or one of {', '.join(scene_names())}")
+    if not callable(getattr(module, "build", None)):
+        raise ValueError(f"scene is {scene!r}, whose script has no function `build`")
+    place = scene if scene in scene_names() else str(path.resolve())
+    return Origin(name, place, module.build, {})
+
+
+def origin_of(build: Build) -> Origin:
+    """Return the origin of the scenes that a script's `build` makes."""
+    path = Path(inspect.getfile(build)).resolve()
+    own = path.parent in {Path(folder).resolve() for folder in scenes.__path__}
+    return Origin(path.stem, path.stem if own else str(path), build, {})

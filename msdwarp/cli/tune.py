@@ -1,0 +1,77 @@
+"""Tuning a scene from the command line: every method's error against its cost, and the choice."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from ..integrators import DEFAULT
+from ..studies import cheapest, tune
+from ..world import Scene
+from .scene_files import Origin
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TuneOptions:
+    """What can be said of every tuning, whatever the scene.
+
+    Parameters
+    ----------
+    tolerance
+        Error allowed, as a share of the body's size.
+    horizon
+        Time over which errors are measured [s].
+    device
+        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+    verbose
+        Let Warp speak too.
+    """
+
+    tolerance: float = 1e-3
+    horizon: float = 1.0
+    device: str | None = None
+    verbose: Annotated[bool, Parameter(negative=())] = False
+
+
+def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
+    """Print every method's error and cost on a scene, and the flags of the cheapest under the tolerance.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its range, or no method is under the tolerance.
+    """
+    with Console(stderr=True).status("tuning") as status:
+        found, horizon = tune(
+            scene,
+            options.tolerance,
+            device=options.device,
+            horizon=options.horizon,
+            report=lambda line: status.update(f"tuning: {line}"),
+        )
+    best = cheapest(found, options.tolerance)
+    table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a share of its size")
+    for heading in ("method", "precision", "substeps", "error", "time per second"):
+        table.add_column(heading, justify="left" if heading in ("method", "precision") else "right")
+    for one in found:
+        style = "bold" if one is best else ("" if one.error <= options.tolerance else "dim")
+        cells = (one.method, one.precision, str(one.substeps), f"{one.error:.1e}", _time(one.seconds))
+        table.add_row(*cells, style=style)
+    Console().print(table)
+    default = next(one for one in found if one.method == DEFAULT)
+    print(
+        f"cheapest under {options.tolerance:g}: --integrator {best.method} --precision {best.precision} "
+        f"--substeps {best.substeps}"
+    )
+    print(
+        f"error {best.error:.1e}, {default.seconds / best.seconds:.2g} times as fast as the default "
+        f"({default.method}, {default.substeps} substeps, error {default.error:.1e})"
+    )
+
+
+def _time(seconds: float) -> str:
+    return "" if math.isnan(seconds) else f"{1e3 * seconds:.1f} ms"

@@ -1,0 +1,69 @@
+"""Files that have their name only once they are whole."""
+
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_MARK = ".unfinished"
+
+
+def writable_folder(name: str, value: Path, folder: Path) -> None:
+    """Create a folder where it is missing; raise OSError, which names the argument, if it cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = "it is no folder" if folder.exists() and not folder.is_dir() else error.strerror or error
+        raise OSError(f"{name} is {value}, which cannot be written to: {reason}") from error
+
+
+@contextmanager
+def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+    """Give another name beside `path`, with the same ending: what is written there becomes `path` at the end.
+
+    Where that fails, by an error or a signal, `path` stays as it is, and nothing is left beside it. If it is to be
+    `durable`, a power cut leaves the whole old file or the whole new one too.
+    """
+    unfinished = path.with_name(f".{path.stem}{_MARK}{path.suffix}")
+    try:
+        yield unfinished
+        if durable:
+            _sync(unfinished, os.O_RDONLY)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    if durable and hasattr(os, "O_DIRECTORY"):  # the name is in the folder
+        _sync(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+
+
+def _sync(path: Path, flags: int) -> None:
+    """Have the system put on the disk what it was given of a file or a folder."""
+    number = os.open(path, flags)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+
+
+def is_unfinished(path: Path) -> bool:
+    """Tell whether a file is what a process that was killed was about to write."""
+    return path.name.startswith(".") and _MARK in path.name
+
+
+def reserve(number: int, start: int, size: int, folder: Path) -> None:
+    """Take room on the disk for an open file in `folder`, from byte `start` on; raise OSError if there is none."""
+    try:
+        os.posix_fallocate(number, start, size)
+        return
+    except AttributeError:
+        pass  # a system that cannot reserve
+    except OSError as error:
+        if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):  # a disk that cannot
+            raise
+    if shutil.disk_usage(folder).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

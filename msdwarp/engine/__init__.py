@@ -1,0 +1,26 @@
+"""One substep on a device. The only room that composes and launches the kernels that move particles."""
+
+from .dynamics import Dynamics
+from .linearised import add_linearised, write_diagonal_blocks
+from .measures import Measures, measure, write_strain
+from .model import Model
+from .rates import Rates, rate_bounds
+from .state import State
+from .stepper import Stepper
+from .watch import Backup, Watch
+
+__all__ = [
+    "Backup",
+    "Dynamics",
+    "Measures",
+    "Model",
+    "Rates",
+    "State",
+    "Stepper",
+    "Watch",
+    "add_linearised",
+    "measure",
+    "rate_bounds",
+    "write_diagonal_blocks",
+    "write_strain",
+]

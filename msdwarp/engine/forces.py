@@ -1,0 +1,171 @@
+"""The routes to the forces, as a model needs them: what their kernels read, on the device.
+
+`data` is the struct that the functions of `route` read; see `msdwarp.kernels.forces`.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import System, is_uniform
+from ..kernels.forces import CHUNK, CONSTANTS, KIND_SHIFT, MOST_KINDS, SLICE, gather, scatter, stencil, tables
+from .model import Model
+
+
+class Scatter:
+    """The route by connections."""
+
+    def __init__(self, model: Model) -> None:
+        storage, fields = stored_constants(model)
+        self.route = scatter(model.dim, model.scalar, model.damper, model.compensated, storage)
+        self.data = self.route.Forces()
+        self.data.f, self.data.connections = model.vectors(), model.connections
+        for name, value in fields.items():
+            setattr(self.data.constants, name, value)
+
+
+class Gather:
+    """The route by particles, with a table of neighbours that is built on the device."""
+
+    def __init__(self, model: Model) -> None:
+        storage, fields = stored_constants(model)
+        packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
+        storage = "packed" if packed else "listed" if model.yields else storage
+        self.route = gather(model.dim, model.scalar, model.damper, model.compensated, storage)
+        self.data = self.route.Forces()
+        self.data.first, self.data.other, connection = neighbour_table(model)
+        if packed:
+            kind, other = fields.pop("kind"), self.data.other
+            wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
+        if model.yields:  # rest lengths change, and both ends must see it
+            fields["connection"] = connection
+        for name, value in fields.items():
+            by_connection = storage == "own" or name == "kind"
+            setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
+
+
+def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
+    """Return how the constants of connections are best stored, and the fields of the struct that holds them.
+
+    See `msdwarp.kernels.forces.constants`.
+    """
+    three, device = wp.types.vector(3, model.scalar), model.device
+    kinds = None if model.yields else find_kinds(model.system)
+    if kinds is None:
+        own = {name: getattr(model, name) for name in CONSTANTS}
+        return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
+    table, kind = kinds
+    if len(table) == 1:
+        return "one", {"all": three(*map(float, table[0]))}
+    padded = np.zeros((len(table), 4))
+    padded[:, :3] = table
+    records = wp.array(padded.ravel(), dtype=model.scalar, device=device)
+    held = wp.array(
+        ptr=records.ptr,
+        dtype=three,
+        shape=len(table),
+        strides=(4 * wp.types.type_size_in_bytes(model.scalar),),
+        device=device,
+    )
+    held._ref = records
+    return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
+
+
+def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+    """Return the different constants that connections have, shape [kind_count, 3], and the kind of each.
+
+    None if there are more than a byte can tell apart.
+    """
+    tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
+    count = 1
+    for name in CONSTANTS:
+        values = getattr(system, name)
+        if len(values) == 0 or is_uniform(values):
+            tables.append(values[:1] if len(values) else np.zeros(1))
+            continue
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample tells most cases
+        place = np.zeros(len(values), dtype=np.uint8)
+        while True:
+            if count * len(different) > MOST_KINDS:
+                return None
+            place = np.minimum(np.searchsorted(different, values), len(different) - 1).astype(np.uint8)
+            missed = values[different[place] != values]
+            if len(missed) == 0:
+                break
+            different = np.union1d(different, missed[: MOST_KINDS + 1])
+        tables.append(different)
+        if len(different) > 1:
+            kind = kind + place * np.uint8(count)
+            count *= len(different)
+    combined = np.stack(np.meshgrid(*tables[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return combined, kind
+
+
+def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
+    """Return a value of each slot's connection; 1 in slots that pad."""
+    slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
+    wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
+    return slots
+
+
+def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
+    """Return (first, other, connection): where slices of the table begin, and what each slot names.
+
+    The slots of a particle are in the order of its connections, whatever the device; slots that pad name no
+    connection (−1), and the particle itself.
+    """
+    n, ends, device = model.particle_count, 2 * model.connection_count, model.device
+
+    def integers(size: int) -> wp.array:
+        return wp.zeros(size, dtype=int, device=device)
+
+    def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
+        wp.launch(kernel, threads, inputs, outputs, device=device)
+
+    particle, end = integers(2 * ends), integers(2 * ends)  # sorting needs as much again
+    launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
+    wp.utils.radix_sort_pairs(particle, end, ends)
+    count, start = integers(n), integers(n)
+    launch(tables.count_ends, ends, [particle], [count])
+    wp.utils.array_scan(count, start, inclusive=False)
+    slices = -(-n // SLICE)
+    length, first = integers(slices + 1), integers(slices + 1)
+    launch(tables.measure_slices, slices, [count], [length])
+    wp.utils.array_scan(length, first, inclusive=False)
+    slots = int(first[slices:].numpy()[0])
+    other = integers(slots + SLICE * CHUNK)  # a chunk more is read, and not used
+    connection = wp.full(slots, -1, dtype=int, device=device)
+    launch(tables.name_itself, slices, [first], [other, n])
+    launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
+    return first, other, connection
+
+
+class Stencil:
+    """The route by particles of lattices, which need no table."""
+
+    def __init__(self, model: Model) -> None:
+        lattice, device = model.lattice, model.device
+        assert lattice is not None
+        kinds = (model.dim, model.scalar, model.damper, model.compensated)
+        self.route = stencil(*kinds, lattice.steps, lattice.uniform)
+        data = self.data = self.route.Forces()
+        data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
+        if lattice.uniform:
+            data.stride = lattice.stride
+            data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+            for name in CONSTANTS:
+                values = lattice.constants[name][0]
+                setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+            return
+        shift = lattice.shift
+        if shift.ndim == 1:
+            shift = np.repeat(shift[:, None], model.particle_count, axis=1)
+        data.shift = wp.array(shift, dtype=int, device=device)
+        data.kind = wp.array(lattice.kind, dtype=int, device=device)
+        for name in CONSTANTS:
+            setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
+
+
+ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}

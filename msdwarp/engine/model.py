@@ -1,0 +1,155 @@
+"""Model: a system and its surroundings on a device, everything that a substep reads and never writes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import System, is_uniform, uniform_like
+from ..kernels.basis import vector
+from ..kernels.records import record_length
+from ..world import Collider
+from .contact import Contact
+from .device import PRECISIONS, find_device, scalar_array
+from .routes import choose_route, scatter_order
+
+CONTACT_RULES = ("coulomb", "report")
+
+
+class Model:
+    """A system and its surroundings on a device: everything that a substep reads and never writes.
+
+    Parameters
+    ----------
+    system
+        What is simulated.
+    gravity
+        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
+        shape [d].
+    colliders
+        Obstacles, in the order in which a particle meets them.
+    contact
+        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
+    device
+        A Warp device's name; by default the first CUDA device, else the CPU.
+    precision
+        "float32", "float32-compensated" (sums of positions and velocities keep what rounding takes away) or
+        "float64".
+    route
+        How forces are summed: "scatter", "gather" or "stencil" (see `msdwarp.kernels.forces`); "auto" takes the
+        one that was fastest where it was measured (see `msdwarp.engine.routes`).
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the system is no lattice that a stencil can hold.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        *,
+        gravity: ArrayLike = 9.82,
+        colliders: Sequence[Collider] = (),
+        contact: str = "coulomb",
+        device: str | None = None,
+        precision: str = "float32",
+        route: str = "auto",
+    ) -> None:
+        checks.one_of("precision", precision, PRECISIONS)
+        checks.one_of("contact", contact, CONTACT_RULES)
+        self.device = find_device(device)
+        self.precision = precision
+        self.scalar, self.dtype = PRECISIONS[precision]
+        self.dim = system.dim
+        self.vector = vector(self.dim, self.scalar)
+        self.particle_count = system.particle_count
+        self.connection_count = system.connection_count
+
+        self.system = system
+        self.route, self.lattice = choose_route(system, route, on_gpu=self.device.is_cuda)
+        # A stencil reads around particles that have fewer neighbours, never past this many of them; in whole
+        # lines of the GPU's caches (128 bytes).
+        self.margin = -(-self.lattice.margin // 8) * 8 if self.lattice else 0
+
+        self.compensated = precision == "float32-compensated"
+        # What a scene lacks is not compiled.
+        self.damper = system.damper.law if system.damping.any() else None
+        self.yields = system.yields
+        self.pinned = bool(system.pinned.any())
+
+        self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
+        self.inverse_mass = self._upload(uniform_like(1.0 / system.mass, system.mass), "1 / mass")
+        self._order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
+        self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
+        rest_length = system.rest_length
+        if self.yields:  # each connection has its own, which the run changes
+            rest_length = np.array(rest_length)
+        self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
+        self.stiffness = self._upload(self.ordered(system.stiffness), "stiffness")
+        self.damping = self._upload(self.ordered(system.damping), "damping")
+        # What an explicit step must bear: the steepest slope of the dampers' law.
+        slope = system.damper.steepest
+        self.steepest_damping = self.damping
+        if self.damper and slope != 1:
+            steepest = uniform_like(slope * system.damping, system.damping)
+            self.steepest_damping = self._upload(self.ordered(steepest), "damping")
+        self.surroundings = Contact(colliders, contact, dim=self.dim, scalar=self.scalar, device=self.device)
+
+    def check_range(self, values: NDArray[np.float64], name: str) -> None:
+        """Raise ValueError if a number is too large for this precision."""
+        most = float(np.finfo(self.dtype).max)
+        checks.within(name, values, (lambda v: np.abs(v) <= most, f"at most {most:.2g} in {self.precision}"))
+
+    def ordered(self, values: NDArray) -> NDArray:
+        """Return what connections have in the order that connections are in on the device."""
+        return values if self._order is None or is_uniform(values) else values[self._order]
+
+    def in_system_order(self, values: NDArray) -> NDArray:
+        """Return what connections have on the device in the order of the system's connections."""
+        if self._order is None:
+            return values
+        result = np.empty_like(values)
+        result[self._order] = values
+        return result
+
+    def per_connection(self, name: str) -> wp.array:
+        """Upload an array that the system has for its connections, a number for each."""
+        return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
+
+    def vectors(self) -> wp.array:
+        """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
+
+        As many particles as `margin` says may be read before the first and after the last.
+        """
+        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
+        storage = wp.zeros((self.particle_count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
+        view = wp.array(
+            ptr=int(storage.ptr or 0) + self.margin * length * size,
+            dtype=self.vector,
+            shape=self.particle_count,
+            strides=(length * size,),
+            device=self.device,
+            capacity=storage.capacity,
+        )
+        view._ref = storage
+        return view
+
+    def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
+        self.check_range(values, name)
+        return scalar_array(values, self.scalar, self.device)
+
+
+def _gravity_vector(gravity: ArrayLike, dim: int) -> NDArray[np.float64]:
+    given = checks.array("gravity", gravity)
+    if not np.isfinite(given).all():
+        raise ValueError(f"gravity is {gravity!r}; it must be finite")
+    if given.ndim == 0:
+        downwards = np.zeros(dim)
+        downwards[-1] = -given
+        return downwards
+    if given.shape != (dim,):
+        raise ValueError(f"gravity has shape {given.shape}; it must be a number or have shape ({dim},)")
+    return given

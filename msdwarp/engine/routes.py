@@ -1,0 +1,69 @@
+"""Which route forces take; see `msdwarp.kernels.forces` for what the routes are.
+
+The choice is a matter of speed alone: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from .lattice_search import Lattice, NotALattice, find_lattice
+
+ROUTES = ("scatter", "gather", "stencil")
+AUTO = "auto"
+FEW_CONNECTIONS = 300
+"""So few are scattered: a thread for each is sooner done than one for each particle."""
+FEW_PARTICLES = 20_000
+"""So few are waited for, not worked for: a stencil waits least."""
+LEAST_USED = 0.4
+"""Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
+
+
+def choose_route(system: System, route: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
+    """Return the route asked for, or the fastest one, and the system's lattice where that is a stencil.
+
+    Raises
+    ------
+    ValueError
+        If `route` is none, or a stencil is asked for and the system is not cut from lattices.
+    """
+    checks.one_of("route", route, (AUTO, *ROUTES))
+    if route == AUTO:
+        return automatic_route(system, on_gpu=on_gpu)
+    if route != "stencil":
+        return route, None
+    try:
+        return route, find_lattice(system)
+    except NotALattice as error:
+        raise ValueError(f"route is 'stencil', which this system cannot take: {error}") from error
+
+
+def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
+    """Return the route that was fastest for such a system, and its lattice where that is a stencil."""
+    if not on_gpu or system.connection_count <= FEW_CONNECTIONS:
+        return "scatter", None
+    try:
+        lattice = find_lattice(system)
+    except NotALattice:
+        return "gather", None
+    # Of what a stencil computes for missing neighbours nothing is used.
+    used = system.connection_count / (len(lattice.steps) * system.particle_count)
+    small = system.particle_count <= FEW_PARTICLES
+    return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
+
+
+def scatter_order(system: System) -> NDArray[np.int64] | None:
+    """Return an order of connections in which scattering seldom waits; None where they are in one already.
+
+    Connections that follow each other are added at the same time, and wait where they meet in a particle. They are
+    sorted by how many their first particle had before, and then by that particle.
+    """
+    first = system.connections[:, 0]
+    if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):
+        return None
+    by_particle = np.argsort(first, kind="stable")
+    ordered = first[by_particle]
+    starts = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    rank = np.arange(len(first)) - np.repeat(starts, np.diff(np.r_[starts, len(first)]))
+    return by_particle[np.argsort(rank, kind="stable")]

@@ -1,0 +1,119 @@
+"""Watches a run: has it diverged? And keeps the state that it can go back to."""
+
+import numpy as np
+import warp as wp
+
+from ..bodies import stored
+from ..kernels.reductions import look_over
+from .measures import measure
+from .model import Model
+from .state import State, copy_vectors, moving
+
+MOST_SHARES = 16384
+"""Threads that look over the particles on a GPU: enough to be done soon, few enough to be added up soon."""
+
+
+class Watch:
+    """Looks at a state from the device, and costs one pass over the particles.
+
+    Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
+    and gravitational energy together may never exceed their sum. They are taken to have a source in the
+    stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
+    weight times the system's size.
+    """
+
+    def __init__(self, model: Model, state: State, energy_limit: float) -> None:
+        self._model, self._state = model, state
+        self._look_over = look_over(model.dim, model.scalar)
+        self._first = wp.empty(1, dtype=int, device=model.device)
+        threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
+        self._energies = wp.zeros((threads, 2), dtype=wp.float64, device=model.device)
+        # What the host reads: on a GPU pinned, so that reading waits for nothing but the look itself.
+        self._found = [self._first, self._energies]
+        if model.device.is_cuda:
+            self._found = [wp.empty_like(array, device="cpu", pinned=True) for array in self._found]
+        start = measure(model, state)
+        scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
+        scale += _rounding_energy(model, state)
+        self._most = start.energy + energy_limit * scale if scale > 0 else np.inf
+        if model.surroundings.moving:  # what moves works on what it touches
+            self._most = np.inf
+
+    def look(self) -> None:
+        """Launch what finds out about the present state."""
+        model, state = self._model, self._state
+        self._first.fill_(model.particle_count)
+        inputs = [model.inverse_mass, model.gravity, state.x, state.v]
+        threads, outputs = len(self._energies), [self._first, self._energies]
+        wp.launch(self._look_over, threads, inputs, outputs, device=model.device)
+        if model.device.is_cuda:
+            for there, here in zip(self._found, outputs, strict=True):
+                wp.copy(there, here)
+
+    def finds_trouble(self) -> bool:
+        """Tell whether the state last looked at has diverged."""
+        if self._model.device.is_cuda:
+            wp.synchronize_stream(self._model.device.stream)
+        first, energies = (array.numpy() for array in self._found)
+        return int(first[0]) < self._model.particle_count or not energies.sum() <= self._most
+
+    def culprit(self) -> int:
+        """Return the first particle that is not finite, else the fastest."""
+        first = int(self._first.numpy()[0])
+        if first < self._model.particle_count:
+            return first
+        return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
+
+
+class Backup:
+    """The state at the start of a frame, with all that substeps leave to the next."""
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._kept = state.empty_vectors(len(self._live()))
+        model = state.model
+        self._yielded = [(model.rest_length, wp.clone(model.rest_length))] if model.yields else []
+
+    def _live(self) -> list[wp.array]:
+        lost = self._state.lost.v
+        return moving(self._state.here) + ([lost] if lost.size else [])
+
+    def save(self) -> None:
+        """Keep the present state."""
+        for live, kept in zip(self._live(), self._kept, strict=True):
+            copy_vectors(kept, live)
+        for live, kept in self._yielded:
+            wp.copy(kept, live)
+
+    def restore(self) -> None:
+        """Go back to the state kept."""
+        for live, kept in zip(self._live(), self._kept, strict=True):
+            copy_vectors(live, kept)
+        for live, kept in self._yielded:
+            wp.copy(live, kept)
+
+
+def _weight(model: Model) -> float:
+    """Return the weight of all that is not pinned [N]."""
+    mass = model.system.mass
+    one = stored(mass)
+    share = len(mass) / len(one)  # how often a mass stands for itself
+    g = np.linalg.norm(np.array(list(model.gravity), dtype=np.float64))
+    return float(one[np.isfinite(one)].sum() * share * g)
+
+
+def _size(state: State) -> float:
+    """Return the largest extent of a system [m], at least a metre for a single particle."""
+    return float(np.ptp(state.x.numpy(), axis=0).max()) or 1.0
+
+
+def _rounding_energy(model: Model, state: State) -> float:
+    """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
+
+    A thousand times that, since rounding errors of many substeps add up.
+    """
+    off = float(np.finfo(model.dtype).eps) * float(np.abs(state.x.numpy()).max())
+    stiffness = model.system.stiffness
+    one = stored(stiffness)
+    total = float(one.sum()) * (len(stiffness) / len(one) if len(one) else 0.0)
+    return 1e3 * total * off**2

@@ -1,0 +1,216 @@
+"""Export: a trajectory's frames in the formats of other programs."""
+
+import base64
+import importlib.util
+import json
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import in_space
+from ..disk import replacing, reserve
+from .trajectory import Trajectory
+
+
+def export(
+    trajectory: Trajectory,
+    path: str | Path,
+    to: str,
+    frames: int | slice | Sequence[int] = slice(None),
+    *,
+    force: bool = False,
+) -> list[Path]:
+    """Write frames in another format: the surface, or the connections where there is none.
+
+    Parameters
+    ----------
+    trajectory
+        Where from.
+    path
+        The file. Several frames become several files, `cube_0012.obj` for frame 12; usd and npz hold all in one.
+    to
+        obj, stl, ply, gltf, usd or npz (positions, velocities, times and what joins them); the path's ending.
+    frames
+        One frame's number, a slice, or several numbers.
+    force
+        Replace files that are there.
+
+    Returns
+    -------
+    list[Path]
+        The files, in the order of the frames.
+
+    Raises
+    ------
+    ValueError
+        If the format is unknown, is not the path's ending, cannot hold what there is to show, or needs a package
+        that is missing; or if there are no such frames.
+    FileExistsError
+        If a file exists and `force` is False: before anything is written.
+    """
+    path = Path(path)
+    checks.one_of("to", to, (*_MESHES, *_WHOLE))
+    if path.suffix != f".{to}":
+        raise ValueError(f"path is {path}; it must end in .{to}, as the format does")
+    if to != "npz" and trajectory.system.surface is None and not trajectory.system.connection_count:
+        raise ValueError("the trajectory has neither a surface nor connections: only npz can hold it")
+    if to in ("stl", "ply") and trajectory.system.surface is None:
+        raise ValueError(
+            f"to is {to!r}, which holds triangles; without a surface it must be obj, gltf, usd or npz"
+        )
+    if to == "usd" and importlib.util.find_spec("pxr") is None:
+        raise ValueError("to is 'usd', which needs the extra `usd`: pip install 'msdwarp[usd]'")
+    numbers = _numbers(frames, len(trajectory))
+    paths = [path]
+    if to in _MESHES and not isinstance(frames, int):
+        paths = [path.with_name(f"{path.stem}_{k:04d}{path.suffix}") for k in numbers]
+    for one in paths:
+        if one.exists() and not force:
+            raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if to in _WHOLE:
+        with _told(path), replacing(path) as unfinished:
+            _WHOLE[to](trajectory, numbers, unfinished)
+        return paths
+    for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
+        with _told(one), replacing(one) as unfinished:
+            _MESHES[to](unfinished, points, cells, uv)
+    return paths
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Name the file in what goes wrong with it."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+
+
+def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
+    """Return the frames' numbers, counted from the start."""
+    try:
+        numbers = np.atleast_1d(np.arange(count)[frames]).tolist()
+    except IndexError as error:
+        raise ValueError(f"frames is {frames}; the trajectory has {count}: 0 to {count - 1}") from error
+    if not numbers:
+        raise ValueError(f"frames is {frames}; none of the {count} frames is among it")
+    return numbers
+
+
+def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDArray, NDArray, NDArray | None]]:
+    """Yield, frame by frame, points [m], cells of two or three of them, and texture coordinates."""
+    surface, connections = trajectory.system.surface, trajectory.system.connections
+    for k in numbers:
+        position = trajectory.positions[k]
+        if surface is None:
+            yield in_space(position), connections, None
+        else:
+            yield in_space(surface.points(position)), surface.triangles, surface.uv
+
+
+def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
+    """Write one frame with PyVista."""
+    import pyvista as pv
+
+    counted = np.insert(cells, 0, cells.shape[1], axis=1).ravel()
+    mesh = pv.PolyData(points, faces=counted) if cells.shape[1] == 3 else pv.PolyData(points, lines=counted)
+    if uv is not None:
+        mesh.active_texture_coordinates = uv.astype(np.float32)
+    # VTK does not say when the disk is full: try before whether there is room for long lines of text.
+    with path.open("wb") as file:
+        reserve(file.fileno(), 0, 200 * (mesh.n_points + mesh.n_cells), path.parent)
+    mesh.save(path)
+
+
+def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
+    """Write one frame as glTF 2.0 with its data inside."""
+    vertices, corners = points.astype("<f4").tobytes(), cells.astype("<u4").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(vertices + corners).decode()
+    bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    shape = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 4 if cells.shape[1] == 3 else 1}
+    document = {
+        "asset": {"version": "2.0", "generator": "msdwarp"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: y is up there
+        "meshes": [{"primitives": [shape]}],
+        "buffers": [{"uri": uri, "byteLength": len(vertices + corners)}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": len(vertices), "target": 34962},
+            {"buffer": 0, "byteOffset": len(vertices), "byteLength": len(corners), "target": 34963},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3", **bounds},
+            {"bufferView": 1, "componentType": 5125, "count": cells.size, "type": "SCALAR"},
+        ],
+    }
+    path.write_text(json.dumps(document))
+
+
+def _usd(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
+    """Write frames as one USD stage, a time code each."""
+    from pxr import Gf, Usd, UsdGeom, Vt  # pyright: ignore[reportMissingImports]
+
+    path.unlink(missing_ok=True)
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(trajectory.fps)
+    stage.SetStartTimeCode(min(numbers))
+    stage.SetEndTimeCode(max(numbers))
+    shape = None
+    for k, (points, cells, _) in zip(numbers, _shown(trajectory, numbers), strict=True):
+        if shape is None:
+            counts = Vt.IntArray([cells.shape[1]] * len(cells))
+            if cells.shape[1] == 3:
+                shape = UsdGeom.Mesh.Define(stage, "/body")
+                shape.CreateFaceVertexCountsAttr(counts)
+                shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(cells.ravel())))
+                shape.CreateSubdivisionSchemeAttr("none")
+            else:  # curves of two points, which have no indices
+                shape = UsdGeom.BasisCurves.Define(stage, "/body")
+                shape.CreateTypeAttr("linear")
+                shape.CreateCurveVertexCountsAttr(counts)
+            stage.SetDefaultPrim(shape.GetPrim())
+        shown = points if cells.shape[1] == 3 else points[cells.ravel()]
+        shape.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(shown), k)
+        box = [Gf.Vec3f(*map(float, corner)) for corner in (shown.min(axis=0), shown.max(axis=0))]
+        shape.CreateExtentAttr().Set(box, k)
+    stage.Save()
+
+
+def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
+    """Write frames as NumPy arrays, with one frame in memory at a time."""
+    system = trajectory.system
+    arrays: dict[str, Any] = {"times": trajectory.times[numbers], "connections": system.connections}
+    if system.surface is not None and system.surface.weights is None:
+        arrays["triangles"] = system.surface.particle[system.surface.triangles]
+    with zipfile.ZipFile(path, "w", allowZip64=True) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.ascontiguousarray(values))
+        for name, values in (("positions", trajectory.positions), ("velocities", trajectory.velocities)):
+            shape = (len(numbers), *values.shape[1:])
+            header = {"descr": np.lib.format.dtype_to_descr(values.dtype), "fortran_order": False, "shape": shape}
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array_header_2_0(file, header)
+                for k in numbers:
+                    file.write(np.ascontiguousarray(values[k]).tobytes())
+
+
+_MESHES: dict[str, Callable[[Path, NDArray, NDArray, NDArray | None], None]] = {
+    "obj": _by_pyvista,
+    "stl": _by_pyvista,
+    "ply": _by_pyvista,
+    "gltf": _gltf,
+}
+"""Formats that hold one frame, by name."""
+_WHOLE: dict[str, Callable[[Trajectory, list[int], Path], None]] = {"usd": _usd, "npz": _npz}
+"""Formats that hold all."""

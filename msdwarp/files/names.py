@@ -1,0 +1,32 @@
+"""Names in the file of a trajectory, and how arrays are stored in it."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FORMAT = 1
+"""Version of the group `msdwarp` in a file; VTK's own has another."""
+OWN, ROOT = "msdwarp", "VTKHDF"
+POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
+KINDS = ("Vertices", "Lines", "Polygons", "Strips")
+"""VTK's kinds of cells, in the order in which it counts them."""
+GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+def store(group: Any, name: str, values: NDArray, compress: bool) -> None:
+    """Store an array of the system, compressed if it is large and that is asked for."""
+    group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
+
+
+def fault(file: Any) -> str | None:
+    """Return what tells a file from a trajectory that can be read, None where nothing does."""
+    if ROOT not in file:
+        return f"it has no group {ROOT}"
+    if OWN not in file:
+        return f"it is {ROOT} of another program, without a group {OWN}"
+    version = file[OWN].attrs.get("msdwarp_format")
+    if version == FORMAT:
+        return None
+    advice = ": install a newer msdwarp" if isinstance(version, np.integer) and version > FORMAT else ""
+    return f"it is of format {version}; this version reads {FORMAT}{advice}"

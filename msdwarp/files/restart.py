@@ -1,0 +1,111 @@
+"""Restart files: the arrays that a run needs to go on, with checksums, replaced as a whole."""
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..disk import replacing
+
+FORMAT = 1
+"""Version of what is in such a file."""
+_MARK = "msdwarp_restart_format"
+_CHUNK = 1 << 24
+"""Bytes that share a checksum, at most."""
+
+
+def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
+    """Write arrays and attributes to a file, in place of what was there.
+
+    Whatever happens, a crash or a power cut, there is then the whole old file or the whole new one.
+
+    Parameters
+    ----------
+    path
+        The file.
+    arrays
+        Arrays of numbers or truth values, of any shape.
+    attributes
+        Names, numbers, texts, or lists and mappings of those, as JSON has them.
+
+    Raises
+    ------
+    ValueError
+        If an array holds something else, or JSON cannot hold the attributes.
+    OSError
+        If it cannot be written; the old file stays as it is.
+    """
+    import h5py
+
+    path = Path(path)
+    given = {name: np.asarray(values) for name, values in arrays.items()}
+    for name, values in given.items():
+        if values.dtype.kind not in "biufc":
+            raise ValueError(f"arrays[{name!r}] is of type {values.dtype}; it must hold numbers or truth values")
+    shapes = {name: values.shape for name, values in given.items()}
+    try:
+        text = json.dumps({"attributes": attributes, "shapes": shapes})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"attributes is {attributes!r}; it must be what JSON can hold: {error}") from error
+    # HDF5 fills memory and not the disk, since it does not recover from a full one. In this format, of 2016, its
+    # own records have checksums too.
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver=("v110", "v110")) as file:
+        file.attrs[_MARK] = FORMAT
+        _store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
+        for k, values in enumerate(given.values()):  # whose names may have a slash
+            _store(file, f"arrays/{k}", values.ravel())
+    _replace(path, image.getbuffer())
+
+
+def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Return the arrays and attributes of a file by `write_restart`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is no such file, is damaged or cut short, or is of a format that is not known.
+    """
+    import h5py
+
+    path = Path(path)
+    with path.open("rb") as stream:
+        if stream.read(8) != b"\x89HDF\r\n\x1a\n":
+            raise ValueError(f"{path} is no restart file: it is no HDF5 file")
+    try:
+        with h5py.File(path, "r", locking=False) as opened:
+            file: Any = opened
+            version = file.attrs.get(_MARK)
+            if version == FORMAT:
+                description = json.loads(file["description"][()].tobytes())
+                shapes = description["shapes"].items()
+                arrays = {name: file[f"arrays/{k}"][()].reshape(shape) for k, (name, shape) in enumerate(shapes)}
+                return arrays, description["attributes"]
+    except (KeyError, OSError, RuntimeError, ValueError) as error:
+        reason = "it is cut short" if "truncated" in str(error) else error
+        raise ValueError(f"{path} is damaged: {reason}") from error
+    if version is None:
+        raise ValueError(f"{path} is no restart file: it is an HDF5 file of another kind")
+    raise ValueError(f"{path} is a restart file of format {version}; this version of msdwarp reads {FORMAT}")
+
+
+def _store(file: Any, name: str, values: NDArray) -> None:
+    """Store an array with checksums; an empty one has nothing to check."""
+    rows = max(1, _CHUNK // values.itemsize)
+    checked = {"fletcher32": True, "chunks": (min(len(values), rows),)} if len(values) else {}
+    file.create_dataset(name, data=values, **checked)
+
+
+def _replace(path: Path, image: memoryview) -> None:
+    """Give a file new contents, which are on the disk before they have its name."""
+    try:
+        with replacing(path, durable=True) as unfinished:
+            unfinished.write_bytes(image)
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror or error}") from error

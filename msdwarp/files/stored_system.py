@@ -1,0 +1,61 @@
+"""A system in a file: its arrays and names, beside the frames."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
+from .names import OWN, ROOT, store
+
+DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
+
+
+def arrays_of(system: System) -> dict[str, NDArray]:
+    """Return the arrays of a system that VTK has not, by name; what is the same for all has no first axis."""
+    found = {field.name: getattr(system, field.name) for field in fields(system)}
+    del found["connections"]  # these are VTK's lines
+    if system.original_length is system.rest_length:
+        del found["original_length"]
+    if system.surface is not None:
+        found |= {f"surface/{field.name}": getattr(system.surface, field.name) for field in fields(system.surface)}
+    found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
+    arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
+    return {name: values[0] if is_uniform(values) else values for name, values in arrays.items()}
+
+
+def write_system(group: Any, system: System, compress: bool) -> None:
+    """Write a system as it is at the start."""
+    group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
+    damper = (type(system.damper).__name__, asdict(system.damper))
+    bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
+    group["description"] = json.dumps({"damper": damper, "directions": bodies, "groups": list(system.groups)})
+    for name, values in arrays_of(system).items():
+        store(group, f"system/{name}", np.asarray(values), compress)
+
+
+def read_system(file: Any) -> System:
+    """Return the system that is stored in a file."""
+    group = file[OWN]
+    described, part = json.loads(group["description"][()]), group["system"]
+    law, constants = described["damper"]
+    arrays = dict(_read(part))
+    surface = dict(_read(part["surface"])) if "surface" in part else None
+    return System(
+        **arrays,
+        connections=file[ROOT]["Lines/Connectivity"][()].reshape(-1, 2),
+        damper=DAMPERS[law](**constants),
+        surface=None if surface is None else Surface(**surface),
+        directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
+        groups={name: part[f"groups/{k}"][()] for k, name in enumerate(described["groups"])},
+    )
+
+
+def _read(group: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays in a group, without those in groups within it."""
+    for name, item in group.items():
+        if hasattr(item, "shape"):
+            yield name, item[()]

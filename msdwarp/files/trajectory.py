@@ -1,0 +1,136 @@
+"""Trajectories: frames on disk, which are read when they are asked for, and the system that moves in them."""
+
+import json
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import AXES, Frame, System
+from .frame_array import FrameArray
+from .names import KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, fault
+from .stored_system import read_system
+from .vtkhdf import read_times
+
+
+class Trajectory:
+    """A trajectory on disk: its frames, which are read when they are asked for, and the system that moves in them.
+
+    It can be opened while it is being written, and then has the frames that are there so far.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is no trajectory, is cut short or damaged, or is of a format that is not known.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._file = _opened(self.path)
+        try:
+            own, root = self._file[OWN], self._file[ROOT]
+            self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
+            self._points, self._lines = int(root["NumberOfPoints"][0]), int(root["Lines/NumberOfCells"][0])
+            self._cells = sum(int(root[kind]["NumberOfCells"][0]) for kind in KINDS)
+            whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
+            self.times: NDArray[np.float64] = read_times(root)[:whole]
+            """Time of each frame [s], shape [frame_count]."""
+            self.fps = float(own.attrs["fps"])
+            """Frames per second of simulated time."""
+            self.attributes: dict[str, Any] = json.loads(own["attributes"][()])
+            """What made the run."""
+        except (KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
+            self.close()
+            raise ValueError(f"{self.path} is a damaged trajectory: {error}") from error
+
+    def close(self) -> None:
+        """Close the file; nothing can be read then."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.times)
+
+    @cached_property
+    def system(self) -> System:
+        """The system as it was at the start; ValueError if that part of the file is damaged."""
+        try:
+            return read_system(self._file)
+        except (KeyError, OSError, TypeError, ValueError) as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its system cannot be read: {error}") from error
+
+    @property
+    def positions(self) -> FrameArray:
+        """Particle positions [m], shape [frame_count, particle_count, d], read where they are indexed."""
+        return FrameArray(self._file[ROOT][POINTS], len(self), self._points, self._particles, AXES[self._dim])
+
+    @property
+    def velocities(self) -> FrameArray:
+        """Particle velocities [m/s], shape [frame_count, particle_count, d], read where they are indexed."""
+        return FrameArray(self._file[ROOT][VELOCITY], len(self), self._points, self._particles, AXES[self._dim])
+
+    @property
+    def strains(self) -> FrameArray:
+        """Strain of each connection, shape [frame_count, connection_count], read where it is indexed.
+
+        Raises
+        ------
+        ValueError
+            If the trajectory was written without it.
+        """
+        if STRAIN not in self._file[ROOT]:
+            raise ValueError(f"{self.path} was written without strain")
+        return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
+
+    def frame(self, k: int) -> Frame:
+        """Return frame k, from the end where k is negative; raise IndexError if there is none."""
+        return Frame(float(self.times[k]), self.positions[k], self.velocities[k])
+
+    @overload
+    def __getitem__(self, k: int) -> Frame: ...
+    @overload
+    def __getitem__(self, k: slice) -> Iterator[Frame]: ...
+    def __getitem__(self, k: int | slice) -> Frame | Iterator[Frame]:
+        """Return a frame, or an iterator over those of a slice."""
+        return (self.frame(i) for i in range(len(self))[k]) if isinstance(k, slice) else self.frame(k)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Return an iterator over all frames."""
+        return self[:]
+
+
+def _opened(path: Path) -> Any:
+    """Return a trajectory's open file; raise ValueError that says what is wrong with another one."""
+    import h5py
+
+    with path.open("rb") as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
+    try:
+        file = h5py.File(path, "r", locking=False)
+        wrong = fault(file)
+    except (KeyError, OSError, RuntimeError) as error:
+        reason = "it is cut short" if "truncated" in str(error) else error
+        raise ValueError(f"{path} cannot be read: {reason}") from error
+    if wrong is not None:
+        file.close()
+        raise ValueError(f"{path} is no trajectory: {wrong}")
+    return file

@@ -1,0 +1,249 @@
+"""VTKHDF: how a trajectory is laid out in its file, and the system beside it; see docs/files.md.
+
+Files come as open h5py files, so that HDF5 is loaded only where one is opened.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import AXES, System
+from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, store
+from .stored_system import arrays_of, write_system
+
+_LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
+"""Bytes of a chunk; HDF5 takes no more than 4 GiB."""
+_FORESEEN = 1024
+"""Frames whose offsets are written at once, where it is unknown how many there will be."""
+_MOST_FORESEEN = 1 << 16
+"""The same where it is known: for what is never reached room is taken too."""
+_BLOCK = 1 << 15
+"""Connections whose strain is computed at a time: their coordinates fit into the cache."""
+
+
+class Layout:
+    """How a system's frames are laid out: what there is once, and what each frame adds.
+
+    Parameters
+    ----------
+    system
+        What moves.
+    dtype
+        Numbers of the frames, float32 or float64.
+    frame_count
+        Frames that there will be, None if that is unknown.
+    compress
+        Whether arrays are compressed.
+    strain
+        Whether there is a strain of each connection.
+    """
+
+    def __init__(
+        self, system: System, dtype: np.dtype, frame_count: int | None, compress: bool, strain: bool
+    ) -> None:
+        self._system, self._dtype, self._compress = system, dtype, compress
+        surface = system.surface
+        self._embedded = surface if surface is not None and surface.weights is not None else None
+        n = system.particle_count
+        self._points = n + (0 if self._embedded is None else len(self._embedded.particle))
+        self._cells = _cells(system)
+        self._per_frame = {POINTS: self._points, VELOCITY: self._points}
+        if strain and system.connection_count:
+            cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
+            self._per_frame[STRAIN] = cells
+            self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
+        self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
+
+    @classmethod
+    def of(cls, file: Any, system: System) -> "Layout":
+        """Return the layout of a file that has begun."""
+        root = file[ROOT]
+        values, compress = root[POINTS], root[POINTS].compression is not None
+        return cls(system, values.dtype, root["Steps/Values"].chunks[0], compress, STRAIN in root)
+
+    @property
+    def static_size(self) -> int:
+        """Bytes of what there is once."""
+        own = sum(values.nbytes for values in arrays_of(self._system).values())
+        return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
+
+    def growth(self, k: int) -> int:
+        """Return by how many bytes frame k lets the arrays grow, at most, as chunks are taken whole."""
+        size = 0
+        if k % self._foreseen == 0:
+            numbers = 1 + sum(stride.size for stride in self._offsets().values())
+            size += self._foreseen * numbers * 8
+        for name, count in self._per_frame.items():
+            rows = self._chunk(name)
+            chunks = -(-(k + 1) * count // rows) - -(-k * count // rows)
+            size += chunks * rows * self._row_size(name)
+        return size
+
+    def begin(self, file: Any, fps: float, attributes: Mapping[str, Any]) -> None:
+        """Write what there is once: the attributes of the run among it, which JSON can hold."""
+        group = file.create_group(OWN)
+        group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
+        group["attributes"] = json.dumps(attributes)
+        write_system(group, self._system, self._compress)
+        root = file.create_group(ROOT)
+        root.attrs["Version"] = np.array([2, 2])
+        root.attrs["Type"] = np.bytes_("PolyData")
+        root["NumberOfPoints"] = np.array([self._points])
+        for name, cells in self._cells.items():
+            group, corners = root.create_group(name), cells.shape[1]
+            group["NumberOfCells"] = np.array([len(cells)])
+            group["NumberOfConnectivityIds"] = np.array([cells.size])
+            store(group, "Connectivity", cells.ravel(), self._compress)
+            store(group, "Offsets", np.arange(0, cells.size + 1, corners, dtype=cells.dtype), self._compress)
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(0)
+        _create_growing(steps, "Values", (), np.float64, self._foreseen, fillvalue=np.nan, fill_time="ifset")
+        for name, stride in self._offsets().items():
+            _create_growing(steps, name, stride.shape, np.int64, self._foreseen)
+        for name in self._per_frame:
+            width = () if name == STRAIN else (3,)
+            _create_growing(root, name, width, self._dtype, self._chunk(name), **(GZIP if self._compress else {}))
+
+    def open(self, file: Any) -> None:
+        """Get ready to append frames to a file that has begun."""
+        self._file, self._steps = file, file[ROOT]["Steps"]
+        self._times = self._steps["Values"]
+        self._datasets = {name: file[ROOT][name] for name in self._per_frame}
+
+    def truncate(self, k: int) -> None:
+        """Let a file have its first k frames only; where the others were, the next ones will be written."""
+        # VTK's reader writes past its memory where there are more times than frames.
+        self._times.resize(k, axis=0)
+        self._file.flush()
+        self._steps.attrs.modify("NSteps", np.int64(k))
+        self._file.flush()
+
+    def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> None:
+        """Write frame k, behind the others, and flush it."""
+        if k % self._foreseen == 0:
+            until = k + self._foreseen
+            for name, stride in self._offsets().items():
+                _at_least(self._steps[name], until)
+                offsets = np.multiply.outer(np.arange(k, until), stride)
+                self._steps[name][k:until] = offsets + (name == "NumberOfParts")
+        for name, dataset in self._datasets.items():
+            count = self._per_frame[name]
+            _at_least(dataset, (k + 1) * count)
+            start = k * count
+            for values in self._parts(name, frame, strain):
+                dataset[start : start + len(values)] = values
+                start += len(values)
+        # VTK's reader writes past its memory where there are more times than frames.
+        self._file.flush()
+        self._steps.attrs.modify("NSteps", np.int64(k + 1))
+        self._times.resize(k + 1, axis=0)
+        self._times[k] = frame[0]
+        self._file.flush()
+
+    def _offsets(self) -> dict[str, NDArray[np.int64]]:
+        """Return what the arrays of offsets in Steps grow by from frame to frame."""
+        strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
+        strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
+        if STRAIN in self._per_frame:
+            strides["CellDataOffsets/strain"] = self._per_frame[STRAIN]
+        return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
+
+    def _row_size(self, name: str) -> int:
+        return self._dtype.itemsize * (1 if name == STRAIN else 3)
+
+    def _chunk(self, name: str) -> int:
+        """Return the rows of a chunk of an array."""
+        count, size = self._per_frame[name], self._row_size(name)
+        # What is compressed is compressed again whenever a part of it is written.
+        frames = 1 if self._compress else max(1, _LEAST_CHUNK // (count * size))
+        return min(frames * count, _MOST_CHUNK // size)
+
+    def _in_space(self, values: NDArray) -> NDArray:
+        """Return coordinates of particles as those of points in space, shape [point_count, 3]."""
+        n, dim = values.shape
+        if dim == 3 and self._embedded is None:
+            return np.ascontiguousarray(values, dtype=self._dtype)
+        result = np.zeros((self._points, 3), dtype=self._dtype)
+        result[:n, AXES[dim]] = values
+        if self._embedded is not None:
+            result[n:, AXES[dim]] = self._embedded.points(values)
+        return result
+
+    def _parts(self, name: str, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> list[NDArray]:
+        """Return what a frame adds to an array, in parts that follow each other."""
+        _, position, velocity = frame
+        if name != STRAIN:
+            return [self._in_space(position if name == POINTS else velocity)]
+        # The strain of every cell: connections come first, and NaN for what is none. A part of what is compressed
+        # would be compressed with the part before it, again.
+        parts = [self._strain(position) if strain is None else strain, self._no_connections]
+        return [np.concatenate(parts)] if self._compress else parts
+
+    def _strain(self, position: NDArray) -> NDArray:
+        """Return the strain of every connection, of the rest lengths at the start."""
+        rest = self._system.rest_length
+        result = np.empty(len(rest), dtype=self._dtype)
+        axes = np.ascontiguousarray(position.T, dtype=self._dtype)
+        for start in range(0, len(rest), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            i, j = self._system.connections[part].T.astype(np.intp)
+            squared = np.zeros(len(i), dtype=self._dtype)
+            with np.errstate(over="ignore"):  # of a run about to diverge
+                for x in axes:
+                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # quicker: none is out of range
+                    squared += apart * apart
+            result[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
+        return result
+
+
+def _cells(system: System) -> dict[str, NDArray]:
+    """Return the points of each cell by VTK's names of kinds, in VTK's order, shape [any, corners] each."""
+    n, surface = system.particle_count, system.surface
+    vertices, triangles = np.empty((0, 1)), np.empty((0, 3))
+    if surface is not None:
+        own = surface.particle if surface.weights is None else n + np.arange(len(surface.particle))
+        triangles = own[surface.triangles]
+    elif not system.connection_count:
+        vertices = np.arange(n)[:, None]  # or nothing would be seen
+    cells = dict(zip(KINDS, (vertices, system.connections, triangles, np.empty((0, 3))), strict=True))
+    wide = any(kind.size >= 2**31 for kind in cells.values())
+    return {name: kind.astype(np.int64 if wide else np.int32, copy=False) for name, kind in cells.items()}
+
+
+def _create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, rows: int, **options: Any) -> None:
+    """Create an array of no rows, whose chunks have so many."""
+    shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
+    group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
+
+
+def _at_least(dataset: Any, rows: int) -> None:
+    """Let an array have so many rows, if it has less."""
+    if len(dataset) < rows:
+        dataset.resize(rows, axis=0)
+
+
+def read_times(root: Any) -> NDArray[np.float64]:
+    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
+    values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
+    try:
+        times = values[:count]
+    except OSError:  # the array is longer already, but its last part not on disk
+        times = values[: len(values) - 1]
+    return times[: np.append(np.isnan(times), True).argmax()]
+
+
+def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes as they will be read; raise ValueError that names one that JSON cannot hold."""
+    result = {}
+    for name, value in attributes.items():
+        try:
+            result[str(name)] = json.loads(json.dumps(value))
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"attributes[{name!r}] is {value!r}; it must be a number, a text, a truth value, None, or a list "
+                "or mapping of those"
+            ) from error
+    return result

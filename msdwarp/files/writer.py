@@ -1,0 +1,266 @@
+"""Writing trajectories: frames go to disk beside the simulation, in a file that opens at any moment."""
+
+import atexit
+import os
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks, disk
+from ..bodies import Frame, System
+from .growing_file import GrowingFile
+from .stored_system import DAMPERS
+from .trajectory import Trajectory
+from .vtkhdf import Layout, as_json
+
+SUFFIX = ".vtkhdf"
+_QUEUED = 4
+"""Frames that wait for the thread at most."""
+
+
+class Pending(Protocol):
+    """A frame that is still on its way to the host."""
+
+    def arrived(self) -> tuple[Frame, NDArray | None]:
+        """Wait for it; return it, and the strains of the connections if they come with it."""
+        ...
+
+    def release(self) -> None:
+        """Have its memory back: the frame is on disk."""
+        ...
+
+
+class TrajectoryWriter:
+    """Writes frames beside the simulation: a thread takes them from a queue and flushes each to disk.
+
+    The file appears, whole, with the first frame, and can be opened at any moment from then on, also after the
+    process was killed: every frame that was flushed is in it.
+
+    Parameters
+    ----------
+    path
+        The file, `*.vtkhdf`; see docs/files.md for what is in it.
+    system
+        What moves in it, as it is at the start.
+    fps
+        Frames per second of simulated time that are handed to `write`.
+    frame_count
+        How many there will be, if that is known: the file is then laid out for it.
+    compress
+        Compress losslessly (gzip 1 after shuffling bytes): smaller, and several times slower.
+    every
+        Keep the first frame and each `every`-th after it.
+    strain
+        Write the strain of every connection: one number each, of which a lattice has many more than positions.
+    attributes
+        What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
+    force
+        Replace a file that is there.
+    behind
+        Go on with the file that is there, behind so many frames that were handed to `write` in their time; what it
+        has beyond them is dropped. How it is laid out, and what made the run, is the file's then.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the name does not end in .vtkhdf, or the file to go on with is of
+        another system, or lacks frames.
+    FileExistsError
+        If the file exists and `force` is False.
+    OSError
+        If nothing can be written there. What goes wrong later, such as a full disk, is raised by the next
+        `write` or by `close`; it says how many frames were kept.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        system: System,
+        *,
+        fps: float,
+        frame_count: int | None = None,
+        compress: bool = False,
+        every: int = 1,
+        strain: bool = True,
+        attributes: Mapping[str, Any] | None = None,
+        force: bool = False,
+        behind: int = 0,
+    ) -> None:
+        self.path = Path(path)
+        if self.path.suffix != SUFFIX:
+            raise ValueError(f"path is {self.path}; its name must end in {SUFFIX}")
+        if type(system.damper).__name__ not in DAMPERS:
+            raise ValueError(f"damper is {system.damper!r}; a file can hold {', '.join(DAMPERS)}")
+        self._every = checks.count("every", every, 1)
+        if frame_count is not None:
+            frame_count = -(-checks.count("frame_count", frame_count, 1) // self._every)
+        about = (checks.positive("fps", fps) / self._every, as_json(attributes or {}))
+        self._system, self._offered = system, checks.count("behind", behind, 0)
+        if self.path.exists() and not force and not behind:
+            raise FileExistsError(f"path is {self.path}, which exists; name another file or add --force")
+        layout = partial(Layout, system, frame_count=frame_count, compress=compress, strain=strain)
+        self._file = GrowingFile(self.path, force, layout, about)
+        if behind:
+            kept = -(-behind // self._every)
+            _check_continuation(self.path, system, about[0], kept)
+            self._file.reopen(system, kept)
+        else:
+            disk.writable_folder("path", self.path, self.path.parent)
+        self._error: Exception | None = None
+        self._told = self._ended = False
+        self._queue: queue.Queue[Pending | None] = queue.Queue(_QUEUED)
+        self._thread = threading.Thread(target=self._work, name=f"writes {self.path.name}", daemon=True)
+        # What is registered last is done first at exit: this file is to end before HDF5, registered on import.
+        import h5py  # noqa: F401
+
+        atexit.register(self.close)
+        self._thread.start()
+
+    @property
+    def frame_count(self) -> int:
+        """Frames in the file so far."""
+        return self._file.written
+
+    def write(self, frame: tuple[float, NDArray, NDArray], strain: NDArray | None = None) -> None:
+        """Hand over a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
+
+        It waits while four frames are ahead. The arrays are the writer's from here on: nobody may write to them.
+        `strain`, shape [connection_count], is computed from the positions and the system's rest lengths where it
+        is not given.
+
+        Raises
+        ------
+        ValueError
+            If an array has another shape, or the writer is closed.
+        OSError
+            If an earlier frame could not be written.
+        """
+        frame = Frame(*frame)
+        for name, values in zip(("position", "velocity"), frame[1:], strict=True):
+            _check_shape(name, values, self._system.position.shape)
+        if strain is not None:
+            _check_shape("strain", strain, self._system.rest_length.shape)
+        if self.wants_next():
+            self._queue.put(_Arrived(frame, strain))
+        self._offered += 1
+
+    def wants_next(self) -> bool:
+        """Tell whether the next frame is one of those to keep; raise as `write` does."""
+        self._tell(again=True)
+        if self._ended:
+            raise ValueError(f"{self.path} is closed; frames must be written before")
+        return self._offered % self._every == 0
+
+    def write_pending(self, frame: Pending | None) -> None:
+        """Hand over a frame that is still on its way, or None where `wants_next` is false; else as `write`."""
+        if self.wants_next():
+            if frame is None:
+                raise ValueError("frame is None; this one is to be kept")
+            self._queue.put(frame)
+        self._offered += 1
+
+    def flush(self) -> None:
+        """Wait until all frames handed over are on the disk, and would be after a power cut.
+
+        Raises
+        ------
+        OSError
+            If one could not be written.
+        """
+        self._queue.join()
+        self._tell(again=True)
+        self._file.sync()
+
+    def close(self) -> None:
+        """Wait until all frames are written and close the file; it may be called again.
+
+        Raises
+        ------
+        OSError
+            If a frame could not be written, and `write` has not said so.
+        """
+        if not self._ended:
+            self._queue.put(None)
+            self._ended = True  # not before: an interrupt may come while the queue is full
+        self._thread.join()
+        atexit.unregister(self.close)
+        self._tell(again=False)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def _tell(self, *, again: bool) -> None:
+        """Raise the thread's error, if there is one, and if it was raised before only where that is wanted."""
+        if self._error is not None and (again or not self._told):
+            self._told = True
+            raise self._error
+
+    def _work(self) -> None:
+        """Write what comes; after an error, only let go of it."""
+        while (frame := self._queue.get()) is not None:
+            if self._error is None:
+                self._attempt(lambda frame=frame: self._file.append(*frame.arrived()))
+            frame.release()
+            self._queue.task_done()
+        self._attempt(self._file.close)
+
+    def _attempt(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._error = self._error or self._explained(error)
+
+    def _explained(self, error: Exception) -> Exception:
+        """Return an error that names the file and says what was kept."""
+        if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these two kinds
+            return error
+        n, number = self.frame_count, getattr(error, "errno", None)
+        reason = os.strerror(number) if number else str(error)
+        kept = f"its first {n} frame{'s are' if n > 1 else ' is'} kept" if n else "nothing was kept"
+        kept = kept if self.path.exists() or not n else "what it held went with it"
+        explained = OSError(f"{self.path} could not be written further: {reason}; {kept}")
+        explained.__cause__ = error
+        return explained
+
+
+def _check_shape(name: str, values: NDArray, shape: tuple[int, ...]) -> None:
+    if np.shape(values) != shape:
+        raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
+
+
+def _check_continuation(path: Path, system: System, fps: float, kept: int) -> None:
+    """Raise ValueError unless the file holds so many frames of this system."""
+    with Trajectory(path) as found:
+        if len(found) < kept:
+            raise ValueError(
+                f"{path} has {len(found)} frames; to go on behind frame {kept - 1}, it must have {kept}"
+            )
+        if found.fps != fps:
+            raise ValueError(f"fps is {fps:g}; {path} has {found.fps:g} frames per second")
+        own = found.system
+        if own.position.shape != system.position.shape or not np.array_equal(own.connections, system.connections):
+            raise ValueError(f"{path} is of another system")
+
+
+class _Arrived:
+    """A frame that was on the host from the start."""
+
+    def __init__(self, frame: Frame, strain: NDArray | None) -> None:
+        self._both = frame, strain
+
+    def arrived(self) -> tuple[Frame, NDArray | None]:
+        return self._both
+
+    def release(self) -> None:
+        pass

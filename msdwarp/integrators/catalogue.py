@@ -1,0 +1,19 @@
+"""The methods that the command offers, by name."""
+
+from .base import Integrator
+from .leapfrog import Leapfrog
+from .linearly_implicit_euler import LinearlyImplicitEuler
+from .rk4 import RK4
+from .rkc2 import RKC2
+from .symplectic_euler import SymplecticEuler
+
+METHODS: dict[str, Integrator] = {
+    "symplectic-euler": SymplecticEuler(),
+    "leapfrog": Leapfrog(),
+    "leapfrog-extrapolated": Leapfrog(damper_extrapolation=0.5),
+    "rk4": RK4(),
+    "rkc2": RKC2(),
+    "linearly-implicit-euler": LinearlyImplicitEuler(),
+}
+"""The methods that the command offers, by name."""
+DEFAULT = "symplectic-euler"

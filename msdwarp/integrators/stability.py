@@ -1,0 +1,104 @@
+"""Stability: how fast a system can oscillate and creep, and the substeps that follow from it.
+
+For a linear system M x'' = −K x − B x' an explicit method is stable while the step stays below a limit set
+by the largest eigenvalues of M⁻¹K and M⁻¹B; each integrator states that limit (`stable_step`). Both
+eigenvalues are bounded from above in one pass over the connections. With the axis d of a connection,
+xᵀKx = Σ k (d·(x_i − x_j))² ≤ 2 Σ k ((d·x_i)² + (d·x_j)²) = 2 Σ_i x_iᵀ A_i x_i, where A_i = Σ k d dᵀ over the
+connections of particle i, and so
+
+    max_i |A_i| / m_i  ≤  λ_max(M⁻¹K)  ≤  2 max_i |A_i| / m_i
+
+A stretched spring is stiff across its axis too, by k (1 − l0/l); the damper is not.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from ..bodies import System
+from ..engine import Rates, rate_bounds
+from .base import Integrator
+
+SAFETY = 0.8
+"""Share of the limit at rest that held in every scene measured, strongly stretched ones included."""
+MOST_SUBSTEPS = 100_000
+"""More substeps a frame are not chosen automatically: recording them would take longer than anyone waits."""
+
+
+class UnstableStep(ValueError):
+    """The substeps asked for are longer than the stability limit."""
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """The substeps of a frame, and why."""
+
+    rates: Rates
+    """Bounds of the system's rates."""
+    limit: float
+    """Largest stable substep [s]."""
+    least: int
+    """Least number of stable substeps per frame."""
+    substeps: int
+    """The number chosen or asked for."""
+    fps: float
+    """Frames per second."""
+
+    @property
+    def step(self) -> float:
+        """Length of a substep [s]."""
+        return 1.0 / (self.fps * self.substeps)
+
+    @property
+    def energy_swing(self) -> float:
+        """Largest over least energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
+
+        What a kick-drift method conserves is v² + ω²x² − h ω² x v; its extremes over an oscillation lie at
+        1 ± hω/2. Past the limit nothing is conserved, and this is 1.
+        """
+        share = self.step / self.limit if self.limit > 0 else 1.0
+        return (1 + share) / (1 - share) if share < 1 else 1.0
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        frequency = math.sqrt(self.rates.stiffness) / (2 * math.pi)
+        zeta = f"{self.rates.damping_ratio:.2g}"
+        return (
+            f"{self.substeps} substeps a frame (at least {self.least} are stable: fastest oscillation at most "
+            f"{frequency:.3g} Hz, damping ratio {zeta})"
+        )
+
+
+def stability_limit(system: System, integrator: Integrator) -> float:
+    """Return the largest substep [s] that is stable for a system as it stands, by the bound of its rates."""
+    return integrator.stable_step(rate_bounds(system))
+
+
+def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
+    """Return a choice of `substeps`, whatever the limit; where no step is stable it is 0, and `least` too."""
+    limit = integrator.stable_step(rates)
+    least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
+    return StepChoice(rates, limit, least, substeps, fps)
+
+
+def choose_substeps(
+    rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
+) -> StepChoice:
+    """Return the least number of substeps per frame within `safety` of the limit, or the one given.
+
+    Raises
+    ------
+    UnstableStep
+        If no step is stable, or more than MOST_SUBSTEPS would be needed.
+    """
+    choice = choose_forced(rates, integrator, fps, substeps or 1)
+    if choice.limit <= 0.0:
+        raise UnstableStep(f"{integrator} is stable at no step here: a spring has no linear damper beside it")
+    if substeps is not None:
+        return choice
+    wanted = 1.0 / (fps * choice.limit * safety)
+    if wanted > MOST_SUBSTEPS:
+        raise UnstableStep(
+            f"{wanted:.2g} substeps a frame would be needed, more than {MOST_SUBSTEPS}: raise fps, "
+            "or soften what is stiffest for its mass"
+        )
+    return replace(choice, substeps=max(1, math.ceil(wanted)))

@@ -1,0 +1,193 @@
+"""Obstacles: the triangles of solid colliders, for drawing, and where a moving one is.
+
+Everything here is in three dimensions. In a plane system, which is drawn upright in the x-z plane, a disc is
+drawn as a ball, a capsule and a triangle as the rod and the cone of which they are the section, and a
+rectangle as a block as deep as its shorter side.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import AXES
+from ..shapes import box
+from ..world import Box, Capsule, Collider, Cone, Scene, Sphere
+
+AROUND = 72
+"""Segments of what is round: with so many an outline of 500 pixels is off a circle by a quarter of one."""
+SAMPLES = 61
+"""Times at which the extent of a moving obstacle is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """The closed surface of a solid as it was given, with vertices doubled along edges and seams.
+
+    `points` [m] and unit `normals` are of shape [vertex_count, 3], `uv` of [vertex_count, 2], and `triangles`,
+    counter-clockwise seen from outside, of [triangle_count, 3].
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+
+
+def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
+    """Return the colliders of a scene that are drawn, and their meshes: all but planes."""
+    dim = scene.system.dim
+    return [(one, mesh_of(one, dim)) for one in scene.colliders if type(one) in _MESHES]
+
+
+def mesh_of(collider: Collider, dim: int) -> Mesh:
+    """Return the mesh of a sphere, box, capsule or cone in a space of `dim` coordinates.
+
+    Texture coordinates: of a box as of `msdwarp.box`, its six faces in tiles; of the others u runs around the
+    axis and v along it on the surface, from the south pole, the round end at `start`, or the rim of the base,
+    0, to the north pole, the other end, or the apex, 1. The base of a cone shows the middle of the texture, at
+    the scale that u has on the rim.
+
+    Raises
+    ------
+    ValueError
+        If it is of another type.
+    """
+    if type(collider) not in _MESHES:
+        names = ", ".join(kind.__name__ for kind in _MESHES)
+        raise ValueError(f"collider is a {type(collider).__name__}; it must be one of {names}")
+    return _MESHES[type(collider)](collider.geometry(dim))
+
+
+def pose_in_space(collider: Collider, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (R, o), of shapes [3, 3] and [3]: at `time` a point y of its mesh is at R y + o."""
+    turn, shift = collider.pose(time, dim)
+    axes = AXES[dim]
+    matrix, offset = np.eye(3), np.zeros(3)
+    matrix[np.ix_(axes, axes)], offset[axes] = turn, shift
+    return matrix, offset
+
+
+def extent(scene: Scene) -> NDArray[np.float64]:
+    """Return points that enclose all solids, wherever they are while the scene lasts [m], shape [any, 3]."""
+    points = [np.empty((0, 3))]
+    for collider, mesh in meshes(scene):
+        times = [0.0] if collider.motion is None else np.linspace(0, scene.duration, SAMPLES)
+        for time in times:
+            turn, shift = pose_in_space(collider, float(time), scene.system.dim)
+            points.append(mesh.points @ turn.T + shift)
+    return np.concatenate(points)
+
+
+def _in_space(point: Sequence[float]) -> NDArray[np.float64]:
+    full = np.zeros(3)
+    full[AXES[len(point)]] = point
+    return full
+
+
+def _ball(geometry: dict[str, Any]) -> Mesh:
+    centre, radius = _in_space(geometry["a"]), geometry["radius"]
+    angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 1)
+    profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return _lathe(radius * profile, profile, centre, np.array([0.0, 0.0, 1.0]))
+
+
+def _rod(geometry: dict[str, Any]) -> Mesh:
+    start, end, radius = _in_space(geometry["a"]), _in_space(geometry["b"]), geometry["radius"]
+    angle = np.linspace(-np.pi / 2, 0, AROUND // 4 + 1)
+    lower = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    normals = np.concatenate([lower, lower[::-1] * (1, -1)])
+    profile = radius * normals
+    profile[len(lower) :, 1] += np.linalg.norm(end - start)
+    return _lathe(profile, normals, start, end - start)
+
+
+def _cone(geometry: dict[str, Any]) -> Mesh:
+    apex, base, radius = _in_space(geometry["a"]), _in_space(geometry["b"]), geometry["radius"]
+    height = float(np.linalg.norm(apex - base))
+    rim, tip = np.array([radius, 0.0]), np.array([0.0, height])
+    # Rings close enough that a texture is not bent where their four-sided patches are split in two.
+    up = np.linspace(0, 1, 25)[:, None]
+    outwards = np.array([height, radius]) / np.hypot(height, radius)
+    slope = _lathe(rim + up * (tip - rim), np.tile(outwards, (25, 1)), base, apex - base)
+    lid = _lathe(np.array([[0.0, 0.0], [radius, 0.0]]), np.tile([0.0, -1.0], (2, 1)), base, apex - base)
+    across = (lid.points - base) @ _frame(apex - base)[:, :2]
+    flat = Mesh(lid.points, lid.normals, 0.5 + across / (2 * np.pi * radius), lid.triangles)
+    return _joined(slope, flat)
+
+
+def _block(geometry: dict[str, Any]) -> Mesh:
+    half = np.asarray(geometry["b"], dtype=float)
+    dim = len(half)
+    cube = box((2, 2, 2))  # edges of 1 m; its surface says how a box is textured
+    surface = cube.surface
+    assert surface is not None
+    axes, size = np.eye(3), np.full(3, 2 * half.min())
+    place = AXES[dim]
+    axes[np.ix_(place, place)], size[place] = geometry["axes"], 2 * half
+    points = (surface.points(cube.position) * size) @ axes.T
+    a, b, c = (points[surface.triangles[:, k]] for k in range(3))
+    normals = np.zeros_like(points)
+    normals[surface.triangles] = np.cross(b - a, c - a)[:, None]  # a face has its own vertices, and is flat
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh(points + _in_space(geometry["a"]), normals, np.array(surface.uv), surface.triangles)
+
+
+_MESHES: dict[type, Callable[[dict[str, Any]], Mesh]] = {
+    Sphere: _ball,
+    Box: _block,
+    Capsule: _rod,
+    Cone: _cone,
+}
+
+
+def _frame(axis: NDArray) -> NDArray[np.float64]:
+    """Return a right-handed frame, shape [3, 3], whose third column is along `axis`; that of z is x, y, z."""
+    e3 = axis / np.linalg.norm(axis)
+    aside = np.array([1.0, 0.0, 0.0]) if abs(e3[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    e1 = aside - (aside @ e3) * e3
+    e1 /= np.linalg.norm(e1)
+    return np.stack([e1, np.cross(e3, e1), e3], axis=1)
+
+
+def _lathe(profile: NDArray, normals: NDArray, origin: NDArray, axis: NDArray) -> Mesh:
+    """Return what a profile sweeps as it turns about an axis through `origin`.
+
+    `profile` holds (distance from the axis, place along it) [m] of points from below upwards on the outside,
+    shape [any, 2], and `normals` its unit normals in the same coordinates.
+    """
+    rows, columns = len(profile), AROUND + 1  # the last column lies on the first, with u = 1
+    radius = np.where(profile[:, 0] < 1e-9 * np.abs(profile).max(), 0.0, profile[:, 0])
+    pole = radius == 0
+    u = np.tile(np.arange(columns) / AROUND, (rows, 1))
+    u[pole] += 0.5 / AROUND  # a triangle at a pole has the pole's vertex over the middle of its base
+    angle = 2 * np.pi * (u % 1.0)
+    frame = _frame(axis)
+    spoke = np.cos(angle)[..., None] * frame[:, 0] + np.sin(angle)[..., None] * frame[:, 1]
+    points = radius[:, None, None] * spoke + profile[:, 1, None, None] * frame[:, 2] + origin
+    directions = normals[:, 0, None, None] * spoke + normals[:, 1, None, None] * frame[:, 2]
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1)))
+    v = np.repeat((way / way[-1])[:, None], columns, axis=1)
+    vertex = np.arange(rows * columns).reshape(rows, columns)
+    here, right = vertex[:-1, :-1], vertex[:-1, 1:]
+    above, across = vertex[1:, :-1], vertex[1:, 1:]
+    # Of the two triangles of a patch, the one with two vertices at a pole is none.
+    lower = np.stack([here, right, np.where(pole[1:, None], above, across)], axis=-1)[~pole[:-1]]
+    upper = np.stack([here, across, above], axis=-1)[~pole[1:]]
+    return Mesh(
+        points.reshape(-1, 3),
+        directions.reshape(-1, 3),
+        np.stack([u.ravel(), v.ravel()], axis=1),
+        np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int32),
+    )
+
+
+def _joined(first: Mesh, second: Mesh) -> Mesh:
+    return Mesh(
+        np.concatenate([first.points, second.points]),
+        np.concatenate([first.normals, second.normals]),
+        np.concatenate([first.uv, second.uv]),
+        np.concatenate([first.triangles, second.triangles + np.int32(len(first.points))]),
+    )

@@ -1,0 +1,44 @@
+"""What is written over a picture: what its colours tell."""
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from ..kernels.pictures import STRAIN_STOPS
+from .drawing import Scale
+
+STOPS = STRAIN_STOPS
+"""Colours of no strain, half and full strain, for figures that show the same."""
+Stops = tuple[tuple[float, float, float], ...]
+
+
+@functools.lru_cache(maxsize=4)
+def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
+    """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
+    unit = height / 720
+    length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
+    font, ink = ImageFont.load_default(size), (60, 66, 72, 255)
+    # A margin on either side for half the last number, and more where the label is longer than that leaves.
+    left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)
+    legend = Image.new("RGBA", (length + 2 * left, thick + 4 * size), (255, 255, 255, 150))
+    at = np.linspace(0, 1, length)
+    ramp = np.stack([np.interp(at, np.linspace(0, 1, len(stops)), c) for c in np.transpose(stops)], axis=1)
+    pixels = np.broadcast_to(np.round(255 * ramp).astype(np.uint8), (thick, length, 3))
+    legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
+    pen = ImageDraw.Draw(legend)
+    pen.text((left + length / 2, 0), scale.label, ink, font, anchor="ma")
+    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # where there is no room for three numbers
+        label = f"{share * scale.full:g}" + (" or more" if share == 1 else "")
+        pen.text((left + share * length, top + thick + size / 4), label, ink, font, anchor="ma")
+    return legend
+
+
+def with_bar(image: NDArray[np.uint8], scale: Scale, stops: Stops) -> NDArray[np.uint8]:
+    """Return the picture with a bar of the scale's colours, evenly spaced stops, in its lower right corner."""
+    picture = Image.fromarray(image)
+    legend = _bar(picture.height, scale, stops)
+    picture.paste(legend, (picture.width - legend.width, picture.height - legend.height), legend)
+    return np.asarray(picture)

@@ -1,0 +1,228 @@
+"""The parts of a drawing, each a set of triangles that moves, and what gives some of them colours that move."""
+
+import functools
+import itertools
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import Surface, System
+from ..kernels.pictures import drawing
+from ..world import Collider
+from .collider_meshes import Mesh, pose_in_space
+
+TUBE, BALL = 0.045, 0.11
+"""Radii of connections and of particles over the median rest length."""
+LARGE_BALLS = 50
+"""In systems of so few particles a ball is large enough in the picture to deserve 162 corners, else 42."""
+INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
+"""Colours of free and of pinned particles."""
+
+
+class Part(Protocol):
+    """Some of the triangles of a drawing.
+
+    `uv` of shape [vertex_count, 2] and `colour`, broadcastable to [vertex_count, 3], are of its vertices as
+    they are at first; `triangles` of shape [triangle_count, 3] counts its own vertices from 0; `radius` is how
+    far it reaches around the particles [m].
+    """
+
+    uv: NDArray[np.float64]
+    colour: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    radius: float
+
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
+        ...
+
+
+class BodyPart(Part, Protocol):
+    """Triangles that follow the particles."""
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particles whose values each vertex mixes, and its shares of them: [vertex_count, k] both."""
+        ...
+
+
+class Skin:
+    """The surface of a system. Flat shading gives every triangle vertices of its own."""
+
+    radius = 0.0
+
+    def __init__(self, surface: Surface, colour: NDArray, smooth: bool, device: str) -> None:
+        vertices = len(surface.particle)
+        use = np.arange(vertices) if smooth else surface.triangles.ravel()
+        self.uv, self.colour = surface.uv[use], colour
+        self.triangles = surface.triangles
+        normal_of = surface.normal_of
+        if not smooth:
+            self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
+            normal_of = None
+        self._particle = wp.array(surface.particle[use], dtype=int, device=device)
+        self._weights = None
+        if surface.weights is not None:
+            self._weights = wp.array(surface.weights[use], dtype=float, device=device)
+        self._triangles = wp.array(self.triangles, dtype=wp.vec3i, device=device)
+        self._normal_of = wp.array(
+            np.arange(len(use)) if normal_of is None else normal_of, dtype=int, device=device
+        )
+        self._sums = wp.zeros(len(use), dtype=wp.vec3, device=device)
+
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Move the vertices with their particles, and find the normals anew."""
+        if self._weights is None:
+            _launch(drawing.place_vertices, len(points), [x, self._particle], [points])
+        else:
+            _launch(drawing.place_mixtures, len(points), [x, self._particle, self._weights], [points])
+        self._sums.zero_()
+        _launch(
+            drawing.add_face_normals,
+            len(self._triangles),
+            [points, self._triangles, self._normal_of],
+            [self._sums],
+        )
+        _launch(drawing.take_normals, len(points), [self._sums, self._normal_of], [normals])
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particles and weights of the surface's vertices."""
+        if self._weights is None:
+            return _alone(self._particle.numpy())
+        return self._particle.numpy(), self._weights.numpy()
+
+
+class Tubes:
+    """A three-sided tube along each connection."""
+
+    def __init__(self, system: System, device: str) -> None:
+        vertices = 6 * system.connection_count
+        side = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 0, 5], [5, 0, 1]])
+        first = 6 * np.arange(system.connection_count)[:, None, None]
+        self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
+        self.uv, self.colour = np.zeros((vertices, 2)), np.ones(3)
+        self.radius = TUBE * float(np.median(system.rest_length))
+        self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
+
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Lay the tubes between their particles."""
+        inputs = [x, self._connections, self.radius]
+        _launch(drawing.place_tubes, len(self._connections), inputs, [points, normals])
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particle at the end where each vertex is: at the start and the end in turn."""
+        return _alone(np.tile(self._connections.numpy(), (1, 3)).ravel())
+
+
+class Balls:
+    """A ball at each particle; those of pinned particles are darker."""
+
+    def __init__(self, system: System, device: str) -> None:
+        directions, triangles = round_solid(2 if system.particle_count <= LARGE_BALLS else 1)
+        n, count = len(directions), system.particle_count
+        self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
+        self.uv = np.zeros((n * count, 2))
+        self.colour = np.repeat(np.where(system.pinned[:, None], PINNED, INK), n, axis=0)
+        self.radius = BALL * float(np.median(system.rest_length))
+        self._directions = wp.array(directions, dtype=wp.vec3, device=device)
+        self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
+
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Put the balls where their particles are."""
+        _launch(drawing.place_balls, (len(x), len(self._directions)), [x, self._directions, self.radius], [points])
+        wp.copy(normals, self._normals)
+
+    def mixture(self) -> tuple[NDArray, NDArray]:
+        """Return the particle in the middle of each vertex's ball."""
+        corners = len(self._directions)
+        return _alone(np.arange(len(self._normals)) // corners)
+
+
+class Obstacle:
+    """A solid collider; a moving one follows its pose."""
+
+    radius = 0.0
+
+    def __init__(self, collider: Collider, mesh: Mesh, dim: int, colour: NDArray, device: str) -> None:
+        self.uv, self.colour, self.triangles = mesh.uv, colour, mesh.triangles
+        self._collider, self._dim = collider, dim
+        self._points = wp.array(mesh.points, dtype=wp.vec3, device=device)
+        self._normals = wp.array(mesh.normals, dtype=wp.vec3, device=device)
+
+    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+        """Turn and shift the mesh to where the collider is at `time` [s]."""
+        turn, shift = pose_in_space(self._collider, time, self._dim)
+        pose = [wp.mat33(*turn.ravel()), wp.vec3(*shift)]
+        _launch(drawing.place_rigid, len(points), [self._points, self._normals, *pose], [points, normals])
+
+
+class Paint(Protocol):
+    """What gives a part of the body its colours when they change."""
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Write colours, where the particles are at x and have values that are such shares of the full one."""
+        ...
+
+
+class StrainPaint:
+    """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
+
+    def __init__(self, system: System, full_strain: float, device: str) -> None:
+        self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
+        self._rest_length = wp.array(system.rest_length, dtype=float, device=device)
+        self._full_strain = full_strain
+        self._stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Colour the tubes of connections between particles at x."""
+        inputs = [x, self._connections, self._rest_length, self._full_strain, self._stops]
+        _launch(drawing.colour_by_strain, len(self._connections), inputs, [colours])
+
+
+class ValuePaint:
+    """Colours of a part of the body by values of its particles."""
+
+    def __init__(self, part: BodyPart, device: str) -> None:
+        particle, weights = part.mixture()
+        self._particle = wp.array(particle, dtype=int, device=device)
+        self._weights = wp.array(weights, dtype=float, device=device)
+        self._stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
+
+    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        """Colour the part by values that are such shares of the full one."""
+        inputs = [shares, self._particle, self._weights, self._stops]
+        _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+
+
+def _alone(particle: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the mixtures of vertices that are each of one particle, shape [vertex_count]."""
+    return particle[:, None], np.ones((len(particle), 1), np.float32)
+
+
+def _launch(kernel: Any, dim: int | tuple[int, ...], inputs: list, outputs: list[wp.array]) -> None:
+    """Launch on the device of the first output."""
+    wp.launch(kernel, dim, inputs, outputs, device=outputs[0].device)
+
+
+@functools.cache
+def round_solid(halvings: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return (points, triangles) of an icosahedron on the unit sphere, its edges halved so many times."""
+    golden = (1 + np.sqrt(5)) / 2
+    plane = [(0.0, s, t * golden) for s in (-1, 1) for t in (-1, 1)]
+    points = np.array([np.roll(corner, k) for k in range(3) for corner in plane])
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    triples = np.array(list(itertools.combinations(range(12), 3)))
+    sides = np.linalg.norm(points[triples] - points[np.roll(triples, 1, axis=1)], axis=2)
+    triangles = triples[(sides < 1.1).all(axis=1)]  # edges are 1.05 long, and other distances 1.7 at least
+    inwards = np.linalg.det(points[triangles]) < 0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    for _ in range(halvings):
+        a, b, c = triangles.T
+        pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+        edges, edge = np.unique(pairs, axis=0, return_inverse=True)
+        ab, bc, ca = len(points) + edge.reshape(3, -1)
+        points = np.concatenate([points, points[edges].mean(axis=1)])
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        triangles = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
+    return points, triangles

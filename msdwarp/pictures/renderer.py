@@ -1,0 +1,153 @@
+"""Pictures of a scene, by OpenGL (PyVista) or, where there is no library for it, by the ray caster."""
+
+import os
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..world import Scene
+from .drawing import Drawing, Scale
+from .legend import with_bar
+from .opengl import OpenGL
+from .opengl_window import ADVICE, opengl_window
+from .raycast import RayCaster
+from .stage import Stage
+
+
+class Backend(Protocol):
+    """Draws one picture of a drawing as it stands."""
+
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture, with shadows on the ground or without, uint8 of shape [height, width, 3]."""
+        ...
+
+
+class Renderer:
+    """Draws the frames of a scene, all with one camera.
+
+    Parameters
+    ----------
+    scene
+        What is drawn.
+    positions
+        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many. Solid
+        colliders it keeps in view too, wherever they are while the scene lasts.
+    resolution
+        Width and height in pixels.
+    colouring
+        "texture" for the surface as it looks, "strain" for connections from green (rest) to red (strained), or
+        a `Scale` for the surface, or connections where there is none, in the colours of values that come with
+        each frame; by default what the scene's look says.
+    backend
+        "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
+    zoom
+        How many times nearer the camera comes than where it sees everything, above 0.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or there is nothing to draw.
+    RuntimeError
+        If OpenGL is asked for where there is none.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        positions: NDArray,
+        *,
+        resolution: tuple[int, int] = (1280, 720),
+        colouring: str | Scale | None = None,
+        backend: str = "auto",
+        zoom: float = 1.0,
+    ) -> None:
+        checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
+        width, height = (checks.count("resolution", n, 16) for n in resolution)
+        if colouring is None:
+            colouring = "strain" if scene.look.strain else "texture"
+        self.drawing = Drawing(scene, colouring)
+        positions, self._shape = np.asarray(positions), scene.system.position.shape
+        if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
+            raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
+        checks.every("positions", positions, np.isfinite(positions), "finite")
+        self.stage = Stage(scene, positions, (width, height), checks.positive("zoom", zoom))
+        window = opengl_window()
+        if backend == "opengl" and window is None:
+            raise RuntimeError(f"no OpenGL library was found; {ADVICE}")
+        self.uses_opengl = backend != "raycast" and window is not None
+        if self.uses_opengl:
+            if window:
+                os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
+            self._backend: Backend = OpenGL(self.drawing, self.stage)
+        else:
+            self._backend = RayCaster(self.drawing, self.stage)
+
+    def image(self, position: NDArray, time: float = 0.0, values: ArrayLike | None = None) -> NDArray[np.uint8]:
+        """Return the picture of a frame, uint8 of shape [height, width, 3].
+
+        Parameters
+        ----------
+        position
+            Particle positions [m], shape [particle_count, d].
+        time
+            When that is [s]: where moving colliders are drawn.
+        values
+            A number per particle, in the unit of the `Scale` that the colouring is, shape [particle_count];
+            None where it is none.
+
+        Raises
+        ------
+        ValueError
+            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
+            asked for.
+        """
+        return self.with_legend(self.bare(position, time, values=values))
+
+    def bare(
+        self,
+        position: NDArray | None,
+        time: float = 0.0,
+        *,
+        shadows: bool = True,
+        values: ArrayLike | None = None,
+    ) -> NDArray[np.uint8]:
+        """Return the picture of a frame without a legend; without the body where `position` is None.
+
+        Raises
+        ------
+        ValueError
+            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
+            asked for.
+        """
+        if position is None:
+            camera = self.stage.camera
+            self.drawing.follow_without_body(camera.eye - camera.forward, time)
+            return self._backend.draw(shadows=shadows)
+        position = np.asarray(position)
+        if position.shape != self._shape:
+            raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
+        checks.every("position", position, np.isfinite(position), "finite")
+        self.drawing.follow(position, time, self._checked(values))
+        return self._backend.draw(shadows=shadows)
+
+    def _checked(self, values: ArrayLike | None) -> NDArray[np.float64] | None:
+        """Return values of the particles, where the drawing is by value; raise ValueError unless they are."""
+        if not self.drawing.by_value:
+            if values is not None:
+                raise ValueError("values is given; it must be None unless the colouring is a Scale")
+            return None
+        shape = self._shape[:1]
+        if values is None:
+            raise ValueError(f"values is None; it must have the shape {shape}, since the colouring is a Scale")
+        given = checks.array("values", values)
+        if given.shape != shape:
+            raise ValueError(f"values has shape {given.shape}; it must be {shape}")
+        checks.every("values", given, np.isfinite(given), "finite")
+        return given
+
+    def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a picture with the bar of what its colours tell, where they tell something."""
+        scale = self.drawing.scale
+        return image if scale is None else with_bar(image, scale, self.drawing.stops)

@@ -1,0 +1,183 @@
+"""The stage: the camera, the lights and the ground, which stand still."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import in_space
+from ..world import Look, Scene
+from .collider_meshes import extent
+
+# The light: a key light from the upper left behind the camera, and a weaker one at the camera.
+AMBIENT, KEY, HEAD = 0.40, 0.49, 0.30
+EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
+"""The light from all around, and the share left of the two lights, where colours tell values: even light, so that
+they look on all sides as they do in the legend."""
+SHADOW = 0.66
+"""Brightness of the ground in shadow over that in light."""
+VIEW_ANGLE = 30.0
+"""Vertical opening of the camera [degrees]."""
+MARGIN = 1.12
+"""How much wider the view is than what it must hold."""
+
+
+def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
+    """Return what the camera must see: the particles, and what of the solid colliders is not below the ground.
+
+    `positions` are of shape [..., d]; the points [m] returned are of shape [any, 3].
+    """
+    obstacles = extent(scene)
+    if scene.ground is not None:
+        normal = in_space(scene.ground.unit_normal(scene.system.dim), np.float64)
+        obstacles = obstacles - np.minimum(obstacles @ normal - scene.ground.offset, 0.0)[:, None] * normal
+    return np.concatenate([in_space(positions, np.float64).reshape(-1, 3), obstacles])
+
+
+def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
+    """Return those particles of a frame that decide where the camera and the ground are, shape [any, d].
+
+    `position` is of shape [particle_count, d]; `aspect` is the picture's width over its height. A camera that sees
+    those of all frames sees all particles in all frames.
+    """
+    right, up, back = axes_of(look)
+    sides = [axis / tan for axis, tan in zip((right, up), _tangents(aspect), strict=True)]
+    outwards = [back + sign * side for side in sides for sign in (1, -1)]
+    directions = np.array([*outwards, *np.eye(3), *-np.eye(3)])
+    return position[np.unique((in_space(position, np.float64) @ directions.T).argmax(axis=0))]
+
+
+def axes_of(look: Look) -> tuple[NDArray, NDArray, NDArray]:
+    """Return what is right, up and back for a camera, as unit vectors."""
+    azimuth, elevation = math.radians(look.azimuth), math.radians(look.elevation)
+    flat = math.cos(elevation)
+    back = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
+    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    return right, np.cross(back, right), back
+
+
+def _tangents(aspect: float, margin: float = MARGIN) -> tuple[float, float]:
+    """Return the tangents of half the openings of the view, across and upright, less the margin."""
+    tan = math.tan(math.radians(VIEW_ANGLE) / 2) / margin
+    return tan * aspect, tan
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Where the picture is taken from: `eye` towards `target` [m], with unit vectors of the view."""
+
+    eye: NDArray
+    target: NDArray
+    forward: NDArray
+    right: NDArray
+    up: NDArray
+
+    @classmethod
+    def that_sees(
+        cls, points: NDArray, look: Look, aspect: float, margin: float = MARGIN, zoom: float = 1.0
+    ) -> "Camera":
+        """Return the camera in the direction of the look that is as near as it can be and sees all points.
+
+        `points` are of shape [any, 3]; `aspect` is the picture's width over its height. With a `zoom` it is so
+        many times nearer to what it looks at.
+        """
+        # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
+        # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
+        # the view meet at the best target and distance.
+        right, up, back = axes_of(look)
+        middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
+        a, b, c = ((points - middle) @ axis for axis in (right, up, back))
+        shifts = []
+        for side, tan in zip((a, b), _tangents(aspect, margin), strict=True):
+            high, low = np.max(side / tan + c), np.max(-side / tan + c)
+            distance = max(distance, (high + low) / 2)
+            shifts.append(tan * (high - low) / 2)
+        size = float(np.ptp(points, axis=0).max()) or 1.0
+        target = middle + shifts[0] * right + shifts[1] * up
+        eye = target + max(distance, 0.5 * size) / zoom * back
+        return cls(eye, target, -back, right, up)
+
+    def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
+        """Return rows and columns at which points appear in a picture of this size, from its upper left."""
+        offset = points - self.eye
+        unit = 2 * (offset @ self.forward) * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+        return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
+
+    def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
+        """Return (first row, first column, rows, columns) of the part of a picture that holds all points."""
+        if ((points - self.eye) @ self.forward).min() <= 0:
+            return 0, 0, height, width  # a point behind the camera appears nowhere
+        bounds = []
+        for at, size in zip(self.pixels(points, height, width), (height, width), strict=True):
+            low = int(np.clip(at.min() - 1, 0, size - 1))
+            high = int(np.clip(at.max() + 2, low + 1, size))
+            bounds.append((low, high - low))
+        return bounds[0][0], bounds[1][0], bounds[0][1], bounds[1][1]
+
+    @property
+    def light(self) -> NDArray:
+        """Direction towards the key light, of unit length: over the camera's left shoulder."""
+        direction = -0.75 * self.right - 0.35 * self.forward * (1, 1, 0) + np.array([0, 0, 1.1])
+        return direction / np.linalg.norm(direction)
+
+
+class Ground:
+    """The ground: a square of a plane, chequered for scale, that fades into the background."""
+
+    def __init__(self, scene: Scene, points: NDArray) -> None:
+        plane, look = scene.ground, scene.look
+        assert plane is not None
+        self.normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2
+        self.centre = centre - (centre @ self.normal - plane.offset) * self.normal
+        self.u = np.cross([0.0, 1.0, 0.0], self.normal)
+        self.u /= np.linalg.norm(self.u)
+        self.v = np.cross(self.normal, self.u)
+        reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+        self.half = 6.0 * reach
+        self.tile = 10.0 ** math.floor(math.log10(0.5 * reach))
+        """Side of a square of the chequered pattern [m]: a power of ten."""
+        self.texture = self._paint(look)
+
+    def _paint(self, look: Look, size: int = 2048) -> NDArray[np.uint8]:
+        along = (self.half * (2 * (np.arange(size) + 0.5) / size - 1)).astype(np.float32)
+        u, v = (along + np.float32(self.centre @ axis) for axis in (self.u, self.v))
+        odd = (np.floor(u / self.tile)[None, :] + np.floor(v / self.tile)[:, None]) % 2
+        far = np.sqrt(along[None, :] ** 2 + along[:, None] ** 2) / self.half
+        fade = np.clip(1.25 - 1.35 * far, 0, 1) ** 2
+        image = np.empty((size, size, 3), np.uint8)
+        for k, (ground, sky) in enumerate(
+            zip(checks.colour("ground", look.ground), checks.colour("background", look.background), strict=True)
+        ):
+            image[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
+        return image
+
+    def uv(self, points: NDArray) -> NDArray:
+        """Return texture coordinates of points on the ground, shape [any, 2]."""
+        offset = points - self.centre
+        return np.stack([offset @ self.u, offset @ self.v], axis=-1) / (2 * self.half) + 0.5
+
+
+class Stage:
+    """What stands still in all pictures of a scene: the camera, the ground, and the colours around.
+
+    Parameters
+    ----------
+    scene
+        What is drawn.
+    positions
+        Positions that the camera must keep in view [m], shape [..., d].
+    size
+        Width and height of the pictures in pixels.
+    zoom
+        How many times nearer the camera comes than where it sees everything.
+    """
+
+    def __init__(self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0) -> None:
+        points = in_view(scene, positions)
+        self.look = scene.look
+        self.width, self.height = size
+        self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom)
+        self.ground = Ground(scene, points) if scene.ground else None

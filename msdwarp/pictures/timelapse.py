@@ -1,0 +1,97 @@
+"""Time-lapse: several poses of a moving body in one picture, early ones faint and the last one opaque."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from .renderer import Renderer
+
+FAINTEST = 0.22
+"""Opacity of the first of several poses."""
+
+
+def timelapse(
+    renderer: Renderer,
+    positions: Sequence[NDArray] | NDArray,
+    times: ArrayLike,
+    values: ArrayLike | None = None,
+) -> NDArray[np.uint8]:
+    """Return one picture of several poses, laid over each other in order, each more opaque than the one before.
+
+    A pose's pixels are those that differ from a picture without the body; what it covers of earlier poses shows
+    through. Shadows are as dark as their bodies are opaque, and fall on the ground only, not on other poses.
+    Colliders are where they are at the last pose.
+
+    Parameters
+    ----------
+    renderer
+        Draws the poses; its camera should see them all.
+    positions
+        Particle positions of the poses [m], shape [pose_count, particle_count, d].
+    times
+        When they are [s], shape [pose_count].
+    values
+        A number per particle and pose, in the unit of the `Scale` that the renderer's colouring is, shape
+        [pose_count, particle_count]; None where it is none.
+
+    Returns
+    -------
+    NDArray[np.uint8]
+        The picture, shape [height, width, 3].
+
+    Raises
+    ------
+    ValueError
+        If there is no pose, `times` does not hold one time for each, positions are not the system's, or values
+        are missing, not asked for, not finite or not one for each particle and pose.
+    """
+    count = len(positions)
+    if not count:
+        raise ValueError("positions has no pose; it must have at least one")
+    moments = checks.broadcast("times", times, (count,))
+    checks.every("times", moments, np.isfinite(moments), "finite")
+    values_of: Iterable[NDArray | None] = [None] * count
+    if values is not None:
+        values_of, shape = checks.array("values", values), (count, len(positions[0]))
+        if values_of.shape != shape:
+            raise ValueError(f"values has shape {values_of.shape}; it must be {shape}")
+        checks.every("values", values_of, np.isfinite(values_of), "finite")
+    opacities = np.linspace(FAINTEST, 1.0, count) if count > 1 else [1.0]
+    shape = (renderer.stage.height, renderer.stage.width)
+    bodies, clear, light = np.zeros((*shape, 3)), np.ones((*shape, 1)), np.ones((*shape, 1))
+    stage = np.zeros(())
+    for position, time, own, opacity in zip(positions, moments.tolist(), values_of, opacities, strict=True):
+        image, stage = renderer.bare(position, time, values=own), renderer.bare(None, time)
+        shadowless = renderer.bare(position, time, shadows=False, values=own)
+        colour, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
+        bodies += opacity * cover * (colour - bodies)
+        clear *= 1 - opacity * cover
+        # What is left of the light on the ground. Where two shadows fall it is no darker than in one.
+        after, before = (each.sum(axis=2, keepdims=True, dtype=np.int32) for each in (image, stage))
+        left = np.where(cover > 0, 1.0, np.minimum(after / np.maximum(before, 1), 1.0))
+        light = np.minimum(light, 1 - opacity * (1 - left))
+    return renderer.with_legend(np.round(bodies + clear * light * stage).astype(np.uint8))
+
+
+def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
+    """Return the colour of the body in a picture, and how much of each pixel it covers, given what is behind it.
+
+    A pixel on its outline is a blend of both; there the body is taken to have the colour that it has beside it.
+    """
+    body = (image != stage).any(axis=2, keepdims=True)
+    inside = _sum_around(body) == 9
+    beside = _sum_around(inside)
+    outline = body & ~inside & (beside > 0)
+    colour = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
+    whole, seen = colour - stage, image - stage.astype(float)
+    share = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
+    return colour, np.where(outline, np.clip(share, 0.0, 1.0), body)
+
+
+def _sum_around(values: NDArray) -> NDArray[np.int64]:
+    """Return the sums over each pixel and its eight neighbours; beyond the picture are its outermost pixels."""
+    rows, columns = values.shape[:2]
+    framed = np.pad(values.astype(np.int32), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    return np.sum([framed[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)

@@ -1,0 +1,8 @@
+"""Ways to make a system: lattices, round solids, outlines, meshes."""
+
+from .lattices import box, chain, lattice, sheet
+from .meshes import from_mesh
+from .outlines import cloth
+from .solids import ball, cone, cylinder
+
+__all__ = ["ball", "box", "chain", "cloth", "cone", "cylinder", "from_mesh", "lattice", "sheet"]

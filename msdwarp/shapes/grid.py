@@ -1,0 +1,189 @@
+"""Grids: numbers the points of a regular lattice, joins neighbours, and finds cells, pieces and surfaces.
+
+A grid is given by its mask: which of its points are particles, shape [nx, ny] or [nx, ny, nz]. Particles are
+numbered x fastest, then y, then z, without gaps.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import Surface
+
+_BLOCK = 1 << 20  # connections that are looked at together: most of the later ones join what is joined already
+
+
+def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:
+    """Return the steps from a lattice point to half of its neighbours, by name.
+
+    Axes come first, then face diagonals, then space diagonals: by length, as in the report. Without
+    `diagonals` there are `dim` of them, with them (3^dim − 1)/2. The name of (1, −1, 0) is "x-y".
+    """
+    steps = [step for step in itertools.product((1, 0, -1), repeat=dim) if step > (0,) * dim]
+    steps.sort(key=lambda step: (sum(map(abs, step)), tuple(-s for s in step)))
+    named = {}
+    for step in steps[: None if diagonals else dim]:
+        parts = (("+" if s > 0 else "-") + axis for axis, s in zip("xyz", step, strict=False) if s)
+        named["".join(parts).removeprefix("+")] = step
+    return named
+
+
+def particle_numbers(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
+    """Return each point's particle, shape [nx, ny, nz]; where the mask is False the number means nothing."""
+    if mask is None:
+        return np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1]).T
+    return (np.cumsum(mask.T, dtype=np.int32) - 1).reshape(shape[::-1]).T
+
+
+def lattice_connections(
+    shape: Sequence[int],
+    directions: dict[str, tuple[int, ...]],
+    mask: NDArray[np.bool_] | None = None,
+    whole: NDArray[np.bool_] | None = None,
+) -> tuple[NDArray[np.int32], dict[str, slice]]:
+    """Join every particle of a grid with its neighbour in each direction, direction after direction.
+
+    Returns the connections, shape [connection_count, 2], and the slice of each direction. Without a mask
+    every point is a particle. With the mask's whole cells, only those are joined that have one in common.
+    """
+    index = particle_numbers(shape, mask).T  # z, y, x
+    ends = {}
+    for name, step in directions.items():
+        here, there = ends_of(step, shape)
+        first, second = index[here[::-1]], index[there[::-1]]
+        if mask is not None:
+            both = mask[here] & mask[there] if whole is None else _cells_of(whole, step) > 0
+            first, second = first[both.T], second[both.T]
+        ends[name] = first, second
+    connections = np.empty((sum(first.size for first, _ in ends.values()), 2), dtype=np.int32)
+    slices, start = {}, 0
+    for name, (first, second) in ends.items():
+        slices[name] = slice(start, start + first.size)
+        start += first.size
+        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written where it belongs
+        pairs[..., 0], pairs[..., 1] = first, second
+    return connections, slices
+
+
+def ends_of(step: Sequence[int], shape: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Return the points of a grid that have a neighbour one step further, and those neighbours, as slices."""
+    here = tuple(slice(max(0, -s), min(n, n - s)) for s, n in zip(step, shape, strict=True))
+    there = tuple(slice(max(0, s), min(n, n + s)) for s, n in zip(step, shape, strict=True))
+    return here, there
+
+
+def whole_cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which cells have particles at all their corners, shape [nx − 1, ny − 1, nz − 1]."""
+    whole = mask
+    for axis in range(mask.ndim):
+        low, high = [slice(None)] * mask.ndim, [slice(None)] * mask.ndim
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        whole = whole[tuple(low)] & whole[tuple(high)]
+    return whole
+
+
+def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:
+    """Return how many whole cells each connection along a step is part of, in the order of `ends_of`.
+
+    The step 0 stands for the points themselves.
+    """
+    count = whole.astype(np.uint8)
+    for axis, s in enumerate(step):
+        if s == 0:  # between the cells on either side; along the other axes there is one cell between the ends
+            beyond = [(0, 0)] * count.ndim
+            beyond[axis] = (1, 1)
+            count = np.pad(count, beyond)
+            low, high = [slice(None)] * count.ndim, [slice(None)] * count.ndim
+            low[axis], high[axis] = slice(None, -1), slice(1, None)
+            count = count[tuple(low)] + count[tuple(high)]
+    return count
+
+
+def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
+    """Return the part that whole cells make up of all cells around each connection along a step, from 0 to 1.
+
+    In the order of `lattice_connections` with whole cells; for the step 0 in the order of the particles.
+    """
+    count = _cells_of(whole, step).T
+    return count[count > 0] / 2.0 ** (len(step) - np.count_nonzero(step))
+
+
+def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int, ...] | None:
+    """Return the first point of a mask that is no corner of a whole cell, if there is one."""
+    loose = mask & (_cells_of(whole, (0,) * mask.ndim) == 0)
+    return tuple(map(int, np.argwhere(loose.T)[0][::-1])) if loose.any() else None
+
+
+def longest_extent(mask: NDArray[np.bool_]) -> int:
+    """Return how many spacings the particles of a mask reach along the axis where they reach furthest."""
+    return int(max(np.ptp(points) for points in np.nonzero(mask)))
+
+
+def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
+    """Return into how many pieces the connections leave the particles.
+
+    Every particle points to the lowest that it is known to be joined with. Where connections lead from one such
+    lowest to another, the higher is made to point to the lower, and all that point to it follow.
+    """
+    lowest = np.arange(particle_count, dtype=np.int32)
+    for start in range(0, len(connections), _BLOCK):
+        first, second = lowest[connections[start : start + _BLOCK].T]
+        while (apart := first != second).any():
+            first, second = first[apart], second[apart]
+            low, high = np.minimum(first, second), np.maximum(first, second)
+            lowest[high] = low  # of several, any will do: always downwards, so that nothing goes round
+            while not np.array_equal(further := lowest[lowest], lowest):
+                lowest = further
+            first, second = lowest[low], lowest[high]
+    return int(np.count_nonzero(lowest == np.arange(particle_count)))
+
+
+def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> Surface | None:
+    """Return the squares of whole cells that have no whole cell beyond them, facing outwards.
+
+    In three dimensions the faces' six directions lie side by side in one texture, three columns of two rows:
+    −x, +x, −y in the lower row and +y, −z, +z in the upper one, each a plane view of the whole grid. In two
+    dimensions the cells themselves face up, and share one view. Without any whole cell there is no surface.
+    """
+    index = particle_numbers(shape, mask)
+    whole = np.ones([n - 1 for n in shape], dtype=bool) if mask is None else whole_cells(mask)
+    if not whole.any():
+        return None
+    if len(shape) == 2:
+        particle, uv, triangles = _squares(index[None], whole[None])
+        return Surface(particle=particle, uv=uv, triangles=triangles)
+    particles, uvs, triangles, vertices = [], [], [], 0
+    for k in range(6):
+        axis, outwards = k // 2, k % 2  # towards −x, +x, −y, +y, −z, +z
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        order = (axis, first, second) if outwards else (axis, second, first)  # seen from outside: a × b
+        points, cells = index.transpose(order), whole.transpose(order)
+        if mask is None:  # squares are in the outermost layer alone
+            points, squares = points[-1:] if outwards else points[:1], cells[:1]
+        else:
+            # A layer of squares lies on each layer of particles, between the cells before and behind it.
+            cells = np.pad(cells, ((1, 1), (0, 0), (0, 0)))
+            squares = cells[:-1] & ~cells[1:] if outwards else cells[1:] & ~cells[:-1]
+        particle, uv, triangle = _squares(points, squares)
+        particles.append(particle)
+        uvs.append((uv + np.array([k % 3, k // 3])) / (3, 2))
+        triangles.append(triangle + vertices)
+        vertices += len(particle)
+    return Surface(particle=np.concatenate(particles), uv=np.concatenate(uvs), triangles=np.concatenate(triangles))
+
+
+def _squares(index: NDArray, squares: NDArray[np.bool_]) -> tuple[NDArray, NDArray, NDArray]:
+    """Return (particle, uv, triangles) of squares in layers of points [layer, a, b], facing a × b."""
+    _, a, b = index.shape
+    layer, i, j = np.nonzero(squares)
+    corners = [np.ravel_multi_index((layer, i + di, j + dj), index.shape) for di in (0, 1) for dj in (0, 1)]
+    points, vertex = np.unique(np.concatenate(corners), return_inverse=True)
+    corner, along_b, along_a, across = vertex.reshape(4, -1)
+    triangles = np.concatenate(
+        [np.stack([corner, along_a, across], axis=-1), np.stack([corner, across, along_b], axis=-1)]
+    )
+    layer, i, j = np.unravel_index(points, index.shape)
+    uv = np.stack([np.linspace(0, 1, a)[i], np.linspace(0, 1, b)[j]], axis=1)
+    return index[layer, i, j], uv, triangles

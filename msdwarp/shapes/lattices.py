@@ -1,0 +1,351 @@
+"""Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Material, Surface, System
+from .grid import (
+    cell_shares,
+    count_pieces,
+    first_loose,
+    grid_surface,
+    lattice_connections,
+    lattice_directions,
+    longest_extent,
+    whole_cells,
+)
+
+
+class _Stuff(NamedTuple):
+    """What a lattice is made of: a material, or constants."""
+
+    constants: dict[str, ArrayLike]
+    material: Material | None = None
+    section: float = 1.0
+    """Cross section of a chain [m²], thickness of a sheet [m]; 1 if it is solid."""
+
+
+def _stuff(
+    material: Material | None,
+    mass: ArrayLike | None,
+    stiffness: ArrayLike | None,
+    damping: ArrayLike | None,
+    **section: float | None,
+) -> _Stuff:
+    """Return what a lattice is made of; raise ValueError if that is given twice or in part."""
+    named = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {name: value for name, value in named.items() if value is not None}
+    if material is None:
+        for name, value in section.items():
+            if value is not None:
+                raise ValueError(f"{name} is {value!r}; without a material it must be left out")
+        return _Stuff(constants)
+    if not isinstance(material, Material):
+        raise ValueError(f"material is {material!r}; it must be a Material, such as msdwarp.RUBBER")
+    if constants:
+        name, value = next(iter(constants.items()))
+        raise ValueError(f"{name} is {value!r}; with a material, which determines it, it must be left out")
+    size = 1.0
+    for name, value in section.items():
+        if value is None:
+            raise ValueError(f"{name} is None; with a material it must be a number above 0")
+        size *= checks.positive(name, value)
+    return _Stuff({}, material, size)
+
+
+def _lattice(
+    shape: Sequence[int],
+    spacing: float,
+    diagonals: bool,
+    dim: int,
+    surface: Surface | None,
+    stuff: _Stuff,
+    mask: NDArray[np.bool_] | None = None,
+) -> System:
+    """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates.
+
+    With a mask, shape [nx, ny, nz], only where it is True.
+    """
+    spacing = checks.positive("spacing", spacing)
+    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
+    position = np.zeros((*shape[::-1], dim))  # z, y, x
+    for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
+        position[..., k] = coordinates
+    position = position.reshape(-1, dim) if mask is None else position[mask.T]
+    directions = lattice_directions(len(shape), diagonals=diagonals)
+    # A material fills whole cells: what joins particles across a gap between them is not of it.
+    whole = None if stuff.material is None or mask is None else whole_cells(mask)
+    if mask is not None and whole is not None:
+        _check_no_loose_particle(mask, whole)
+    connections, slices = lattice_connections(shape, directions, mask, whole)
+    if mask is not None:
+        _check_one_piece(mask, connections)
+    rest_length = np.empty(len(connections))
+    for name, step in directions.items():
+        rest_length[slices[name]] = spacing * np.sqrt(sum(map(abs, step)))  # exactly 1, √2 or √3 spacings
+    # What is made here is valid, but for a spacing so large that it overflows.
+    for name, values in {"position": position, "rest_length": rest_length}.items():
+        checks.within(name, values, (np.isfinite, "finite"))
+    lattice = System._of_own(
+        position=position,
+        connections=connections,
+        rest_length=rest_length,
+        surface=surface,
+        directions=(slices,),
+    )
+    if stuff.material is None:
+        return lattice.replace(**stuff.constants)
+    mask = np.ones(shape, dtype=bool) if mask is None else mask
+    return lattice.replace(**_constants_of(stuff.material, stuff.section, mask, spacing, diagonals))
+
+
+def _constants_of(
+    material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
+) -> dict[str, NDArray[np.float64]]:
+    """Return mass, stiffness and damping of a lattice of a material, each cell's share by share."""
+    whole = whole_cells(mask)
+    by_axes = material.cell_stiffness(mask.ndim, spacing, section, diagonals=diagonals)
+    stiffness = np.concatenate(
+        [
+            by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step)
+            for step in lattice_directions(mask.ndim, diagonals=diagonals).values()
+        ]
+    )
+    return {
+        "mass": material.cell_mass(mask.ndim, spacing, section) * cell_shares(whole, (0,) * mask.ndim),
+        "stiffness": stiffness,
+        "damping": material.damping_time(spacing * longest_extent(mask)) * stiffness,
+    }
+
+
+def _check_shape(shape: Sequence[int], axes: int) -> None:
+    """Check the number of particles along each axis."""
+    if not isinstance(shape, Sequence) or len(shape) != axes:
+        raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
+    for k, n in enumerate(shape):
+        checks.count(f"shape[{k}]", n, 2)
+
+
+def chain(
+    count: int,
+    spacing: float = 1.0,
+    *,
+    material: Material | None = None,
+    area: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    dim: int = 3,
+) -> System:
+    """Return `count` particles in a row along x, each joined with the next.
+
+    Parameters
+    ----------
+    count
+        Number of particles, at least 2.
+    spacing
+        Distance of neighbours and rest length [m].
+    material
+        What it is made of, in place of the three that follow; see `Material`.
+    area
+        Cross section [m²], if there is a material.
+    mass, stiffness, damping
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    dim
+        Number of coordinates: 1, 2 or 3.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+    """
+    checks.one_of("dim", dim, (1, 2, 3))
+    count = checks.count("count", count, 2)
+    return _lattice((count,), spacing, False, dim, None, _stuff(material, mass, stiffness, damping, area=area))
+
+
+def sheet(
+    shape: tuple[int, int],
+    spacing: float = 1.0,
+    *,
+    neighbours: int = 8,
+    material: Material | None = None,
+    thickness: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    dim: int = 3,
+) -> System:
+    """Return a rectangular sheet of particles in the x-y plane.
+
+    Parameters
+    ----------
+    shape
+        Number of particles along x and y, each at least 2.
+    spacing
+        Distance of neighbours along an axis [m].
+    neighbours
+        4 joins neighbours along the axes (such a sheet collapses by shearing: report fig. 7); 8 adds the
+        diagonals (fig. 8).
+    material
+        What it is made of, in place of the three that follow; see `Material`.
+    thickness
+        Thickness [m], if there is a material.
+    mass, stiffness, damping
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    dim
+        Number of coordinates: 2 or 3.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+    """
+    checks.one_of("dim", dim, (2, 3))
+    checks.one_of("neighbours", neighbours, (4, 8))
+    _check_shape(shape, 2)
+    stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
+    return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff)
+
+
+def box(
+    shape: tuple[int, int, int],
+    spacing: float = 1.0,
+    *,
+    neighbours: int = 26,
+    material: Material | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+) -> System:
+    """Return a solid block of particles.
+
+    Its surface has the six faces side by side in one texture, three columns of two rows:
+    −x, +x, −y in the lower row and +y, −z, +z in the upper one.
+
+    Parameters
+    ----------
+    shape
+        Number of particles along x, y and z, each at least 2.
+    spacing
+        Distance of neighbours along an axis [m].
+    neighbours
+        6 joins neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals
+        of faces and cells.
+    material
+        What it is made of, in place of the three that follow; see `Material`.
+    mass, stiffness, damping
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+    """
+    checks.one_of("neighbours", neighbours, (6, 26))
+    _check_shape(shape, 3)
+    stuff = _stuff(material, mass, stiffness, damping)
+    return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), stuff)
+
+
+def lattice(
+    mask: ArrayLike,
+    spacing: float = 1.0,
+    *,
+    neighbours: int | None = None,
+    material: Material | None = None,
+    thickness: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    dim: int | None = None,
+    surface: Surface | None = None,
+) -> System:
+    """Return a body of any form, cut from a lattice.
+
+    Particles are numbered x fastest, then y, then z, without gaps. The centre of the whole mask is the
+    origin, whichever of its points are particles.
+
+    Parameters
+    ----------
+    mask
+        Which points of the lattice are particles: bool, shape [nx, ny, nz] for a solid body, [nx, ny] for
+        a sheet in the x-y plane.
+    spacing
+        Distance of neighbours along an axis [m].
+    neighbours
+        26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
+    material
+        What it is made of, in place of the three that follow; see `Material`. It fills the
+        whole cells, those with particles at all corners: every particle must be at one, and particles that
+        have none in common are not joined.
+    thickness
+        Thickness of a sheet [m], if there is a material.
+    mass, stiffness, damping
+        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    dim
+        Number of coordinates: 3, or 2 for a sheet; by default 3.
+    surface
+        The triangles that are drawn. By default the squares around the whole cells, those with particles
+        at all corners, each of the six directions in the tile of the texture that it has for `box`; for a
+        sheet its whole cells, facing up. There is none if no cell is whole.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, a particle is joined with no other, or the body is in pieces.
+    """
+    try:
+        points = np.array(mask)
+    except ValueError as error:
+        raise ValueError(f"mask must be an array of True and False, not {mask!r}") from error
+    if points.dtype != bool or points.ndim not in (2, 3):
+        raise ValueError(
+            f"mask has shape {points.shape} and type {points.dtype}; "
+            "it must hold True and False in the shape (nx, ny) or (nx, ny, nz)"
+        )
+    if not points.any():
+        raise ValueError("mask is False everywhere; it must have at least two particles")
+    axes = points.ndim
+    allowed = {2: (8, 4), 3: (26, 6)}[axes]
+    neighbours = allowed[0] if neighbours is None else neighbours
+    checks.one_of("neighbours", neighbours, allowed)
+    dim = 3 if dim is None else dim
+    checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
+    if axes == 2:
+        stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
+    else:
+        stuff = _stuff(material, mass, stiffness, damping)
+        if thickness is not None:
+            raise ValueError(f"thickness is {thickness!r}; for a solid body it must be left out")
+    surface = grid_surface(points.shape, points) if surface is None else surface
+    return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points)
+
+
+def _check_no_loose_particle(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> None:
+    """Check that every particle of a mask is a corner of a whole cell."""
+    loose = first_loose(mask, whole)
+    if loose is not None:
+        raise ValueError(
+            f"mask{list(loose)} is True, but it is a corner of no whole cell; a material fills whole cells"
+        )
+
+
+def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:
+    """Check that connections join all the particles of a mask."""
+    joined = np.zeros(np.count_nonzero(mask), dtype=bool)
+    joined[connections] = True
+    if not joined.all():
+        alone = np.argwhere(mask.T)[np.argmin(joined)][::-1].tolist()
+        raise ValueError(
+            f"mask{alone} is True, but none of its neighbours is; every particle must be joined with another"
+        )
+    pieces = count_pieces(len(joined), connections)
+    if pieces > 1:
+        raise ValueError(
+            f"mask is {pieces} pieces that no connection joins; it must be one (systems can be added)"
+        )

@@ -1,0 +1,262 @@
+"""Bodies of any form: a closed mesh, filled with a lattice that carries it along."""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Material, System
+from ..kernels.filling import find_inside
+from .skin import SAMPLED, Skin, cell_centres, embedded, held
+
+_SAME = 1e-6
+"""Points of a mesh that are nearer than this, over its longest extent, are one: single precision errs by less."""
+_SHARP = math.cos(math.radians(30))
+"""Where triangles at a point meet at more than this angle, coincident vertices keep normals of their own."""
+
+
+def from_mesh(
+    mesh: Any,
+    spacing: float | None = None,
+    *,
+    across: int | None = None,
+    neighbours: int = 26,
+    material: Material | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+) -> System:
+    """Return a closed mesh filled with particles, where it is.
+
+    The particles are the corners of the lattice cells whose centre is inside the mesh. Where the mesh is thinner
+    than a cell, the cells that it passes through are filled as well, so that thin parts hold, as thick as a cell.
+    Gaps that are narrower than a cell may be filled or bridged by connections. The mesh is what is drawn; its
+    edges are halved until none is longer than two spacings, so that it can bend.
+
+    Where the mesh has texture coordinates, they are kept. Otherwise u is |angle| / π around the vertical axis
+    through the middle of its bounding box, 0 at +x and 1 at −x on either side, and v the height, from 0 at the
+    bottom to 1 at the top. Vertices that coincide, as along the seam of a texture, have a common normal, unless
+    the surface bends there by more than 30°.
+
+    Parameters
+    ----------
+    mesh
+        A PyVista surface, or (points [m] of shape [n, 3], triangles of shape [m, 3]). Every edge must have two
+        triangles; which of their sides is outside is found out, but all must agree.
+    spacing
+        Distance of neighbouring particles along an axis [m]. Either it or `across` is given.
+    across
+        Number of cells along the mesh's longest extent.
+    neighbours
+        26 or 6, as for `box`.
+    material, mass, stiffness, damping
+        A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range; the mesh is empty, open, not finite, without volume, or inconsistently
+        turned; or the body is of several pieces.
+    """
+    points, uv, triangles = _read(mesh)
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = high - low
+    centre = (low + high) / 2
+    points, triangles = _closed(points - centre, triangles, _SAME * float(extent.max()))
+    points, uv, triangles = _used(points, uv, triangles)
+    if across is not None and spacing is None:
+        h = float(extent.max()) / checks.count("across", across, 1)
+    elif spacing is not None and across is None:
+        h = checks.positive("spacing", spacing)
+    else:
+        raise ValueError(f"spacing is {spacing} and across is {across}; one of them must be given, not both")
+    if h > extent.max():
+        raise ValueError(f"spacing is {h:g}; it must be at most {extent.max():g}, the longest extent of the mesh")
+    shape = np.maximum(np.ceil(extent / h * (1 - 1e-12)), 1).astype(int)
+    samples, _, _ = _subdivided(points / h, None, triangles, SAMPLED)
+    cells = held(_filled(points / h, triangles, shape), samples)
+    points, uv, triangles = _subdivided(points, uv, triangles, 2 * h)
+    if uv is None:
+        around = np.abs(np.arctan2(points[:, 1], points[:, 0])) / math.pi
+        uv = np.stack([around, points[:, 2] / extent[2] + 0.5], axis=1)
+    skin = Skin(points, np.asarray(uv), triangles, _shared_normals(points, triangles))
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    body = embedded(cells, h, skin, neighbours=neighbours, material=material, **constants)
+    return body.translate(centre)
+
+
+def _read(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
+    """Return (points, uv, triangles) of a mesh, uv None where it has none, without points that no triangle has."""
+    uv = None
+    if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):
+        surface = mesh.triangulate()
+        if not hasattr(surface, "regular_faces"):
+            raise ValueError(f"mesh is a {type(mesh).__name__}; it must be a surface: try mesh.extract_surface()")
+        uv = surface.active_texture_coordinates
+        given = surface.points, surface.regular_faces
+    elif isinstance(mesh, tuple | list) and len(mesh) == 2:
+        given = mesh
+    else:
+        raise ValueError(f"mesh is a {type(mesh).__name__}; it must be a PyVista surface or (points, triangles)")
+    points = checks.array("the mesh's points", given[0])
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"the mesh's points have shape {points.shape}; they must be (any, 3)")
+    checks.within("the mesh's points", points, (np.isfinite, "finite"))
+    triangles = checks.indices("the mesh's triangles", given[1], 3, len(points))
+    if not len(triangles):
+        raise ValueError("mesh has no triangles; it must have a closed surface of them")
+    if uv is not None:
+        uv = checks.broadcast("the mesh's texture coordinates", uv, (len(points), 2))
+    return _used(points, uv, triangles)
+
+
+def _used(
+    points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
+    """Return (points, uv, triangles) without the points that no triangle has."""
+    used, numbers = np.unique(triangles, return_inverse=True)
+    return points[used], None if uv is None else uv[used], numbers.reshape(-1, 3)
+
+
+def _closed(
+    points: NDArray[np.float64], triangles: NDArray[np.intp], tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return (points, triangles) of a mesh that is closed, turned to face outwards.
+
+    Points that are nearer than the tolerance are given one and the same place, and triangles without a
+    third corner are left out.
+    """
+    one = _coincident(points, tolerance)
+    corners = one[triangles]
+    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    triangles, corners, points = triangles[proper], corners[proper], points[one]
+    if not len(corners):
+        raise ValueError("mesh is but a point or a line; it must be a closed surface")
+    edges, edge, forwards = _edges(corners)
+    times = np.bincount(edge.ravel(), minlength=len(edges))
+    wrong = times != 2
+    if wrong.any():
+        first = np.argmax(wrong)
+        a, b = (np.array2string(points[i], precision=4) for i in edges[first])
+        raise ValueError(
+            f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
+            f"from {a} to {b} [m off its middle] with {times[first]}"
+        )
+    # Neighbours that agree about outside walk their edge in opposite directions.
+    disagree = np.bincount(edge.ravel(), weights=forwards.ravel()) != 1
+    if disagree.any():
+        raise ValueError(
+            f"mesh has triangles that disagree about which side is outside, at {disagree.sum()} edges; all must "
+            "be counter-clockwise seen from outside (in PyVista: mesh.compute_normals(consistent_normals=True))"
+        )
+    volume = np.linalg.det(points[triangles]).sum() / 6
+    if abs(volume) <= np.ptp(points, axis=0).max() * tolerance**2:
+        raise ValueError(f"mesh encloses a volume of {volume:g} m³; it must enclose some")
+    if volume < 0:
+        triangles = triangles[:, ::-1]
+    return points, triangles
+
+
+def _edges(triangles: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the edges of triangles, shape [any, 2], and each side's edge and whether it is walked forwards.
+
+    Sides are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
+    """
+    start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
+    count = int(triangles.max()) + 1
+    key, edge = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_inverse=True)
+    return np.stack(np.divmod(key, count), axis=1), edge.reshape(triangles.shape), start < end
+
+
+def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
+    """Return, for each point, the first of those that it coincides with, shape [any].
+
+    Points in the same cell of a grid coincide. Two that are near may be in different cells, but then not in those
+    of a grid that is shifted by half a cell along the right axes.
+    """
+    if tolerance == 0:
+        tolerance = 1.0
+    grids = []
+    for shift in itertools.product((0.0, 0.5), repeat=points.shape[1]):
+        cell = np.floor(points / (2 * tolerance) + shift).astype(np.int64)
+        grids.append(np.unique(cell, axis=0, return_inverse=True)[1].ravel())
+    first = np.arange(len(points))
+    while True:
+        before = first
+        for cell in grids:
+            least = np.full(cell.max() + 1, len(points))
+            np.minimum.at(least, cell, first)
+            first = least[cell]
+        if np.array_equal(first, before):
+            return first
+
+
+def _filled(
+    points: NDArray[np.float64], triangles: NDArray[np.intp], shape: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
+    centres = np.stack(np.broadcast_arrays(*cell_centres(shape, 1.0)), axis=-1)
+    surface = wp.Mesh(
+        points=wp.array(points, dtype=wp.vec3, device="cpu"),
+        indices=wp.array(triangles.ravel(), dtype=int, device="cpu"),
+        support_winding_number=True,
+    )
+    inside = wp.zeros(centres[..., 0].size, dtype=wp.bool, device="cpu")
+    where = wp.array(centres.reshape(-1, 3), dtype=wp.vec3, device="cpu")
+    reach = 2.0 * float(np.linalg.norm(shape))
+    wp.launch(find_inside, len(inside), [surface.id, where, reach], [inside], device="cpu")
+    return inside.numpy().astype(bool).reshape(shape)
+
+
+def _subdivided(
+    points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.intp], longest: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
+    """Return (points, uv, triangles) of a mesh with edges halved until none is longer than `longest` [m]."""
+    while True:
+        edges, edge, _ = _edges(triangles)
+        halved = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1) > longest
+        if not halved.any():
+            return points, uv, triangles
+        middle = np.where(halved, len(points) + np.cumsum(halved) - 1, -1)[edge]
+        points = np.concatenate([points, points[edges[halved]].mean(axis=1)])
+        if uv is not None:
+            uv = np.concatenate([uv, uv[edges[halved]].mean(axis=1)])
+        # Turn each triangle a, b, c so that of its middles ab, bc, ca those that there are come first.
+        count = np.count_nonzero(middle >= 0, axis=1)
+        lone = np.where(count == 2, np.argmin(middle >= 0, axis=1) + 1, np.argmax(middle >= 0, axis=1))
+        turn = (np.arange(3) + lone[:, None]) % 3
+        corner, middle = np.take_along_axis(triangles, turn, 1).T, np.take_along_axis(middle, turn, 1).T
+        (a, b, c), (ab, bc, ca) = corner, middle
+        parts = [triangles[count == 0]]
+        for n, split in (
+            (1, ((a, ab, c), (ab, b, c))),
+            (2, ((ab, b, bc), (a, ab, bc), (a, bc, c))),
+            (3, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))),
+        ):
+            parts += [np.stack(triangle, axis=1)[count == n] for triangle in split]
+        triangles = np.concatenate(parts)
+
+
+def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the vertex whose normal each vertex takes, one in the same place with nearly the same."""
+    corner = points[triangles]
+    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(normal, triangles[:, k], area)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    place = np.unique(points, axis=0, return_inverse=True)[1].ravel()
+    normal_of = np.arange(len(points))
+    left = np.arange(len(points))
+    while len(left):
+        # The first that is left in each place, and those there that agree with it, share its normal.
+        _, first, group = np.unique(place[left], return_index=True, return_inverse=True)
+        leader = left[first][group]
+        agrees = (np.einsum("vi,vi->v", normal[left], normal[leader]) > _SHARP) | (left == leader)
+        normal_of[left[agrees]] = leader[agrees]
+        left = left[~agrees]
+    return normal_of

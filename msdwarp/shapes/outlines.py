@@ -1,0 +1,177 @@
+"""Sheets of any outline, carried by a lattice."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Material, System
+from .skin import SAMPLED, Skin, cell_centres, embedded, held
+
+_FINER = 4
+"""How many times finer than its lattice a cloth is drawn."""
+_CORNER = math.radians(15)
+"""Where an outline turns by more than this, the drawn margin has a corner too."""
+
+
+def cloth(
+    outline: ArrayLike,
+    spacing: float,
+    *,
+    neighbours: int = 8,
+    material: Material | None = None,
+    thickness: float | None = None,
+    mass: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    damping: ArrayLike | None = None,
+    dim: int = 3,
+) -> System:
+    """Return a sheet of any outline in the x-y plane, where the outline is, facing up.
+
+    The particles are the corners of the lattice cells whose centre is inside the outline. Where it is narrower
+    than a cell, the cells that it passes through are filled as well, so that narrow parts hold, as wide as a cell.
+    What is drawn is a grid four times as fine, its margin moved onto the outline. Its texture coordinates grow
+    with x and y from 0 to 1 over the bounding box.
+
+    Parameters
+    ----------
+    outline
+        Corners of a simple polygon in either sense [m], shape [n, 2].
+    spacing
+        Distance of neighbouring particles along an axis [m].
+    neighbours
+        8 or 4, as for `sheet`.
+    material, thickness, mass, stiffness, damping
+        A material and the thickness [m], or the constants of each particle [kg] and each connection [N/m],
+        [N s/m]; see `lattice`.
+    dim
+        Number of coordinates: 2 or 3.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, the outline crosses or touches itself, or the spacing is too large
+        for it.
+    """
+    spacing = checks.positive("spacing", spacing)
+    corners = _polygon(outline)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if spacing > (high - low).max():
+        longest = (high - low).max()
+        raise ValueError(
+            f"spacing is {spacing:g}; it must be at most {longest:g}, the longest extent of the outline"
+        )
+    centre, extent = (low + high) / 2, (high - low) / spacing
+    corners = (corners - centre) / spacing
+    shape = np.maximum(np.ceil(extent * (1 - 1e-12)), 1).astype(int)
+    cells = _cells_of(corners, shape)
+    points, triangles = _fitted(corners * _FINER, _cells_of(corners * _FINER, shape * _FINER))
+    skin = Skin(points * (spacing / _FINER), np.clip(points / _FINER / extent + 0.5, 0, 1), triangles)
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants |= {"material": material, "thickness": thickness}
+    body = embedded(cells, spacing, skin, neighbours=neighbours, dim=dim, **constants)
+    return body.translate(np.resize([*centre, 0.0], dim))
+
+
+def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
+    """Return the corners of a simple polygon, shape [n, 2]; raise ValueError if it is none."""
+    corners = checks.array("outline", outline)
+    if corners.ndim != 2 or corners.shape[1] != 2:
+        raise ValueError(f"outline has shape {corners.shape}; it must be (n, 2)")
+    checks.within("outline", corners, (np.isfinite, "finite"))
+    if len(corners) > 1 and (corners[0] == corners[-1]).all():
+        corners = corners[:-1]  # closed already
+    if len(corners) < 3:
+        raise ValueError(f"outline has {len(corners)} corners; it must have at least 3")
+    side = np.roll(corners, -1, axis=0) - corners
+    if not side.any(axis=1).all():
+        raise ValueError(f"outline[{np.argmin(side.any(axis=1))}] is the same corner as the next")
+    before = np.roll(side, 1, axis=0)
+    back = (_cross(before, side) == 0) & ((before * side).sum(axis=1) < 0)
+    if back.any():
+        raise ValueError(f"outline turns back on itself at outline[{np.argmax(back)}]")
+    for i in range(len(corners) - 2):
+        j = np.arange(i + 2, len(corners) - (i == 0))  # the sides that have no corner in common with side i
+        a, b = corners[i], corners[i] + side[i]
+        c, d = corners[j], corners[(j + 1) % len(corners)]
+        # Both have the other's ends not on the same side, and their bounding boxes meet, if they are in line.
+        parted = _cross(b - a, c - a) * _cross(b - a, d - a) > 0
+        parted |= _cross(d - c, a - c) * _cross(d - c, b - c) > 0
+        parted |= (np.minimum(a, b) > np.maximum(c, d)).any(axis=1) | (np.maximum(a, b) < np.minimum(c, d)).any(
+            axis=1
+        )
+        if not parted.all():
+            raise ValueError(
+                f"outline crosses or touches itself: its sides from outline[{i}] and "
+                f"outline[{j[np.argmin(parted)]}] do"
+            )
+    return corners
+
+
+def _cross(a: NDArray, b: NDArray) -> NDArray:
+    """Return the cross product of plane vectors."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points of a grid are inside a polygon, shape [nx, ny]."""
+    end = np.roll(corners, -1, axis=0)  # inside is what has an odd number of sides before it
+    inside = np.empty((len(x), len(y)), dtype=bool)
+    for j, height in enumerate(y):
+        meets = (corners[:, 1] > height) != (end[:, 1] > height)
+        (xa, ya), (xb, yb) = corners[meets].T, end[meets].T
+        crossings = np.sort(xa + (height - ya) / (yb - ya) * (xb - xa))
+        inside[:, j] = np.searchsorted(crossings, x) % 2 == 1
+    return inside
+
+
+def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which cells, of size 1 around the origin, a polygon fills: with their centre inside, or held."""
+    ends = np.append(corners, corners[:1], axis=0)
+    along = np.insert(np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)), 0, 0.0)
+    samples = np.linspace(0, along[-1], math.ceil(along[-1] / SAMPLED) + 1)
+    margin = np.stack([np.interp(samples, along, ends[:, k]) for k in range(2)], axis=1)
+    return held(_inside(corners, *(axis.ravel() for axis in cell_centres(shape, 1.0))), margin)
+
+
+def _fitted(
+    corners: NDArray[np.float64], cells: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return (points, triangles) of cells of size 1 around the origin, the margin moved onto a polygon."""
+    around = np.pad(cells, 1).astype(int)
+    around = around[:-1, :-1] + around[1:, :-1] + around[:-1, 1:] + around[1:, 1:]  # cells at each point
+    number = np.cumsum(around.ravel() > 0).reshape(around.shape) - 1
+    place = np.argwhere(around > 0)
+    points = place - np.array(cells.shape) / 2
+    margin = np.flatnonzero(around[tuple(place.T)] < 4)
+    points[margin] = _nearest_of(corners, points[margin])
+    # The corners of the polygon, the sharpest first, draw the nearest of those points to themselves.
+    side = np.roll(corners, -1, axis=0) - corners
+    before = np.roll(side, 1, axis=0)
+    turn = np.abs(np.arctan2(_cross(before, side), (before * side).sum(axis=1)))
+    for k in np.argsort(-turn, kind="stable")[: np.count_nonzero(turn > _CORNER)]:
+        distance = np.linalg.norm(points[margin] - corners[k], axis=1)
+        if distance.min(initial=np.inf) < 2:
+            points[margin[np.argmin(distance)]] = corners[k]
+            margin = np.delete(margin, np.argmin(distance))
+    i, j = np.nonzero(cells)
+    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    # Of the two ways to halve a square, the one whose smaller triangle is larger.
+    ways = np.array([[[a, b, c], [a, c, d]], [[a, b, d], [b, c, d]]])  # [way, triangle, corner, square]
+    p, q, r = (points[ways[:, :, k]] for k in range(3))
+    better = np.argmax(_cross(q - p, r - p).min(axis=1), axis=0)
+    return points, np.concatenate([ways[better, k, :, np.arange(len(i))] for k in range(2)])
+
+
+def _nearest_of(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest point of a polygon to each point, shape [any, 2]."""
+    side = np.roll(corners, -1, axis=0) - corners
+    result = np.empty_like(points)
+    for start in range(0, len(points), 256):
+        offset = points[start : start + 256, None] - corners
+        share = np.clip((offset * side).sum(axis=-1) / (side**2).sum(axis=-1), 0, 1)
+        foot = corners + share[..., None] * side
+        nearest = np.argmin(np.linalg.norm(points[start : start + 256, None] - foot, axis=-1), axis=1)
+        result[start : start + 256] = foot[np.arange(len(nearest)), nearest]
+    return result

@@ -1,0 +1,189 @@
+"""Skins: a drawn surface, carried by a lattice of cells."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Surface, System
+from .grid import count_pieces, lattice_connections, lattice_directions, particle_numbers, whole_cells
+from .lattices import lattice
+
+
+def embed(
+    points: ArrayLike, number: NDArray, whole: NDArray[np.bool_], spacing: float, corner: ArrayLike
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Return points as mixtures of the corners of lattice cells: (particle, weights), shape [any, 2^d] each.
+
+    A point is interpolated, linearly along each axis, in the cell that contains it. Where that cell is not
+    whole, since a particle is missing at a corner, it is extrapolated from the nearest whole cell.
+
+    Parameters
+    ----------
+    points
+        Points [m], shape [any, d] with d = 2 or 3, or more coordinates, of which the first d count.
+    number
+        Number of the particle at each lattice point, shape [nx, ny] or [nx, ny, nz].
+    whole
+        Which cells have a particle at every corner, one fewer along each axis.
+    spacing
+        Distance of neighbours along an axis [m].
+    corner
+        Where number[0, 0, 0] is, or would be [m], shape [d].
+
+    Raises
+    ------
+    ValueError
+        If no cell is whole, or a point is not finite.
+    """
+    dim = number.ndim
+    place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing
+    checks.within("points", place, (np.isfinite, "finite"))
+    if not whole.any():
+        raise ValueError("whole is False everywhere; there must be a cell to embed points in")
+    cell, _ = nearest_cells(place, whole)
+    inside = place - cell  # 0 … 1 within the cell
+    particle = np.empty((len(place), 2**dim), dtype=np.int32)
+    weights = np.ones((len(place), 2**dim))
+    for k, step in enumerate(itertools.product((0, 1), repeat=dim)):
+        particle[:, k] = number[tuple((cell + step).T)]
+        for axis, s in enumerate(step):
+            weights[:, k] *= inside[:, axis] if s else 1 - inside[:, axis]
+    return particle, weights
+
+
+def nearest_cells(
+    place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return which of some cells is nearest to each place, shape [any, d], and how far it is, shape [any].
+
+    Places and distances are measured in cells; what is inside is 0 away. Where no cell is within that distance,
+    another may be returned, or none that is inf away.
+
+    The cells around the one that a place lies in are searched shell by shell. Those of shell r + 1 are at
+    least r away, so that a cell found within r stands. A place outside the grid starts at its margin.
+    """
+    last = np.array(cells.shape) - 1
+    own = np.clip(np.floor(place), 0, last).astype(np.intp)
+    best = np.zeros_like(own)
+    distance = np.full(len(place), np.inf)
+    left = np.arange(len(place))
+    shell = 0
+    while len(left) and shell <= last.max() and shell < within + 1:
+        for step in itertools.product(range(-shell, shell + 1), repeat=place.shape[1]):
+            if max(map(abs, step)) < shell:
+                continue
+            cell = own[left] + step
+            in_grid = np.clip(cell, 0, last)
+            there = np.all(cell == in_grid, axis=1) & cells[tuple(in_grid.T)]
+            outside = place[left] - np.clip(place[left], cell, cell + 1)
+            apart = np.where(there, np.linalg.norm(outside, axis=1), np.inf)
+            nearer = apart < distance[left]
+            best[left[nearer]], distance[left[nearer]] = cell[nearer], apart[nearer]
+        left = left[distance[left] > shell]
+        shell += 1
+    return best, distance
+
+
+AWAY, SAMPLED = 0.6, 0.4
+"""Distances in cells: beyond the first from all cells a part is lost; so densely is a skin looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A surface as it is drawn, before the particles carry it."""
+
+    points: NDArray[np.float64]
+    """Vertices [m], shape [vertex_count, d]."""
+    uv: NDArray[np.float64]
+    """Texture coordinates, shape [vertex_count, 2]."""
+    triangles: NDArray[np.int64]
+    """Vertices of each triangle, shape [triangle_count, 3]."""
+    normal_of: NDArray[np.int64] | None = None
+    """The vertex whose normal each vertex takes, shape [vertex_count]."""
+
+
+def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) -> System:
+    """Return the lattice of the corners of some cells, centred at the origin, that carries a skin along.
+
+    Parameters
+    ----------
+    cells
+        Which cells the body is of, shape [nx, ny] or [nx, ny, nz].
+    spacing
+        Their size [m].
+    skin
+        What is drawn, where it is when the lattice is centred at the origin.
+    kind
+        What it is made of, how it is joined: keywords of `lattice`.
+
+    Raises
+    ------
+    ValueError
+        If there is no cell, or they are several pieces, or as for `lattice`.
+    """
+    if not cells.any():
+        raise ValueError(f"spacing is {spacing:g}; it must be smaller: no cell of that size has its centre inside")
+    mask = np.zeros([n + 1 for n in cells.shape], dtype=bool)
+    for corner in np.ndindex((2,) * cells.ndim):
+        mask[tuple(slice(c, n + c) for c, n in zip(corner, cells.shape, strict=True))] |= cells
+    whole = whole_cells(mask)
+    # The particles of a cell are joined along its edges, so that these alone tell what hangs together.
+    joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
+    pieces = count_pieces(int(np.count_nonzero(mask)), joined)
+    if pieces > 1:
+        raise ValueError(
+            f"with a spacing of {spacing:g} the body is {pieces} pieces that do not touch; it must be one "
+            "(make each by itself: systems can be added)"
+        )
+    low = [-spacing * (n - 1) / 2 for n in mask.shape]
+    particle, weights = embed(skin.points, particle_numbers(mask.shape, mask), whole, spacing, low)
+    surface = Surface(
+        particle=particle, weights=weights, uv=skin.uv, triangles=skin.triangles, normal_of=skin.normal_of
+    )
+    return lattice(mask, spacing, surface=surface, **kind)
+
+
+def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
+    """Return x, y (and z) of the centres of a grid of cells around the origin, broadcastable to its shape."""
+    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in np.asarray(shape)]
+    return list(np.meshgrid(*axes, indexing="ij", sparse=True))
+
+
+def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return cells with those added that thin parts of a body pass through, so that what hangs together does.
+
+    Added are the cells with a sample of the body's skin that is further than AWAY from every cell so far (where
+    the body is thick, a plane skin is at most ½ from a cell with its centre inside); and then those with a sample
+    where the cells around hang together through nothing else that is around.
+
+    Cells hang together if they share a corner: those of samples less than a cell apart do. Samples are SAMPLED
+    apart, and AWAY + SAMPLED is 1, so that no gap is left.
+
+    Parameters
+    ----------
+    cells
+        Cells of size 1 of a grid around the origin, shape [nx, ny] or [nx, ny, nz].
+    samples
+        Points of the skin, shape [any, d], neighbours at most SAMPLED apart.
+    """
+    shape, dim = np.array(cells.shape), cells.ndim
+    place = samples + shape / 2
+    _, distance = nearest_cells(place, cells, within=1)
+    at = np.clip(np.floor(place), 0, shape - 1).astype(int)
+    touched, filled = np.zeros_like(cells), cells.copy()
+    touched[tuple(at.T)] = True
+    filled[tuple(at[distance > AWAY].T)] = True
+
+    steps = np.array(list(np.ndindex((3,) * dim)))  # to the cells around, in a grid with a margin
+    adjacent = (np.abs(steps[:, None] - steps) <= 1).all(axis=-1).astype(np.float32)
+    left = np.argwhere(touched & ~filled)
+    around = np.pad(filled, 1)[tuple(np.moveaxis(left[:, None] + steps, -1, 0))]  # [cell left, cell around it]
+    reached = around & (np.cumsum(around, axis=1) == 1)  # from the first of them on
+    for _ in steps:
+        reached = around & (reached.astype(np.float32) @ adjacent > 0)
+    filled[tuple(left[(reached != around).any(axis=1)].T)] = True
+    return filled

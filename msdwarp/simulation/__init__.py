@@ -1,0 +1,7 @@
+"""A system advanced frame by frame."""
+
+from .divergence import SimulationDiverged
+from .readback import Readback
+from .simulation import Simulation, frame_count
+
+__all__ = ["Readback", "Simulation", "SimulationDiverged", "frame_count"]

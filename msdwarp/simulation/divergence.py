@@ -1,0 +1,72 @@
+"""What is said when a run cannot go on: where, when and why."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import System
+
+
+class SimulationDiverged(RuntimeError):
+    """The run cannot go on: a number is no longer finite, or energy has grown that has no source."""
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        time: float,
+        substep: int,
+        particle: int,
+        connection: int | None,
+        strain: float,
+        substeps_needed: int,
+    ) -> None:
+        super().__init__(message)
+        self.time = time
+        """When it happened [s]."""
+        self.substep = substep
+        """The substep of its frame, from 1."""
+        self.particle = particle
+        """The first particle concerned."""
+        self.connection = connection
+        """Its most strained connection just before, if it has any."""
+        self.strain = strain
+        """The strain of that connection."""
+        self.substeps_needed = substeps_needed
+        """Substeps per frame that are stable for the last good frame; 0 where none are."""
+
+
+def describe(
+    system: System,
+    position: NDArray,
+    time: float,
+    dt: float,
+    substep: int,
+    substeps: int,
+    particle: int,
+    needed: int,
+) -> SimulationDiverged:
+    """Return the exception for a frame that began at `time` and was last good at `position`."""
+    connection, strain, stretched = None, float("nan"), ""
+    mine = np.flatnonzero((system.connections == particle).any(axis=1))
+    if len(mine):
+        i, j = system.connections[mine].T
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges may be large beyond all numbers
+            length = np.linalg.norm(position[i].astype(np.float64) - position[j], axis=1)
+            strains = length / system.rest_length[mine] - 1
+        worst = int(np.argmax(np.abs(strains)))
+        connection, strain = int(mine[worst]), float(strains[worst])
+        stretched = f", whose connection {connection} was at strain {strain:.3g} before"
+    advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
+    if 0 < needed <= substeps:
+        advice += f", so strong stretching must have come on within the frame: try {2 * substeps}"
+    when = time + substep * dt
+    return SimulationDiverged(
+        f"diverged at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
+        f"{advice}. The last good frame, at {time:.4g} s, is kept",
+        time=when,
+        substep=substep,
+        particle=particle,
+        connection=connection,
+        strain=strain,
+        substeps_needed=needed,
+    )

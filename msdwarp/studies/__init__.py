@@ -1,0 +1,19 @@
+"""What is asked of runs: accuracy, energies over time, comparisons."""
+
+from .accuracy import cheapest, simulation_of, tune
+from .comparison import compare
+from .energy_log import EnergyLog
+from .frames import particle_energies, system_in
+from .history import plot_history, write_history
+
+__all__ = [
+    "EnergyLog",
+    "cheapest",
+    "compare",
+    "particle_energies",
+    "plot_history",
+    "simulation_of",
+    "system_in",
+    "tune",
+    "write_history",
+]

@@ -1,0 +1,222 @@
+"""Accuracy: the error of a method on a scene, and the cheapest method that stays under a tolerance."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..integrators import METHODS, RK4, UnstableStep
+from ..simulation import Simulation, SimulationDiverged, frame_count
+from ..world import Scene
+
+MOST_REFINEMENT = 64
+"""No method is tried with more substeps than so many times those that are stable."""
+
+
+class Measurement(NamedTuple):
+    """What one method does on one scene."""
+
+    method: str
+    precision: str
+    substeps: int
+    error: float
+    """Largest error of a frame: root mean square of the particles' position errors over the system's size."""
+    seconds: float
+    """Time to simulate one second [s]; NaN where the error is too large for it to matter."""
+
+    @property
+    def evaluations(self) -> int:
+        """Force evaluations per frame."""
+        return self.substeps * METHODS[self.method].evaluations
+
+
+class Reference(NamedTuple):
+    """What methods are measured against."""
+
+    position: NDArray[np.float64]
+    """Positions [m], shape [frame_count, particle_count, d]."""
+    error: NDArray[np.float64]
+    """Estimate of its own error, by frame, as `Measurement.error`."""
+    size: float
+    """Largest extent of the system at the start [m]."""
+
+
+def simulation_of(scene: Scene, **options: Any) -> Simulation:
+    """Return the simulation of a scene: all but its look, with options of `Simulation`."""
+    surroundings = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
+    return Simulation(scene.system, **surroundings, **options)
+
+
+def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:
+    """Return a simulation and the positions of all its frames, shape [frame_count, particle_count, d]."""
+    simulation = simulation_of(scene, **options)
+    return simulation, np.array([frame.position for frame in simulation.frames(duration)], dtype=np.float64)
+
+
+def frame_errors(position: NDArray, reference: NDArray, size: float) -> NDArray[np.float64]:
+    """Return the error of each frame: root mean square distance of the particles over `size`."""
+    return np.sqrt(((position - reference) ** 2).sum(axis=2).mean(axis=1)) / size
+
+
+def make_reference(scene: Scene, duration: float, device: str | None = None, finer: int = 8) -> Reference:
+    """Return the scene by RK4 in float64, with `finer` times the substeps that are stable.
+
+    Its own error is estimated from a run with half as many that starts from positions rounded to float32: what
+    rounding alone makes of the motion, no method in float32 can be blamed for. A body that buckles forgets
+    where it came from, and then nothing is certain any longer.
+    """
+    stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
+    system, runs = scene.system, []
+    for n, position in ((finer // 2, system.position.astype(np.float32)), (finer, system.position)):
+        start = replace(scene, system=system.replace(position=position))
+        options = {"integrator": RK4(), "device": device, "precision": "float64", "substeps": n * stable}
+        runs.append(simulate(start, duration, **options)[1])
+    size = float(np.ptp(system.position, axis=0).max())
+    return Reference(runs[1], frame_errors(runs[0], runs[1], size), size)
+
+
+def certain_frames(reference: Reference, error: float) -> int:
+    """Return how many frames the reference knows to within `error`."""
+    uncertain = np.flatnonzero(np.maximum.accumulate(reference.error) > error)
+    return int(uncertain[0]) if len(uncertain) else len(reference.error)
+
+
+def tune(
+    scene: Scene,
+    tolerance: float,
+    *,
+    device: str | None = None,
+    horizon: float = 1.0,
+    report: Callable[[str], None] = lambda line: None,
+) -> tuple[list[Measurement], float]:
+    """Measure every method on a scene, with the substeps that bring its error under a tolerance.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    tolerance
+        Error allowed, as `Measurement.error`.
+    device
+        Where to simulate.
+    horizon
+        Time over which errors are measured [s]: shorter where the scene is, and where the reference itself is
+        not certain to a tenth of the tolerance any longer, as after a buckling.
+    report
+        Told in a line what is being done.
+
+    Returns
+    -------
+    tuple[list[Measurement], float]
+        All measurements, the default method with its automatic substeps first; and the horizon used [s].
+
+    Raises
+    ------
+    ValueError
+        If the scene has a schedule, the tolerance or the horizon is not positive, or the reference is not certain
+        to a tenth of the tolerance for as long as a single frame.
+    """
+    checks.positive("tolerance", tolerance)
+    if scene.schedule:
+        raise ValueError("the scene has a schedule: substeps that are right before a change are not after it")
+    horizon = min(checks.positive("horizon", horizon), scene.duration)
+    frame_count(horizon, 60.0)
+    report("reference")
+    reference = make_reference(scene, horizon, device)
+    frames = certain_frames(reference, tolerance / 10)
+    if frames < 2:
+        raise ValueError(
+            f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
+            f"{reference.error[1]:.1g} after one frame"
+        )
+    horizon = (frames - 1) / 60.0
+    reference = Reference(reference.position[:frames], reference.error[:frames], reference.size)
+    found = []
+    for name in METHODS:
+        report(name)
+        found += _measure_method(scene, name, tolerance, reference, horizon, device)
+    report("timing")
+    enough = [one for one in found if one.error <= tolerance or one is found[0]]
+    least = min(one.evaluations for one in enough)
+    chosen = [one for one in enough if one.evaluations <= 16 * least]
+    for one, timed in zip(chosen, _timed(scene, chosen, device), strict=True):
+        found[found.index(one)] = timed
+    return found, horizon
+
+
+def _measure_method(
+    scene: Scene, name: str, tolerance: float, reference: Reference, horizon: float, device: str | None
+) -> Iterator[Measurement]:
+    """Yield measurements from the automatic substeps on, until one is under the tolerance."""
+    method = METHODS[name]
+    if name == "leapfrog-extrapolated" and not scene.system.damping.any():
+        return  # the same as leapfrog
+    substeps: int | str = "auto"
+    precisions = iter(("float32", "float32-compensated", "float64"))
+    precision, before, least = next(precisions), math.inf, 0
+    for _ in range(6):
+        options = {"integrator": method, "substeps": substeps, "precision": precision, "device": device}
+        try:
+            simulation, position = simulate(scene, horizon, **options)
+        except UnstableStep:  # a method that wants a damper beside every spring
+            return
+        except SimulationDiverged as trouble:
+            substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
+            continue
+        error = float(frame_errors(position, reference.position, reference.size).max())
+        yield Measurement(name, precision, simulation.substeps, error, math.nan)
+        least = least or simulation.substeps
+        if error <= tolerance:
+            return
+        if error > 0.7 * before:  # smaller steps did not help: it is rounding
+            precision, before = next(precisions, "float64"), math.inf
+            continue
+        before = error
+        order = 1 if scene.colliders else method.order  # what it is across a contact
+        factor = max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order))
+        substeps = math.ceil(simulation.substeps * factor)
+        if substeps > MOST_REFINEMENT * least:
+            return
+
+
+def _timed(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> list[Measurement]:
+    """Fill in the times: medians of several rounds, in which the methods take turns."""
+    simulations = []
+    for one in found:
+        simulation = simulation_of(
+            scene,
+            integrator=METHODS[one.method],
+            substeps=one.substeps,
+            precision=one.precision,
+            device=device,
+        )
+        simulation.step()  # compiles and records
+        simulations.append(simulation)
+    times = np.empty((rounds, len(found)))
+    for k in range(rounds):
+        for n, simulation in enumerate(simulations):
+            began = time.perf_counter()
+            simulation.step(6)
+            times[k, n] = (time.perf_counter() - began) * simulation.fps / 6
+    medians = np.median(times, axis=0)
+    return [one._replace(seconds=float(seconds)) for one, seconds in zip(found, medians, strict=True)]
+
+
+def cheapest(found: list[Measurement], tolerance: float) -> Measurement:
+    """Return the fastest measurement under the tolerance.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    good = [one for one in found if one.error <= tolerance]
+    if not good:
+        best = min(one.error for one in found)
+        raise ValueError(f"tolerance is {tolerance:g}; the least error that was reached is {best:.2g}")
+    return min(good, key=lambda one: one.seconds)

@@ -1,0 +1,100 @@
+"""A log of energies: a CSV file that grows with the run, and a plot of it."""
+
+import csv
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self, TextIO
+
+import numpy as np
+
+from .. import disk
+from ..disk import replacing
+from ..engine import Measures
+from .plots import plot_log
+
+COLUMNS: dict[str, Callable[[Measures], float]] = {
+    "kinetic_J": lambda m: m.kinetic_energy,
+    "elastic_J": lambda m: m.elastic_energy,
+    "gravitational_J": lambda m: m.gravitational_energy,
+    "total_J": lambda m: m.energy,
+    "dissipated_W": lambda m: m.dissipated_power,
+    "momentum_kg_m_s": lambda m: float(np.linalg.norm(m.momentum)),
+    "angular_momentum_kg_m2_s": lambda m: float(np.linalg.norm(m.angular_momentum)),
+    "largest_strain": lambda m: m.largest_strain,
+}
+
+
+class EnergyLog:
+    """Writes a line of measures per frame, at once to disk.
+
+    Parameters
+    ----------
+    path
+        The CSV file; the plot stands beside it with the ending .png.
+    force
+        Replace what is there.
+    behind
+        Go on with the file that is there, behind so many of its lines; what it has beyond them is dropped. A file
+        that is no longer there begins anew.
+
+    Raises
+    ------
+    ValueError
+        If the path does not end in .csv, or is called as a frame is; or if the file to go on with is no log, or
+        lacks lines.
+    FileExistsError
+        If the file or its plot exists and `force` is False.
+    OSError
+        If nothing can be written there.
+    """
+
+    def __init__(self, path: Path, *, force: bool = False, behind: int = 0) -> None:
+        if path.suffix != ".csv":
+            raise ValueError(f"log is {path}; its name must end in .csv")
+        if re.fullmatch(r"frame_\d+", path.stem):
+            raise ValueError(f"log is {path}; its plot would have the name of a frame")
+        self.path, self.plot_path = path, path.with_suffix(".png")
+        for existing in (self.path, self.plot_path):
+            if existing.exists() and not force and not behind:
+                raise FileExistsError(f"log would replace {existing}; name another file or add --force")
+        disk.writable_folder("log", path, path.parent)
+        self._file: TextIO | None = None
+        self._kept = self._lines(behind)
+
+    def _lines(self, behind: int) -> list[list[str]]:
+        """Return so many lines of measures that are there."""
+        if not behind or not self.path.exists():
+            return []
+        with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
+            head, *lines = list(csv.reader(file)) or [[]]
+        if head != ["time_s", *COLUMNS] or len(lines) < behind:
+            raise ValueError(f"log is {self.path}, which is not what the run had written there; move it away")
+        return lines[:behind]
+
+    def __enter__(self) -> Self:
+        """Open the file."""
+        with replacing(self.path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([["time_s", *COLUMNS], *self._kept])
+        self._file = self.path.open("a", newline="", encoding="utf-8")
+        self._writer = csv.writer(self._file)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the file, then draw the plot; an error on the way here is not hidden by one of these."""
+        assert self._file is not None
+        try:
+            self._file.close()
+            plot_log(self.path, self.plot_path)
+        except (OSError, ValueError) as error:
+            if kind is None:
+                raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
+
+    def write(self, time: float, measures: Measures) -> None:
+        """Add a line."""
+        assert self._file is not None
+        try:
+            self._writer.writerow([f"{time:.9g}", *(f"{of(measures):.9g}" for of in COLUMNS.values())])
+            self._file.flush()
+        except OSError as error:
+            raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error

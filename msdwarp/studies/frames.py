@@ -1,0 +1,62 @@
+"""The system as it was in a frame of a trajectory."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import System
+from ..files import Trajectory
+from ..world import Change
+
+
+def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> list[Change]:
+    """Return the changes that had been made before frame k was simulated, in their order."""
+    fps = trajectory.attributes.get("options", {}).get("fps", trajectory.fps)  # a file may hold every n-th frame
+    before = round(trajectory.times[k] * fps) - 1
+    ordered = sorted(schedule, key=lambda change: change.time)
+    return [change for change in ordered if change.time * fps < before + 1e-6]  # as Simulation.step has it
+
+
+def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:
+    """Return the system as it is in frame k of a trajectory.
+
+    Positions and velocities are the frame's; masses, stiffnesses and dampings what the schedule has made of those
+    at the start; rest lengths, where they do not stay, what the strains tell.
+
+    Raises
+    ------
+    ValueError
+        If rest lengths do not stay, and strains are not in the file.
+    """
+    start, frame = trajectory.system, trajectory.frame(k)
+    system = start
+    for change in changes_made(trajectory, k, schedule):
+        system = change.applied_to(system)
+    system = system.replace(position=frame.position, velocity=frame.velocity)
+    if not (start.yields or schedule):
+        return system
+    rest_length = recovered_rest_length(system, trajectory.strains[k])
+    return system.replace(rest_length=rest_length, original_length=start.original_length)
+
+
+def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64]:
+    """Return what rest lengths have become [m], shape [connection_count], by the strains of the connections.
+
+    Where two joined particles coincide their strain does not tell, and the rest length is the system's.
+    """
+    ratio = 1.0 + strain.astype(np.float64)
+    return np.divide(system.length, ratio, out=np.array(system.rest_length), where=ratio > 0)
+
+
+def particle_energies(system: System) -> NDArray[np.float64]:
+    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of each connection's.
+
+    Together they are the kinetic and elastic energy of the system. Pinned particles have no kinetic energy.
+    """
+    mass = np.where(system.pinned, 0.0, system.mass)
+    energy = 0.5 * mass * (system.velocity**2).sum(axis=1)
+    half = 0.25 * system.stiffness * (system.length - system.rest_length) ** 2
+    for end in system.connections.T:
+        energy += np.bincount(end, weights=half, minlength=system.particle_count)
+    return energy

@@ -1,0 +1,50 @@
+"""Curves over time."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
+"""Colours of curves."""
+
+
+def plot_log(csv_path: Path, png_path: Path) -> None:
+    """Draw the energies of a log against time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    table = np.atleast_1d(np.genfromtxt(csv_path, delimiter=",", names=True))
+    if not table.size:
+        return
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    draw_energies(axes, table)
+    axes.set_xlabel("time [s]")
+    axes.legend(frameon=False)
+    figure.savefig(png_path, dpi=150)
+
+
+def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
+    """Draw the energies of a table with the log's columns against time."""
+    start = table["gravitational_J"][0]
+    curves = {
+        "kinetic": (table["kinetic_J"], RED),
+        "elastic": (table["elastic_J"], BLUE),
+        "gravitational, from the start's": (table["gravitational_J"] - start, GREEN),
+        "total": (table["total_J"] - start, DARK),
+    }
+    draw_curves(axes, table["time_s"], curves, "energy [J]")
+
+
+def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, str]], quantity: str) -> None:
+    """Draw curves, (values, colour) by name, against time; the dark one stands out."""
+    for label, (values, colour) in curves.items():
+        axes.plot(time, values, label=label, color=colour, lw=2.2 if colour == DARK else 1.5)
+    axes.set_ylabel(quantity)
+    axes.margins(x=0)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)

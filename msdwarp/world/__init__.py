@@ -1,0 +1,8 @@
+"""What a system moves in: obstacles, changes on the way, and how it all looks."""
+
+from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .look import Look
+from .scene import Scene
+from .schedule import Change, at
+
+__all__ = ["Box", "Capsule", "Change", "Collider", "Cone", "Look", "Plane", "Scene", "Sphere", "at"]

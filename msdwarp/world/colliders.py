@@ -1,0 +1,324 @@
+"""Colliders: obstacles, fixed or moved, as frozen dataclasses.
+
+What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.contact`; a shape says
+only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`).
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import rotation
+
+Motion = Callable[[float], Any]
+"""What moves a collider: at time t [s] it is displaced by so much from where it was given [m], shape [d], or, as a
+pair (displacement, turn), also turned about its centre by a rotation vector [rad], shape [3] (in 2-D a number)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collider:
+    """An obstacle that particles are kept out of: what all shapes have.
+
+    Parameters
+    ----------
+    restitution
+        Normal speed after a bounce over that before it, 0 … 1.
+    friction
+        Coulomb's coefficient: tangential over normal force while sliding; inf is allowed.
+    tangential_factor
+        The share of the tangential velocity that one contact leaves however hard it presses, 0 … 1;
+        0 leaves all to Coulomb's friction.
+    rest_speed
+        Slower approaches than this do not bounce [m/s].
+    motion
+        A function of time that displaces and turns it (see `Motion`); it must be smooth, and be where the
+        collider was given at time 0 for a body that touches it then. By default it is fixed.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is out of its range.
+    """
+
+    restitution: float = 0.5
+    friction: float = 0.5
+    tangential_factor: float = 0.0
+    rest_speed: float = 0.01
+    motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.between("restitution", self.restitution, 0, 1)
+        checks.between("tangential_factor", self.tangential_factor, 0, 1)
+        checks.non_negative("friction", self.friction, infinite=True)
+        checks.non_negative("rest_speed", self.rest_speed)
+        if self.motion is not None and not callable(self.motion):
+            raise ValueError(f"motion is {self.motion!r}; it must be a function of time")
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return None
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return what `msdwarp.kernels.contact` reads: points a and b [dim], sizes [dim], axes [dim, dim]."""
+        raise NotImplementedError
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the point about which it turns [m], shape [dim]."""
+        return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
+
+    def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (R, o): at `time` a point y of it as given lies at R y + o.
+
+        Raises
+        ------
+        ValueError
+            If `motion` returns neither a displacement nor a pair, or one that is not finite.
+        """
+        if self.motion is None:
+            return np.eye(dim), np.zeros(dim)
+        given = self.motion(time)
+        # A displacement in 2-D may be a pair too, of numbers.
+        turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
+        displacement, turn = given if turned else (given, None)
+        name = f"motion({time:g})"
+        shift = checks.vector(
+            name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim
+        )
+        matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of {name}")
+        centre = self.centre(dim)
+        return matrix, shift + centre - matrix @ centre
+
+
+@dataclass(frozen=True)
+class Plane(Collider):
+    """The half-space below a plane: points x with normal·x < offset.
+
+    Parameters
+    ----------
+    normal
+        Direction out of the obstacle, any length, as many coordinates as the particles have; by default upwards.
+    offset
+        Distance of the plane from the origin along the normal [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is out of its range or the normal is zero.
+    """
+
+    normal: tuple[float, ...] | None = None
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments and give the normal unit length."""
+        super().__post_init__()
+        if self.normal is not None:
+            object.__setattr__(self, "normal", checks.direction("normal", self.normal))
+        checks.between("offset", self.offset, -sys.float_info.max, sys.float_info.max)
+
+    def unit_normal(self, dim: int) -> NDArray[np.float64]:
+        """Return the normal in a space of `dim` coordinates, shape [dim]."""
+        return np.eye(dim)[-1] if self.normal is None else np.array(self.normal)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("normal", self.normal, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the normal as a, and the offset in place of a radius."""
+        return {"a": self.unit_normal(dim), "radius": self.offset}
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the point of the plane next to the origin [m]."""
+        return self.offset * self.unit_normal(dim)
+
+
+@dataclass(frozen=True)
+class Sphere(Collider):
+    """A ball; in two dimensions a disc.
+
+    Parameters
+    ----------
+    position
+        Its centre [m].
+    radius
+        Its radius [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    radius: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        object.__setattr__(self, "position", checks.point("position", self.position))
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("position", self.position, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the centre as a."""
+        return {"a": self.position, "radius": self.radius}
+
+
+@dataclass(frozen=True)
+class Box(Collider):
+    """A solid block. One that stands on a plane must reach below it: what slides there would come in from beneath.
+
+    Parameters
+    ----------
+    position
+        Its centre [m].
+    size
+        Its edges [m].
+    turn
+        Rotation vector about its centre [rad], shape [3]; in two dimensions an angle, in one without meaning.
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    size: tuple[float, ...] = (1.0, 1.0, 1.0)
+    turn: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        object.__setattr__(self, "position", checks.point("position", self.position))
+        size = checks.point("size", self.size)
+        if len(size) != len(self.position) or min(size) <= 0:
+            raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
+        object.__setattr__(self, "size", size)
+        if self.turn is not None:
+            rotation(self.turn, len(size), "turn")
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        return _wrong_length("position", self.position, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the centre as a, half the edges as b, and the directions of the edges."""
+        axes = np.eye(dim) if self.turn is None else rotation(self.turn, dim, "turn")
+        return {"a": self.position, "b": np.array(self.size) / 2, "axes": axes}
+
+
+@dataclass(frozen=True)
+class Capsule(Collider):
+    """All points within `radius` of a line: a rod with round ends.
+
+    Parameters
+    ----------
+    start, end
+        The ends of the line [m].
+    radius
+        Its radius [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the ends are one point.
+    """
+
+    start: tuple[float, ...] = (-0.5, 0.0, 0.0)
+    end: tuple[float, ...] = (0.5, 0.0, 0.0)
+    radius: float = 0.25
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        _check_ends(self, "start", "end")
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        if dim == 1:
+            return f"start is {self.start}; a capsule needs at least 2 coordinates: in one a Box is the same"
+        return _wrong_length("start", self.start, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the ends as a and b."""
+        return {"a": self.start, "b": self.end, "radius": self.radius}
+
+    def centre(self, dim: int) -> NDArray[np.float64]:
+        """Return the middle of the line [m]."""
+        return (np.array(self.start) + self.end) / 2
+
+
+@dataclass(frozen=True)
+class Cone(Collider):
+    """A solid cone with a flat base; in two dimensions a triangle. On a plane it is as with a `Box`.
+
+    Parameters
+    ----------
+    apex
+        Its tip [m].
+    base
+        Middle of its base [m].
+    radius
+        Radius of the base [m].
+    restitution, friction, tangential_factor, rest_speed, motion
+        See `Collider`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the base is at the apex.
+    """
+
+    apex: tuple[float, ...] = (0.0, 0.0, 1.0)
+    base: tuple[float, ...] = (0.0, 0.0, 0.0)
+    radius: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        super().__post_init__()
+        _check_ends(self, "apex", "base")
+        checks.positive("radius", self.radius)
+
+    def fits(self, dim: int) -> str | None:
+        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        if dim == 1:
+            return f"apex is {self.apex}; a cone needs at least 2 coordinates"
+        return _wrong_length("apex", self.apex, dim)
+
+    def geometry(self, dim: int) -> dict[str, Any]:
+        """Return the apex as a and the middle of the base as b."""
+        return {"a": self.apex, "b": self.base, "radius": self.radius}
+
+
+def _check_ends(collider: Any, first: str, second: str) -> None:
+    """Turn the two points that a collider spans into tuples, and check that they are two."""
+    for name in (first, second):
+        object.__setattr__(collider, name, checks.point(name, getattr(collider, name)))
+    a, b = getattr(collider, first), getattr(collider, second)
+    if len(a) != len(b) or a == b:
+        raise ValueError(f"{second} is {b}; it must be another point than {first}, with as many coordinates")
+
+
+def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:
+    """Return that a collider has another number of coordinates, where it has."""
+    return None if value is None or len(value) == dim else f"{name} is {value}; it must have {dim} coordinates"

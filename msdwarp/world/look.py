@@ -1,0 +1,82 @@
+"""Look: how a scene is drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """How a scene is drawn.
+
+    Parameters
+    ----------
+    colour
+        Colour of the body, "#rrggbb"; without effect where there is a texture.
+    texture
+        An image laid over the surface by its texture coordinates, uint8 of shape [height, width, 3].
+    smooth
+        Shade across triangles of one face (True) or show each triangle flat (False).
+    gloss
+        Strength of highlights, 0 … 1.
+    azimuth, elevation
+        Direction from the body to the camera [degrees]: anticlockwise from x seen from above, and above
+        the horizon.
+    background, ground
+        Colours of the backdrop and of the ground beneath the body, "#rrggbb".
+    obstacle
+        Colour of the solid colliders, "#rrggbb"; in strain colours even where they have a texture.
+    obstacle_texture
+        An image laid over them as over the body; see `msdwarp.pictures.collider_meshes.mesh_of` for where.
+    strain
+        Draw connections in the colours of their strain, unless a run asks for the look.
+    full_strain
+        The strain at which a connection is drawn red.
+    particles
+        Draw particles as balls between the connections; None: where there are not too many.
+
+    Raises
+    ------
+    ValueError
+        If a colour, a texture, an angle, the full strain or a choice is none.
+    """
+
+    colour: str = "#d9603b"
+    texture: NDArray[np.uint8] | None = None
+    smooth: bool = True
+    gloss: float = 0.25
+    azimuth: float = -60.0
+    elevation: float = 16.0
+    background: str = "#eef1f4"
+    ground: str = "#cfd6dc"
+    obstacle: str = "#c9c3ba"
+    obstacle_texture: NDArray[np.uint8] | None = None
+    strain: bool = False
+    full_strain: float = 0.2
+    particles: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        for name in ("colour", "background", "ground", "obstacle"):
+            checks.colour(name, getattr(self, name))
+        for name in ("texture", "obstacle_texture"):
+            _check_image(name, getattr(self, name))
+        checks.between("azimuth", self.azimuth, -360, 360)
+        checks.between("elevation", self.elevation, -90, 90)
+        checks.one_of("strain", self.strain, (False, True))
+        checks.positive("full_strain", self.full_strain)
+        checks.one_of("particles", self.particles, (None, False, True))
+
+
+def _check_image(name: str, image: object) -> None:
+    """Raise ValueError unless `image` is None or a picture of some size, uint8 of shape [height, width, 3]."""
+    if image is None:
+        return
+    given = np.asarray(image)
+    if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
+        raise ValueError(
+            f"{name} has shape {given.shape} and type {given.dtype}; it must be uint8 of shape (height, width, 3)"
+        )

@@ -1,0 +1,58 @@
+"""Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..bodies import System
+from .colliders import Collider, Plane
+from .look import Look
+from .schedule import Change
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """A system in its surroundings, how long it is watched, and how it looks.
+
+    Parameters
+    ----------
+    system
+        What is simulated.
+    colliders
+        Obstacles; the fixed plane that faces most upwards is drawn as the ground.
+    gravity
+        Acceleration of free fall [m/s²]; see `Simulation`.
+    duration
+        Simulated time [s].
+    look
+        How it is drawn.
+    schedule
+        Changes of parameters at set times, made by `msdwarp.at`.
+    """
+
+    system: System
+    colliders: Sequence[Collider] = ()
+    gravity: ArrayLike = 9.82
+    duration: float = 4.0
+    look: Look = field(default_factory=Look)
+    schedule: Sequence[Change] = ()
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.positive("duration", self.duration)
+        for name, kind in (("colliders", Collider), ("schedule", Change)):
+            for k, one in enumerate(getattr(self, name)):
+                if not isinstance(one, kind):
+                    raise ValueError(f"{name}[{k}] is {one!r}; it must be a {kind.__name__}")
+        if self.system.surface is None and not self.system.connection_count:
+            raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+
+    @property
+    def ground(self) -> Plane | None:
+        """The fixed plane that faces most upwards, if one does."""
+        dim = self.system.dim
+        planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
+        upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]
+        return max(upwards, key=lambda plane: plane.unit_normal(dim)[-1], default=None)

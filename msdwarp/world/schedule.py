@@ -1,0 +1,109 @@
+"""Changes of a system's parameters while it runs, at once or at times that are set beforehand."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import System
+
+OF_PARTICLES = ("mass",)
+OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """New parameters from a time on; made by `at`."""
+
+    time: float = 0.0
+    """When [s]."""
+    group: str | ArrayLike | None = None
+    """What changes: a group's name, particles (indices or a mask), or all."""
+    freeze: bool = False
+    """Whether rest lengths become the present lengths."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """New values by name, or functions of the old ones."""
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.non_negative("time", self.time)
+        for name in self.parameters:
+            checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
+        if self.freeze and "rest_length" in self.parameters:
+            raise ValueError("freeze sets rest_length to the present lengths; it cannot be given beside it")
+
+    def applied_to(self, system: System) -> System:
+        """Return the system as it is after the change, its positions and velocities as before.
+
+        A mass of inf pins a particle where it is: it stops.
+
+        Raises
+        ------
+        ValueError
+            If the group is unknown, or a value is out of its range.
+        """
+        chosen = self._particles(system)
+        joined: NDArray[np.bool_] = np.all(chosen[system.connections], axis=1)
+        values = dict(self.parameters)
+        if self.freeze:
+            values["rest_length"] = system.length[joined]
+        fields: dict[str, Any] = {}
+        for name, value in values.items():
+            old = getattr(system, name)
+            where = chosen if name in OF_PARTICLES else joined
+            new: Any = value(old[where]) if callable(value) else value
+            fields[name] = new if where.all() else _with(name, old, where, new)
+        if "rest_length" in fields and not joined.all():  # what has yielded elsewhere still has
+            fields["original_length"] = np.where(joined, fields["rest_length"], system.original_length)
+        if "mass" in fields:
+            pinned = np.isinf(checks.broadcast("mass", fields["mass"], system.mass.shape))
+            fields["velocity"] = np.where(pinned[:, None], 0.0, system.velocity)
+        return system.replace(**fields)
+
+    def _particles(self, system: System) -> NDArray[np.bool_]:
+        """Return which particles are meant."""
+        if self.group is None:
+            return np.ones(system.particle_count, dtype=bool)
+        if isinstance(self.group, str):
+            return system.group(self.group)
+        chosen = np.zeros(system.particle_count, dtype=bool)
+        group = np.asarray(self.group)
+        try:
+            chosen[group if group.size else []] = True
+        except IndexError as error:
+            raise ValueError(f"group does not index {system.particle_count} particles: {error}") from error
+        return chosen
+
+
+def _with(name: str, old: NDArray, where: NDArray[np.bool_], new: ArrayLike) -> NDArray[np.float64]:
+    """Return the values with new ones in some places."""
+    values = np.array(old)
+    values[where] = checks.broadcast(name, new, (int(where.sum()),))
+    return values
+
+
+def at(time: float, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> Change:
+    """Return a change at `time` [s] of a schedule, such as at(1.0, stiffness=300.0, group="scoop").
+
+    Parameters
+    ----------
+    time
+        When [s]; it takes effect with the first frame that begins then or later.
+    group
+        What changes: the name of a group of the system (see `System.named`), or particles (indices or a mask),
+        with the connections between them; by default all.
+    freeze
+        Set rest lengths to the present lengths: the body keeps the shape it has.
+    parameters
+        mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for those meant, or functions
+        of the old values, such as rest_length=lambda length: 1.2 * length.
+
+    Raises
+    ------
+    ValueError
+        If the time is negative or there is no such parameter.
+    """
+    return Change(time, group, freeze, parameters)

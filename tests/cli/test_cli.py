@@ -1,0 +1,351 @@
+"""The command, and scene scripts: what they write, say and refuse."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msdwarp import Trajectory
+from msdwarp.cli import app as cli
+from msdwarp.cli.options import Options
+from msdwarp.studies.accuracy import simulation_of
+
+ROOT = Path(__file__).parents[2]
+SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
+
+
+def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--size", "4", "--stiffness", "300", *SMALL)
+    assert (code, err) == (0, "")
+    folder = tmp_path / "out" / "cube"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "cube.webp",
+        *(f"frame_{k:04d}.png" for k in range(7)),
+        "restart.h5",
+        "trajectory.vtkhdf",
+    ]
+    with Image.open(folder / "cube.webp") as film:
+        assert (film.n_frames, film.size) == (7, (128, 72))
+    what, speed, kept, where = out.splitlines()
+    # 4³ particles; 3·4²·3 + 6·4·3² + 4·3³ connections
+    assert what.startswith("64 particles and 468 connections by symplectic-euler")
+    assert "simulated 0.1 s" in speed
+    assert kept.startswith("wrote out/cube/trajectory.vtkhdf (")
+    assert "out/cube/cube.webp" in where
+
+
+def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
+    keep = ("--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    code, out, err = msdwarp("run", "cube", "--size", "3", *keep)
+    assert (code, err) == (0, "")
+    path = tmp_path / "out" / "cube" / "trajectory.vtkhdf"
+    assert "wrote out/cube/trajectory.vtkhdf" in out
+    scene = cli.find_scene("cube")._replace(parameters={"size": 3}).scene()
+    simulation = simulation_of(scene, device="cpu")
+    with Trajectory(path) as trajectory:
+        for k, frame in enumerate(simulation.frames(0.1)):
+            np.testing.assert_array_equal(trajectory.frame(k).position, frame.position)
+        assert len(trajectory) == 7
+        assert trajectory.attributes["substeps"] == simulation.substeps
+    code, out, _ = msdwarp("info", str(path))
+    assert code == 0
+    assert "7 frames from 0 to 0.1 s" in out
+    assert "27 particles with 3 coordinates" in out
+    assert "integrator: symplectic-euler" in out
+    code, out, _ = msdwarp("export", str(path), "--to", "npz", "--out", "cube.npz")
+    assert (code, out) == (0, "wrote cube.npz\n")
+    code, out, _ = msdwarp("export", str(path), "--to", "obj")
+    assert out.endswith("trajectory_0000.obj ... trajectory_0006.obj\n")
+    code, _, err = msdwarp("export", str(path), "--to", "obj", "--frame", "3", "--out", "cube.npz")
+    assert code == 1
+    assert "must end in .obj" in err
+
+
+def test_what_is_no_trajectory_is_refused(msdwarp, tmp_path):
+    code, _, err = msdwarp("info", "nothing.vtkhdf")
+    assert code == 1
+    assert "nothing.vtkhdf" in err
+    (tmp_path / "text.vtkhdf").write_text("no HDF5")
+    code, _, err = msdwarp("info", "text.vtkhdf")
+    assert code == 1
+    assert "text.vtkhdf" in err
+    assert err.count("\n") == 1
+
+
+def test_an_earlier_trajectory_is_kept_unless_forced(msdwarp, tmp_path):
+    keep = ("--trajectory", "compressed", "--frames", "none", "--video", "none")
+    run = ("run", "cube", "--size", "3", "--out", "here", "--duration", "0.1", "--device", "cpu", *keep)
+    assert msdwarp(*run)[0] == 0
+    first = (tmp_path / "here" / "trajectory.vtkhdf").read_bytes()
+    code, _, err = msdwarp(*run)
+    assert code == 1
+    assert "--force" in err
+    assert (tmp_path / "here" / "trajectory.vtkhdf").read_bytes() == first
+    assert msdwarp(*run, "--force")[0] == 0
+
+
+def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
+    runs = []
+    monkeypatch.setattr(cli, "run_scene", lambda *arguments: runs.append(arguments))
+    assert msdwarp("run", "cube")[0] == 0
+    ((origin, scene, options),) = runs
+    assert (origin.name, scene.system.particle_count, options) == ("cube", 1000, Options())
+
+
+@pytest.mark.slow
+def test_an_overlay_is_written_beside_the_film_or_alone(msdwarp, tmp_path):
+    small = ("run", "cube", "--size", "3", *SMALL)
+    code, out, _ = msdwarp(*small, "--overlay", "3", "--frames", "none", "--video", "none")
+    assert code == 0
+    folder = tmp_path / "out" / "cube"
+    assert sorted(p.name for p in folder.iterdir()) == ["cube_overlay.png", "restart.h5", "trajectory.vtkhdf"]
+    assert "drew an overlay of 3 poses" in out
+    with Image.open(folder / "cube_overlay.png") as picture:
+        assert picture.size == (128, 72)
+        assert np.asarray(picture.convert("L")).std() > 5  # not blank
+    code, out, _ = msdwarp(*small, "--overlay", "2", "--frames", "none", "--out", "both")
+    assert code == 0
+    assert "drew 7 frames and an overlay of 2 poses" in out
+    assert {p.name for p in (tmp_path / "both").iterdir()} >= {"cube.webp", "cube_overlay.png"}
+    assert msdwarp(*small, "--frames", "none", "--out", "both", "--force")[0] == 0
+    assert not (tmp_path / "both" / "cube_overlay.png").exists()  # none of an earlier run is left
+
+
+def test_a_moving_obstacle_moves_in_the_film(msdwarp, tmp_path):
+    (tmp_path / "press.py").write_text(
+        "from msdwarp import Plane, Scene, Sphere, box\n"
+        "def build() -> Scene:\n"
+        "    ball = Sphere((0, 0, 2), 0.5, motion=lambda t: (0, 0, -4 * t))\n"
+        "    body = box((2, 2, 2), 0.2).translate((0, 0, 0.2))\n"
+        "    return Scene(system=body, colliders=[Plane(), ball], duration=0.1)\n"
+    )
+    assert msdwarp("run", "press.py", "--video", "none", *SMALL)[0] == 0
+    frames = [np.asarray(Image.open(p)).astype(int) for p in sorted((tmp_path / "out" / "press").glob("*.png"))]
+    assert np.abs(frames[-1] - frames[0]).max() > 50
+
+
+@pytest.mark.slow
+def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
+    for _ in range(3):
+        assert msdwarp("run", "cube", "--size", "3", "--frames", "none", *SMALL)[0] == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["cube", "cube-2", "cube-3"]
+
+
+def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("years of work")
+    arguments = ("run", "cube", "--size", "3", "--out", str(folder), *SMALL)
+    code, out, err = msdwarp(*arguments)
+    assert (code, out) == (1, "")
+    assert err.startswith("error: out is")
+    assert err.count("\n") == 1
+    assert "--force" in err
+    assert [p.name for p in folder.iterdir()] == ["thesis.txt"]
+
+    (folder / "frame_0099.png").write_text("of an earlier, longer run")
+    assert msdwarp(*arguments, "--force")[0] == 0
+    assert (folder / "thesis.txt").read_text() == "years of work"
+    assert not (folder / "frame_0099.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "message"),
+    [
+        (["--stiffness", "-1"], 1, "stiffness[0] is -1.0; it must be at least 0"),
+        (["--stiffness", "nan"], 1, "stiffness[0] is nan; it must be finite"),
+        (["--mass", "0"], 1, "mass[0] is 0.0; it must be above 0"),
+        (["--size", "1"], 1, "size is 1; it must be a whole number of at least 2"),
+        (["--size", "many"], 2, "--size"),
+        (["--device", "tpu"], 1, "device 'tpu' is not available"),
+        (["--duration", "0"], 1, "duration is 0"),
+        (["--duration", "-2"], 1, "duration is -2"),
+        (["--duration", "nan"], 1, "duration is nan"),
+        (["--fps", "0"], 1, "fps is 0"),
+        (["--substeps", "0"], 1, "substeps is 0"),
+        (["--tolerance", "0"], 1, "tolerance is 0"),
+        (["--tolerance", "1e-2", "--integrator", "symplectic-euler"], 1, "tolerance chooses"),
+        (["--stiffness", "1e30"], 1, "substeps a frame would be needed"),
+        (["--stiffness", "1e300"], 1, "stiffness[0] is 1e+300; it must be at most 3.4e+38 in float32"),
+        (["--mass", "1e-40"], 1, "1 / mass[0]"),
+        (["--log", "frame_0000.csv"], 1, "its plot would have the name of a frame"),
+        (["--precision", "float16"], 2, "--precision"),
+        (["--integrator", "euler"], 2, "--integrator"),
+        (["--resolution", "huge"], 1, "resolution is 'huge'"),
+        (["--resolution", "101x100"], 1, "resolution is '101x100'"),
+        (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
+        (["--log", "/dev/null/e.csv"], 1, "log is /dev/null/e.csv, which cannot be written to"),
+        (["--colour", "plaid"], 2, "--colour"),
+        (["--overlay", "1"], 1, "overlay is 1; it must be a whole number of at least 2"),
+        (["--overlay", "8"], 1, "overlay is 8; the run has 7 frames"),
+        (["--overlay", "many"], 2, "--overlay"),
+        (["--colour-blind"], 2, "--colour-blind"),
+    ],
+)
+def test_bad_input_is_named_and_writes_nothing(msdwarp, tmp_path, flags, code, message):
+    arguments = [*SMALL, *flags]
+    for flag in flags[::2]:  # the last of two equal flags would win only by luck
+        if flag in SMALL:
+            place = arguments.index(flag)
+            del arguments[place : place + 2]
+    got, out, err = msdwarp("run", "cube", *arguments)
+    assert (got, out) == (code, "")
+    assert message in err
+    if code == 1:
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_too_few_substeps_are_refused_in_one_line_that_says_how_many_would_do(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--substeps", "1")
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1
+    needed = int(re.search(r"at least (\d+) a frame are stable", err)[1])
+    assert not list(tmp_path.iterdir())
+    assert msdwarp("run", "cube", "--substeps", str(needed), "--size", "10", *SMALL)[0] == 0
+
+
+def test_a_run_that_diverges_leaves_its_good_frames_and_says_why(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--substeps", "1", "--allow-unstable", "--resolution", "128x72")
+    assert code == 1
+    assert err.startswith("error: diverged at")
+    assert re.search(r"connection \d+ was at strain", err)
+    assert "substeps a frame are stable" in err
+    frames = sorted((tmp_path / "out" / "cube").glob("*.png"))
+    assert len(frames) >= 2  # the start, and what was good
+    assert f"drew {len(frames)} frames" in out
+    with Image.open(tmp_path / "out" / "cube" / "cube.webp") as film:
+        assert film.n_frames == len(frames)
+
+
+def test_the_log_holds_every_frame_and_its_plot_stands_beside_it(msdwarp, tmp_path):
+    arguments = ("run", "cube", "--size", "4", "--log", "energy.csv", "--frames", "none", *SMALL)
+    assert msdwarp(*arguments)[0] == 0
+    table = np.genfromtxt(tmp_path / "energy.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["time_s"], np.arange(7) / 60, rtol=1e-8)  # nine digits are written
+    falling = table["total_J"]  # nothing but gravity acts yet; symplectic Euler's m g v h/2 comes and goes
+    assert np.ptp(falling) < 0.01 * table["kinetic_J"].max()
+    assert np.asarray(Image.open(tmp_path / "energy.png").convert("L")).std() > 5  # not blank
+    code, _, err = msdwarp(*arguments)
+    assert code == 1
+    assert "energy.csv" in err
+    assert "--force" in err
+
+
+def test_the_log_must_be_a_csv_file(msdwarp, tmp_path):
+    code, _, err = msdwarp("run", "cube", "--log", "energy.txt", *SMALL)
+    assert code == 1
+    assert "log is energy.txt" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
+    code, out, _ = msdwarp(
+        "tune", "worm", "--length", "6", "--tolerance", "1e-3", "--horizon", "0.1", "--device", "cpu"
+    )
+    assert code == 0
+    flags = re.search(r"cheapest under 0.001: (--integrator \S+ --precision \S+ --substeps \d+)", out)[1]
+    error = float(re.search(r"^error ([\d.e-]+),", out, flags=re.MULTILINE)[1])
+    assert error <= 1e-3
+    drawn_less = ("--length", "6", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    assert msdwarp("run", "worm", *flags.split(), *drawn_less)[0] == 0
+
+
+@pytest.mark.slow
+def test_run_with_a_tolerance_tunes_first(msdwarp):
+    short = ("--size", "3", "--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
+    code, out, _ = msdwarp("run", "cube", "--tolerance", "1e-2", *short)
+    assert code == 0
+    assert "27 particles" in out
+    code, _, err = msdwarp("run", "cube", "--tolerance", "1e-2", "--substeps", "9", *short)
+    assert code == 1
+    assert "tolerance chooses" in err
+
+
+def test_quiet_prints_nothing(msdwarp):
+    assert msdwarp("run", "cube", "--size", "3", "--quiet", *SMALL) == (0, "", "")
+
+
+def test_it_can_simulate_without_drawing(msdwarp, tmp_path):
+    nothing = ("--frames", "none", "--video", "none", "--trajectory", "none")
+    code, out, _ = msdwarp("run", "cube", *nothing, "--duration", "0.1")
+    assert code == 0
+    assert len(out.splitlines()) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_list_names_every_scene_with_its_first_line(msdwarp):
+    code, out, _ = msdwarp("list")
+    assert code == 0
+    scenes = {p.stem for p in (ROOT / "scenes").glob("[!_]*.py")}
+    assert {line.split()[0] for line in out.splitlines()} == scenes
+    assert all(len(line.split()) > 4 for line in out.splitlines())
+
+
+def test_help_shows_the_scene_s_own_flags_and_the_common_ones(msdwarp):
+    code, out, _ = msdwarp("run", "worm", "--help")
+    assert code == 0
+    for flag in ("--length", "--stiffness", "--device", "--colour", "--out"):
+        assert flag in out
+
+
+def test_unknown_scenes_are_named(msdwarp, tmp_path):
+    code, _, err = msdwarp("run", "dragon")
+    assert code == 1
+    assert "scene is 'dragon'" in err
+    assert "cube" in err
+    (tmp_path / "empty.py").write_text("x = 1\n")
+    assert "no function `build`" in msdwarp("run", "empty.py")[2]
+
+
+def test_a_scene_of_one_s_own_runs_by_its_path(msdwarp, tmp_path):
+    (tmp_path / "swing.py").write_text(
+        "from msdwarp import Scene, chain\n"
+        "def build(*, links: int = 5, bob: float = 2.0) -> Scene:\n"
+        "    return Scene(system=chain(links + 1, 0.2).pin(0))\n"
+    )
+    code, out, _ = msdwarp("run", "swing.py", "--links", "7", *SMALL)
+    assert code == 0
+    assert "8 particles and 7 connections" in out
+    assert (tmp_path / "out" / "swing" / "swing.webp").exists()
+
+
+def test_a_scene_s_script_may_use_what_stands_beside_it(msdwarp, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "lengths_beside.py").write_text("LINKS = 4\n")
+    (tmp_path / "sub" / "own.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from lengths_beside import LINKS\n"
+        "from msdwarp import Scene, chain\n"
+        "@dataclass\nclass Rope:\n    links: int = LINKS\n"
+        "def build() -> Scene:\n    return Scene(system=chain(Rope().links + 1, 0.2).pin(0))\n"
+    )
+    code, out, _ = msdwarp("run", "sub/own.py", "--frames", "none", "--video", "none", *SMALL)
+    assert code == 0
+    assert "5 particles and 4 connections" in out
+
+
+def test_a_build_that_returns_no_scene_is_told_so(msdwarp, tmp_path):
+    (tmp_path / "nothing.py").write_text("def build():\n    return None\n")
+    assert "returned None; it must return a Scene" in msdwarp("run", "nothing.py")[2]
+
+
+def test_a_scene_may_not_hide_a_common_flag(msdwarp, tmp_path):
+    (tmp_path / "clash.py").write_text("def build(*, duration: float = 1.0):\n    pass\n")
+    assert "['duration']" in msdwarp("run", "clash.py")[2]
+
+
+def test_a_script_runs_by_itself_and_keeps_libraries_silent(tmp_path):
+    script = ROOT / "scenes" / "cloth.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--size", "6", *SMALL], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == 4
+    assert (tmp_path / "out" / "cloth" / "cloth.webp").stat().st_size > 0

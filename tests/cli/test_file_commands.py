@@ -1,0 +1,113 @@
+"""The commands that begin with a file: drawing it, plotting it."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from trajectories import SYSTEMS, write
+
+from msdwarp import Trajectory
+from msdwarp.cli.draw import _rounded_up
+
+PICTURES = ["--resolution", "128x72", "--frames", "none"]
+
+
+@pytest.fixture
+def cube(msdwarp, tmp_path):
+    """The folder of a short run that has drawn nothing."""
+    undrawn = ("--frames", "none", "--video", "none", "--device", "cpu")
+    assert msdwarp("run", "cube", "--size", "4", "--duration", "0.1", *undrawn)[0] == 0
+    return tmp_path / "out" / "cube"
+
+
+def first_picture(path):
+    with Image.open(path) as film:
+        return np.asarray(film.convert("RGB")).astype(int)
+
+
+def test_what_is_rendered_later_is_what_would_have_been_drawn(msdwarp, cube, tmp_path):
+    drawn = ("--duration", "0.1", "--resolution", "128x72", "--overlay", "3", "--device", "cpu")
+    assert msdwarp("run", "cube", "--size", "4", *drawn, "--out", "drawn")[0] == 0
+    code, out, err = msdwarp("render", "out/cube", "--resolution", "128x72", "--overlay", "3")
+    assert (code, err) == (0, "")
+    assert out.startswith("drew 7 frames and an overlay of 3 poses")
+    for name in (*(f"frame_{k:04d}.png" for k in range(7)), "cube.webp", "cube_overlay.png"):
+        assert (cube / "render" / name).read_bytes() == (tmp_path / "drawn" / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_colours_and_the_camera_can_be_chosen(msdwarp, cube):
+    pictures = {}
+    choices = [(), ("--colour", "strain"), ("--colour", "velocity"), ("--colour", "energy"), ("--azimuth", "40")]
+    choices += [("--elevation", "50"), ("--zoom", "2")]
+    for k, choice in enumerate(choices):
+        assert msdwarp("render", str(cube), *PICTURES, *choice, "--out", f"{k}")[0] == 0
+        pictures[choice] = first_picture(f"{k}/cube.webp")
+    for one, picture in pictures.items():
+        for other, another in pictures.items():
+            assert one == other or np.abs(picture - another).max() > 50
+    assert "zoom is 0" in msdwarp("render", str(cube), *PICTURES, "--zoom", "0", "--out", "x")[2]
+
+
+@pytest.mark.slow
+def test_pictures_that_are_there_are_kept(msdwarp, cube):
+    for folder in ("render", "render-2"):  # each time another
+        code, out, _ = msdwarp("render", str(cube / "trajectory.vtkhdf"), *PICTURES)
+        assert (code, f"{folder}/cube.webp" in out) == (0, True)
+    before = (cube / "render" / "cube.webp").read_bytes()
+    strained = (*PICTURES, "--colour", "strain", "--out", str(cube / "render"))
+    code, out, err = msdwarp("render", str(cube), *strained)
+    assert (code, out) == (1, "")
+    assert "cube.webp exists, and would be replaced; name another --out or add --force" in err
+    assert (cube / "render" / "cube.webp").read_bytes() == before
+    assert msdwarp("render", str(cube), *strained, "--force", "--quiet") == (0, "", "")
+    assert (cube / "render" / "cube.webp").read_bytes() != before
+
+
+def test_a_file_without_a_scene_is_drawn_as_what_it_is(msdwarp, tmp_path):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
+    code, _, err = msdwarp("render", "a.vtkhdf", *PICTURES)
+    assert code == 0
+    assert err == "drawn without obstacles, in a plain look: the file lacks 'scene'; it has nothing\n"
+    assert first_picture(tmp_path / "render" / "a.webp").std() > 5
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--video", "none"], "nothing would be drawn"),
+        (["--overlay", "8"], "overlay is 8; the run has 7 frames"),
+        (["--resolution", "1x1"], "resolution is '1x1'"),
+        (["--out", "/dev/null/deep"], "out is /dev/null/deep, which cannot be written to"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube, flags, message):
+    code, out, err = msdwarp("render", str(cube), "--frames", "none", *flags)
+    assert (code, out) == (1, "")
+    assert message in err
+    assert not (cube / "render").exists()
+
+
+def test_a_plot_and_a_table_are_written_and_kept(msdwarp, cube):
+    code, out, _ = msdwarp("plot", str(cube))
+    assert (code, out) == (0, f"wrote {cube / 'trajectory.png'}\n")
+    assert np.asarray(Image.open(cube / "trajectory.png").convert("L")).std() > 5  # not blank
+    code, out, err = msdwarp("plot", str(cube))
+    assert (code, out) == (1, "")
+    assert "trajectory.png" in err
+    assert msdwarp("plot", str(cube), "--out", "cube.csv")[0] == 0
+    table = np.genfromtxt("cube.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["time_s"], np.arange(7) / 60, rtol=1e-8)  # nine digits are written
+    with Trajectory(cube / "trajectory.vtkhdf") as found:
+        np.testing.assert_allclose(table["lowest_m"], found.positions[:][..., 2].min(axis=1), rtol=1e-8)
+
+
+def test_a_plot_needs_to_know_gravity(msdwarp, tmp_path):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
+    assert "without --gravity, the file lacks 'gravity'" in msdwarp("plot", "a.vtkhdf")[2]
+    assert msdwarp("plot", "a.vtkhdf", "--gravity", "0")[0] == 0
+
+
+def test_a_scale_ends_at_a_round_number_that_is_not_less():
+    ends = {0.0: 1.0, 1.0: 1.0, 1.01: 1.5, 4.2: 5.0, 0.0061: 0.008, 9.3: 10.0, 230.0: 300.0}
+    for value, wanted in ends.items():
+        assert _rounded_up(value) == pytest.approx(wanted)

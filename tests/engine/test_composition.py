@@ -1,0 +1,322 @@
+"""Kernels hold only what a scene needs, as the C++ that is generated for them shows."""
+
+import csv
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+from msdwarp import (
+    RK4,
+    Box,
+    Capsule,
+    Cone,
+    CoulombDamper,
+    Plane,
+    QuadraticDamper,
+    Simulation,
+    Sphere,
+    SymplecticEuler,
+    System,
+    box,
+    chain,
+)
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.model import Model
+from msdwarp.kernels.basis import vector
+from msdwarp.kernels.contact.obstacles import fixed_contact
+from msdwarp.kernels.forces.dampers import LINEAR
+from msdwarp.kernels.forces.gather import gather
+from msdwarp.kernels.forces.scatter import scatter
+from msdwarp.kernels.forces.stencil import stencil
+from msdwarp.kernels.integrators.composition import Composition
+from msdwarp.kernels.integrators.euler import extrapolated_leapfrog, kick, symplectic_euler
+from msdwarp.kernels.integrators.persistent import persistent
+from msdwarp.kernels.integrators.runge_kutta import chebyshev, rk4
+from msdwarp.kernels.integrators.stages import each_column, each_connection, each_particle, particle_acceleration
+
+PLAIN = chain(3)
+FULL = chain(3, damping=1.0).pin(0)
+ROUTES = ("scatter", "gather", "stencil")
+
+
+def motion(system: System, **options) -> Composition:
+    return Dynamics(Model(system, device="cpu", **options)).motion
+
+
+def source(kernel: wp.Kernel) -> str:
+    """Return the C++ that was generated for a kernel that has run on the CPU."""
+    name = kernel.module.get_module_identifier(1)  # the CPU's block size
+    return (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
+
+
+def statements(kernel: wp.Kernel) -> str:
+    """Return what a kernel that has run on the CPU computes: the statements of its generated C++.
+
+    Declarations and comments are left out, and so is the frame that Warp puts around every kernel.
+    """
+    code = source(kernel)
+    return "\n".join(re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", code, re.MULTILINE))
+
+
+def substep(system: System, method=symplectic_euler, **options) -> wp.Kernel:
+    """Return the kernel of a method's substeps, after it has run on the CPU."""
+    integrator = {symplectic_euler: SymplecticEuler(), rk4: RK4()}[method]
+    Simulation(system, substeps=1, integrator=integrator, allow_unstable=True, device="cpu", **options).step()
+    return persistent(motion(system, **options), method, 1)
+
+
+@pytest.fixture(scope="module", params=ROUTES)
+def sources(request) -> dict[str, str]:
+    """The statements of a substep of a scene with every effect and of one with none, on every route."""
+    found = {}
+    for name, system, planes in (("full", FULL, [Plane()]), ("plain", PLAIN, [])):
+        options = {"colliders": planes, "route": request.param}
+        found[name] = statements(substep(system, **options))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("piece", "meaning"),
+    [
+        ("__collide_", "contact"),
+        ("__respond_", "the contact rule"),
+        ("(var_v, ", "reading velocities of neighbours"),
+        ("wp::dot(var_dv, ", "the speed along the axis, for the damper"),
+    ],
+)
+def test_kernels_hold_only_what_a_scene_needs(sources, piece, meaning):
+    assert piece in sources["full"], f"{meaning} is missing where it is needed"
+    assert piece not in sources["plain"], f"{meaning} is compiled though nothing needs it"
+
+
+def test_only_a_pinned_particle_is_tested_for(sources):
+    assert sources["full"].count(" == ") == sources["plain"].count(" == ") + 1
+
+
+def test_statements_are_all_found(sources):
+    # Both kernels hold what every scene needs, so that an absence above is one.
+    for code in sources.values():
+        for piece in ("(var_x, ", "wp::dot(var_dx, ", "__rsqrt_", "__force_at_", "__store_"):
+            assert piece in code
+
+
+def test_equal_scenes_share_kernels():
+    scenes = (
+        (FULL, [Plane()]),
+        (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
+    )
+    for route in ROUTES:
+        a, b = (motion(system, colliders=planes, route=route) for system, planes in scenes)
+        assert a == b
+        assert symplectic_euler(a) is symplectic_euler(b)
+        assert persistent(a, symplectic_euler, 1) is persistent(b, symplectic_euler, 1)
+    assert vector(3, wp.float32) is vector(3, wp.float32)
+
+
+def test_lattices_of_any_size_share_kernels():
+    long, short = (motion(chain(count, spacing=0.3), route="stencil") for count in (3, 50))
+    assert persistent(long, symplectic_euler, 1) is persistent(short, symplectic_euler, 1)
+
+
+def test_different_effects_are_different_kernels():
+    plain = motion(PLAIN)
+    others = [
+        motion(FULL),
+        motion(PLAIN, colliders=[Plane()]),
+        motion(PLAIN, colliders=[Plane()], contact="report"),
+        motion(PLAIN, precision="float64"),
+        motion(PLAIN, precision="float32-compensated"),
+        motion(chain(3, dim=2)),
+        motion(PLAIN, route="gather"),
+        motion(PLAIN, route="stencil"),
+    ]
+    assert len({persistent(m, symplectic_euler, 1) for m in (plain, *others)}) == 9
+    # A contact rule without colliders is none.
+    assert motion(PLAIN, contact="report") == plain
+
+
+def test_pieces_are_composed_once():
+    arguments = (3, wp.float32, LINEAR, False)
+    assert scatter(*arguments, "one") is scatter(*arguments, "one")
+    assert gather(*arguments, "kinds") is gather(*arguments, "kinds")
+    steps = ((1, 0, 0),)
+    assert stencil(*arguments, steps, True) is stencil(*arguments, steps, True)
+    assert stencil(*arguments, steps, True) is not stencil(*arguments, steps, False)
+    assert particle_acceleration(motion(FULL)) is particle_acceleration(motion(FULL))
+    assert fixed_contact(3, wp.float32, "coulomb", ("Plane",)) is fixed_contact(
+        3, wp.float32, "coulomb", ("Plane",)
+    )
+
+
+# What a system computed at the commit before there was any yielding, other law of damping, solid or moving
+# collider: how many statements its kernel has, and a digest of them without the numbers of their variables.
+BEFORE = {
+    ("plain", "scatter", symplectic_euler): (177, "e5bec9238eee3e05"),
+    ("plain", "scatter", rk4): (228, "6e8ee56de2037c1a"),
+    ("plain", "gather", symplectic_euler): (207, "b56a1f93ef20d0bb"),
+    ("plain", "gather", rk4): (258, "d22abf48a03e0494"),
+    ("plain", "stencil", symplectic_euler): (184, "e6a40484ad47ba9f"),
+    ("plain", "stencil", rk4): (235, "24d67f6752f26a37"),
+    ("damped", "scatter", symplectic_euler): (189, "9769d3b6565fb03b"),
+    ("damped", "scatter", rk4): (240, "095daf6f2e4ba941"),
+    ("damped", "gather", symplectic_euler): (226, "fbccf1c9deed73d4"),
+    ("damped", "gather", rk4): (277, "d0cfaa00773c4d1d"),
+    ("damped", "stencil", symplectic_euler): (198, "6dc74b5f48bde9e3"),
+    ("damped", "stencil", rk4): (249, "c760cef8f7cc15c3"),
+    ("box", "scatter", symplectic_euler): (191, "3b364e711f67bae6"),
+    ("box", "scatter", rk4): (242, "8313390be1afa99f"),
+    ("box", "gather", symplectic_euler): (233, "d0de58627598d94d"),
+    ("box", "gather", rk4): (284, "4149d2572e31d2fb"),
+    ("box", "stencil", symplectic_euler): (777, "ece8be5f710e9b42"),
+    ("box", "stencil", rk4): (828, "88b6efdb9f2758f7"),
+}
+SYSTEMS = {"plain": PLAIN, "damped": FULL, "box": box((3, 3, 3), damping=1.0)}
+GENERATED_BY = "1.19.0"
+
+
+def normalised(code: str) -> str:
+    """Return the statements of a kernel and of its functions, without what merely numbers them."""
+    pattern = r"^ +(?:var_\w+ = .*|if \(var_.*|[\w:]+\(.*\);|return .*)$"
+    lines = [line.strip() for line in re.findall(pattern, code, re.MULTILINE)]
+    text = re.sub(r"\bvar_\d+\b", "_", "\n".join(lines))
+    # Of `factory__locals__function_0123abcd` the function's name is kept: what composed it does not matter.
+    return re.sub(r"\w*?__locals__(\w+?)_(?:[0-9a-f]{8}\w*|\d+)\b", r"@\1", text)
+
+
+@pytest.mark.skipif(
+    wp.__version__ != GENERATED_BY,
+    reason=f"Warp {GENERATED_BY} wrote what is compared; others may word it otherwise",
+)
+@pytest.mark.parametrize(
+    ("name", "route", "method"),
+    BEFORE,
+    ids=[f"{name}-{route}-{method.__name__}" for name, route, method in BEFORE],
+)
+def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, route, method):
+    text = normalised(source(substep(SYSTEMS[name], method, route=route)))
+    found = len(text.splitlines()), hashlib.sha256(text.encode()).hexdigest()[:16]
+    assert found == BEFORE[name, route, method]
+
+
+# The same of what else there is, at the commit before the package had rooms. Kernels of a launch for each stage
+# are generated, not run: "stage" over particles, "columns" over columns of them, "connections".
+EFFECTS = {
+    "float64": (FULL, {"precision": "float64"}),
+    "compensated": (FULL, {"precision": "float32-compensated", "colliders": [Plane()]}),
+    "quadratic": (FULL.replace(damper=QuadraticDamper()), {}),
+    "coulomb": (FULL.replace(damper=CoulombDamper()), {}),
+    "yielding": (FULL.replace(yield_strain=0.1), {"colliders": [Plane()]}),
+    "plane": (FULL, {"colliders": [Plane()]}),
+    "report": (FULL, {"colliders": [Plane()], "contact": "report"}),
+    "solids": (PLAIN, {"colliders": [Plane(), Sphere((0, 0, -9)), Box((0, 0, -9)), Cone((0, 0, -9), (1, 0, -9))]}),
+    "moving": (FULL, {"colliders": [Capsule((0, 0, -9), (1, 0, -9), motion=lambda t: (0, 0, -t))]}),
+    "flat": (box((3, 3, 3), damping=1.0).replace(surface=None), {"colliders": [Plane()], "precision": "float64"}),
+}
+DIGESTS = Path(__file__).with_name("kernel_digests.csv")
+METHODS = {
+    "euler": symplectic_euler,
+    "extrapolated": extrapolated_leapfrog,
+    "kick": kick,
+    "rk4": rk4,
+    "rkc2": chebyshev,
+}
+
+
+def generated(kernel: wp.Kernel) -> str:
+    """Return the C++ that Warp generates for a kernel, which is not compiled."""
+    from warp._src.context import ModuleBuilder  # as Module._compile does it in Warp 1.19
+
+    module, block = kernel.module, 1
+    module.get_module_identifier(block)
+    options = module.resolve_options(wp.config, block_dim=block) | {"output_arch": None, "block_dim": block}
+    return ModuleBuilder(module, options, hasher=module.hashers[block], target="cpu").codegen("cpu")
+
+
+def digest(code: str) -> str:
+    """Return the number of statements in some C++, and a digest of them."""
+    text = normalised(code)
+    return f"{len(text.splitlines())} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def kernels_of(name: str, route: str):
+    """Yield the kernels of a scene by their names: in one launch, and by a launch for each stage."""
+    system, options = EFFECTS[name]
+    composed = motion(system, route=route, **options)
+    for word, method in METHODS.items():
+        if word != "kick":
+            yield f"{word} once", persistent(composed, method, 1)
+        yield f"{word} stage", each_particle(composed, method)
+    if composed.route.evaluate is not None:
+        yield "connections", each_connection(composed)
+    if composed.route.column_forces is not None:
+        yield "columns", each_column(composed, symplectic_euler)
+
+
+@pytest.mark.skipif(wp.__version__ != GENERATED_BY, reason=f"Warp {GENERATED_BY} wrote what is compared")
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("name", EFFECTS)
+def test_kernels_are_what_they_were(name, route):
+    if name == "yielding" and route == "stencil":
+        return  # which has no such route
+    with DIGESTS.open(newline="") as file:
+        rows = {row["kernel"]: row["digest"] for row in csv.DictReader(file)}
+    expected = {key: value for key, value in rows.items() if key.startswith(f"{name} {route} ")}
+    assert {f"{name} {route} {word}": digest(generated(one)) for word, one in kernels_of(name, route)} == expected
+
+
+def pieces(system: System, **options) -> set[str]:
+    """Return the names of the functions and structs that a substep is composed from."""
+    return set(re.findall(r"@(\w+)", normalised(source(substep(system, **options)))))
+
+
+DAMPED = chain(3, damping=1.0)
+TOUCH = {"Surface", "Solids", "collide", "put_back", "respond", "result"}
+FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
+AT = (0, 0, -9)
+
+
+@pytest.mark.parametrize("route", ["scatter", "gather"])
+@pytest.mark.parametrize(
+    ("changes", "colliders", "more"),
+    [
+        ({"yield_strain": 0.1}, [], {"Flow", "flow", "YieldingWorld"}),
+        ({"damper": QuadraticDamper()}, [], {"force"}),
+        ({"damper": CoulombDamper()}, [], {"force"}),
+        ({}, [Plane()], FIXED | {"plane"}),
+        ({}, [Sphere(AT)], FIXED | {"sphere", "from_point"}),
+        ({}, [Box(AT)], FIXED | {"box"}),
+        ({}, [Capsule(AT, (1, 0, -9))], FIXED | {"capsule", "from_point"}),
+        ({}, [Cone(AT, (1, 0, -9))], FIXED | {"cone"}),
+        ({}, [Sphere(AT), Box(AT)], FIXED | {"distance", "plane", "sphere", "from_point", "box"}),
+        ({}, [Plane(motion=lambda t: (0, 0, -t))], MOVING | {"plane"}),
+    ],
+    ids=["yielding", "quadratic", "coulomb", "plane", "sphere", "box", "capsule", "cone", "two kinds", "moving"],
+)
+def test_each_effect_brings_its_own_pieces_alone(route, changes, colliders, more):
+    without = pieces(DAMPED, route=route)
+    found = pieces(DAMPED.replace(**changes), colliders=colliders, route=route)
+    # Where springs yield their constants lie elsewhere, and the plain world is not theirs.
+    elsewhere = {"World", "OneForAll", "take_one", "Own", "take_own", "number", "Listed", "take_named"}
+    assert found - without - elsewhere == more
+    assert without - found <= elsewhere
+
+
+def test_laws_and_kinds_of_one_form_are_told_apart():
+    # What differs by a number, or by which kinds there are, must not be taken for the same kernel.
+    kernels = [
+        substep(DAMPED.replace(damper=law))
+        for law in (QuadraticDamper(1.0), QuadraticDamper(2.0), CoulombDamper(1.0), CoulombDamper(2.0))
+    ]
+    kernels += [
+        substep(DAMPED, colliders=pair)
+        for pair in (
+            [Plane(), Sphere(AT)],
+            [Plane(), Box(AT)],
+            [Sphere(AT), Box(AT)],
+            [Plane(), Cone(AT, (1, 0, -9))],
+        )
+    ]
+    assert len({kernel.module.get_module_identifier(1) for kernel in kernels}) == len(kernels)

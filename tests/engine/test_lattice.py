@@ -1,0 +1,417 @@
+"""Lattices: what a stencil reads of a system is exactly its connections, or the system is refused."""
+
+import itertools
+
+import numpy as np
+import problems
+import pytest
+
+from msdwarp import System, box, chain, sheet
+from msdwarp.engine.lattice_search import Lattice, NotALattice, find_lattice
+from msdwarp.kernels.forces.stencil import stencil_rows
+
+CONSTANTS = ("rest_length", "stiffness", "damping")
+
+
+def reads(lattice: Lattice, count: int):
+    """Yield, for every neighbour that a stencil reads, (direction, bit, where each particle finds it)."""
+    rows, neighbours = stencil_rows(lattice.steps)
+    assert len(lattice.shift) == len(rows)
+    for row, shift in zip(neighbours, lattice.shift, strict=True):
+        for one in row:
+            yield one.direction, one.bit, np.arange(count) + shift + one.along
+
+
+def joined(lattice: Lattice, count: int) -> list[tuple]:
+    """Return (particle, neighbour, rest length, stiffness, damping) of all that a stencil does not mask."""
+    found = []
+    for direction, bit, there in reads(lattice, count):
+        for i in np.flatnonzero(lattice.mask & np.uint32(bit)):
+            own = (lattice.constants[name][lattice.kind[i], direction] for name in CONSTANTS)
+            found.append((int(i), int(there[i]), *map(float, own)))
+    return sorted(found)
+
+
+def both_ways(system: System) -> list[tuple]:
+    """Return the same of the connections, each seen from both its ends."""
+    constants = [getattr(system, name) for name in CONSTANTS]
+    listed = zip(*system.connections.T, *constants, strict=True)
+    ahead = [(int(i), int(j), *map(float, own)) for i, j, *own in listed]
+    return sorted([*ahead, *((j, i, *own) for i, j, *own in ahead)])
+
+
+def lattice_of(system: System) -> Lattice:
+    """Return a system's lattice, which must hold its connections and nothing else, and read where memory is."""
+    lattice, n = find_lattice(system), system.particle_count
+    assert lattice.mask.dtype == np.uint32
+    assert lattice.mask.shape == lattice.kind.shape == (n,)
+    assert joined(lattice, n) == both_ways(system)
+    beyond = n  # columns of two: the second of the last may be as far beyond the end
+    if lattice.stride > 0:
+        beyond = -(-n // (2 * lattice.stride)) * 2 * lattice.stride
+    for *_, there in reads(lattice, n):
+        assert -lattice.margin <= there.min()
+        assert there.max() + beyond - n < n + lattice.margin
+    return lattice
+
+
+SHAPES = {
+    "pair": ((2,), 2, chain(2)),
+    "chain": ((7,), 2, chain(7, 0.5, dim=1)),
+    "sheet 4": ((5, 3), 4, sheet((5, 3), 0.3, neighbours=4)),
+    "sheet 8": ((5, 3), 8, sheet((5, 3), 0.3, dim=2)),
+    "smallest sheet": ((2, 2), 8, sheet((2, 2))),  # x−y leads one particle back, as x leads one ahead
+    "ladder along x": ((5, 2), 8, sheet((5, 2))),
+    "ladder along y": ((2, 5), 8, sheet((2, 5))),
+    "box 6": ((3, 4, 5), 6, box((3, 4, 5), neighbours=6)),
+    "box 26": ((3, 4, 5), 26, box((3, 4, 5), 0.1)),
+    # In these, other directions lead equally far through memory: in 2 × 2 × n both y−z and −x−y lead to −2.
+    "smallest box": ((2, 2, 2), 26, box((2, 2, 2))),
+    "bar along x": ((5, 2, 2), 26, box((5, 2, 2))),
+    "bar along y": ((2, 5, 2), 26, box((2, 5, 2))),
+    "bar along z": ((2, 2, 5), 26, box((2, 2, 5))),
+    "thin bar 6": ((2, 2, 5), 6, box((2, 2, 5), neighbours=6)),
+    "plate": ((3, 2, 4), 26, box((3, 2, 4))),
+}
+every_shape = pytest.mark.parametrize(("shape", "neighbours", "system"), SHAPES.values(), ids=SHAPES.keys())
+
+
+@every_shape
+def test_a_shape_is_a_lattice_of_one_kind(shape, neighbours, system):
+    lattice = lattice_of(system)
+    assert lattice.uniform
+    assert len(lattice.steps) == neighbours // 2
+    assert not lattice.kind.any()
+    assert lattice.constants["rest_length"].shape == (1, neighbours // 2)
+
+
+@every_shape
+def test_steps_are_half_of_the_neighbours_and_masks_are_those_that_exist(shape, neighbours, system):
+    lattice, n = find_lattice(system), neighbours // 2
+    whole = {*lattice.steps} | {tuple(-s for s in step) for step in lattice.steps}
+    assert len(whole) == neighbours  # no step twice, none both ways
+    most = {8: 2, 26: 3}.get(neighbours, 1)
+    assert {sum(map(abs, step)) for step in whole} == set(range(1, most + 1))  # axes and all diagonals
+    size = np.array([*shape, 1, 1])[:3]
+    places = np.array(list(itertools.product(*(range(k) for k in size[::-1]))))[:, ::-1]  # x runs fastest
+    for d, step in enumerate(lattice.steps):
+        for bit, sign in ((d, 1), (d + n, -1)):
+            there = places + sign * np.array(step)
+            expected = ((there >= 0) & (there < size)).all(axis=1)
+            np.testing.assert_array_equal((lattice.mask >> np.uint32(bit)) & 1, expected)
+
+
+@every_shape
+def test_shifts_are_rows_and_layers(shape, neighbours, system):
+    lattice = find_lattice(system)
+    along_x, along_y, _ = (*shape, 1, 1)[:3]
+    rows, _ = stencil_rows(lattice.steps)
+    np.testing.assert_array_equal(lattice.shift, [y * along_x + z * along_x * along_y for y, z in rows])
+
+
+@every_shape
+def test_stride_leads_to_the_next_layer(shape, neighbours, system):
+    along_x, along_y, _ = (*shape, 1, 1)[:3]
+    assert find_lattice(system).stride == {1: 0, 2: along_x, 3: along_x * along_y}[len(shape)]
+
+
+def test_lattices_whose_layers_do_not_follow_each_other_have_no_stride():
+    for system in (problems.ball(5), box((3, 3, 3)) + box((3, 4, 3)), box((3, 3, 3)) + sheet((3, 3))):
+        assert lattice_of(system).stride == 0
+    # Layers that nothing joins.
+    layers = problems.cut(box((3, 3, 5)), np.arange(45) // 9 % 2 == 0)
+    assert lattice_of(layers).stride == 0
+
+
+def test_masks_and_shifts_worked_out_by_hand():
+    line = lattice_of(chain(4))
+    assert line.steps == ((1, 0, 0),)
+    assert line.mask.tolist() == [1, 3, 3, 2]  # ahead; both; both; behind
+    assert line.shift.tolist() == [0]
+    # 3 × 2: bits are x, y, −x, −y.
+    grid = lattice_of(sheet((3, 2), neighbours=4))
+    assert grid.steps == ((1, 0, 0), (0, 1, 0))
+    assert grid.mask.tolist() == [1 + 2, 1 + 2 + 4, 2 + 4, 1 + 8, 1 + 4 + 8, 4 + 8]
+    assert grid.shift.tolist() == [-3, 0, 3]
+    # 2 × 2: bits are x, y, x+y, x−y, and back.
+    crossed = lattice_of(sheet((2, 2)))
+    assert crossed.mask.tolist() == [1 + 2 + 4, 16 + 2 + 128, 1 + 32 + 8, 16 + 32 + 64]
+    assert crossed.shift.tolist() == [-2, 0, 2]
+
+
+def test_constants_are_by_direction():
+    lattice = lattice_of(box((3, 4, 5), 0.1, stiffness=70.0, damping=0.3))
+    expected = [0.1 * np.sqrt(sum(map(abs, step))) for step in lattice.steps]
+    np.testing.assert_array_equal(lattice.constants["rest_length"], [expected])  # computed in the same way
+    assert (lattice.constants["stiffness"] == 70.0).all()
+    assert (lattice.constants["damping"] == 0.3).all()
+
+
+def test_constants_may_differ_from_direction_to_direction():
+    system = sheet((4, 3), damping=1.0)
+    stiffness = np.zeros(system.connection_count)
+    for k, part in enumerate(system.directions[0].values()):
+        stiffness[part] = 10.0 + k
+    lattice = lattice_of(system.replace(stiffness=stiffness))
+    np.testing.assert_array_equal(lattice.constants["stiffness"], [[10, 11, 12, 13]])
+    assert lattice.uniform
+
+
+def test_places_masses_and_pins_do_not_matter():
+    plain = box((3, 3, 4))
+    random = np.random.default_rng(1)
+    moved = plain.replace(position=random.normal(size=(36, 3)), mass=random.uniform(1, 2, 36)).pin([0, 7, 35])
+    for a, b in zip(lattice_of(plain), lattice_of(moved), strict=True):
+        np.testing.assert_equal(a, b)
+
+
+# Several bodies, and bodies cut from a lattice.
+
+
+def test_two_equal_bodies_share_one_shift():
+    one = box((3, 3, 4))
+    single, double = lattice_of(one), lattice_of(one + one.translate((9, 0, 0)))
+    assert double.uniform
+    np.testing.assert_array_equal(double.shift, single.shift)
+    np.testing.assert_array_equal(double.mask, np.tile(single.mask, 2))
+
+
+def test_equal_shapes_of_different_constants_are_two_kinds_with_one_shift():
+    soft, hard = box((3, 3, 3), stiffness=10.0), box((3, 3, 3), stiffness=90.0)
+    lattice = lattice_of(hard + soft + hard)
+    assert not lattice.uniform
+    assert lattice.shift.ndim == 1
+    kind = lattice.kind.reshape(3, 27)
+    assert (kind == kind[:, :1]).all()
+    assert kind[0, 0] == kind[2, 0] != kind[1, 0]
+    assert lattice.constants["stiffness"].shape == (2, 13)
+
+
+def test_different_shapes_have_shifts_by_particle():
+    lattice = lattice_of(box((3, 3, 3)) + box((4, 3, 2)))
+    assert not lattice.uniform
+    assert lattice.shift.shape == (len(stencil_rows(lattice.steps)[0]), 27 + 24)
+    assert not lattice.kind.any()  # their constants are the same
+
+
+SEVERAL = {
+    "boxes": box((3, 3, 3), 0.2, stiffness=50.0) + box((2, 4, 5), 0.1, stiffness=9.0, damping=1.0),
+    "box, sheet and chain": box((3, 3, 3)) + sheet((4, 3), 0.5) + chain(6, 0.3),
+    "chain, sheet and box": chain(6, 0.3) + sheet((4, 3), 0.5) + box((3, 3, 3)),
+    "box 6 and box 26": box((3, 4, 3), neighbours=6) + box((3, 4, 3)),
+    "box and a lone particle": box((3, 3, 3)) + System(position=[[5.0, 0, 0]]),
+    "a lone particle and a box": System(position=[[5.0, 0, 0]]) + box((3, 3, 3)),
+    "balls": problems.ball(5) + problems.ball(6, stiffness=20.0),
+}
+
+
+@pytest.mark.parametrize("system", SEVERAL.values(), ids=SEVERAL.keys())
+def test_several_bodies_are_lattices_of_several_kinds(system):
+    lattice = lattice_of(system)
+    assert not lattice.uniform
+    assert len(lattice.constants["stiffness"]) == len(np.unique(lattice.kind)) == len(system.directions)
+
+
+@pytest.mark.parametrize("across", [5, 6, 9])
+def test_a_ball_cut_from_a_box_is_a_lattice(across):
+    ball = problems.ball(across)
+    assert 0.2 < ball.particle_count / across**3 < 0.7
+    lattice = lattice_of(ball)
+    # Rows are not equally long: how far the next one is depends on where one stands.
+    assert lattice.shift.ndim == 2
+    inner = np.bincount(ball.connections.ravel()) == 26
+    assert inner.any()
+    assert (lattice.mask[inner] == 2**26 - 1).all()
+
+
+def test_a_body_with_a_direction_cut_away_is_a_lattice():
+    # Every second layer along z is left out, and what joined layers with it.
+    block = box((3, 3, 5))
+    layers = problems.cut(block, np.arange(45) // 9 % 2 == 0)
+    lattice = lattice_of(layers)
+    assert lattice.uniform
+    upward = [d for d, step in enumerate(lattice.steps) if step[2]]
+    assert len(upward) == 9
+    for d in upward:
+        assert not (lattice.mask & np.uint32(1 << d | 1 << (d + 13))).any()
+
+
+def test_a_hole_in_a_row_parts_neighbours_that_diagonals_need():
+    # Below the hole, the neighbours x+y and −x+y of one particle now lie side by side instead of two apart.
+    keep = np.arange(25) != 12
+    with pytest.raises(NotALattice, match="do not lie side by side"):
+        find_lattice(problems.cut(sheet((5, 5)), keep))
+    lattice_of(problems.cut(sheet((5, 5), neighbours=4), keep))  # without diagonals there is one in that row
+
+
+# What is no lattice.
+
+
+GRID, LINE = sheet((4, 3)), chain(5)
+DIRECTIONS = GRID.directions[0]
+
+
+def wired(system: System, connections, directions=None) -> System:
+    """Return particles joined otherwise, by springs that are all alike, though the directions may be the old."""
+    return System(
+        position=system.position,
+        connections=connections,
+        rest_length=1.0,
+        directions=system.directions if directions is None else (directions,),
+    )
+
+
+REFUSED = {
+    "frozen when strained": (
+        GRID.replace(position=np.random.default_rng(5).normal(size=(12, 3))).freeze(),
+        "rest_length differs",
+    ),
+    "one stiffer spring": (sheet((4, 3), stiffness=[1.0] * 28 + [2.0]), "stiffness differs"),
+    "one damper": (sheet((4, 3), damping=[1.0] * 28 + [2.0]), "damping differs"),
+    "no directions": (GRID.replace(directions=({},)), "not every connection"),
+    "no bodies": (GRID.replace(directions=()), "not every connection"),
+    "no connections": (System(position=np.zeros((4, 3))), "not every connection"),
+    "a spring behind the directions": (wired(GRID, [*GRID.connections, (0, 11)]), "not every connection"),
+    "a spring before the directions": (wired(chain(2), [[0, 1]], {}) + GRID, "not every connection"),
+    "fewer springs than directions say": (wired(GRID, GRID.connections[:-1]), "not every connection"),
+    "overlapping slices": (wired(LINE, LINE.connections, {"x": slice(0, 3), "y": slice(2, 4)}), "not every"),
+    "a gap between slices": (wired(LINE, LINE.connections, {"x": slice(0, 2), "y": slice(3, 4)}), "not every"),
+    "every second connection": (wired(LINE, LINE.connections, {"x": slice(0, 4, 2)}), "not every connection"),
+    "another name": (wired(LINE, LINE.connections, {"weft": slice(0, 4)}), "direction 'weft' is none"),
+    "a twin": (
+        wired(LINE, [[0, 1], [1, 2], [0, 1]], {"x": slice(0, 3)}),
+        "two connections in the same direction",
+    ),
+    "a twin turned round": (wired(LINE, [[0, 1], [1, 2], [1, 0]], {"x": slice(0, 3)}), "side by side"),
+    "a chain turned round": (wired(LINE, LINE.connections[:, ::-1]), "side by side"),
+    "one connection turned round": (wired(LINE, [[0, 1], [2, 1], [2, 3], [3, 4]]), "side by side"),
+    "directions that have changed places": (
+        wired(GRID, GRID.connections, DIRECTIONS | {"x+y": DIRECTIONS["x-y"], "x-y": DIRECTIONS["x+y"]}),
+        "side by side",
+    ),
+    "connections of another sheet": (wired(GRID, sheet((3, 4)).connections), "side by side"),
+    "particles numbered otherwise": (
+        wired(GRID, np.random.default_rng(2).permutation(12)[GRID.connections]),
+        "side by side",
+    ),
+    "unlike bodies with a particle in common": (
+        System(
+            position=[[0.0], [1], [2]],
+            connections=[[0, 1], [1, 2]],
+            stiffness=[1.0, 2.0],
+            directions=({"x": slice(0, 1)}, {"x": slice(1, 2)}),
+        ),
+        "share particles",
+    ),
+}
+
+
+@pytest.mark.parametrize(("system", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_is_no_lattice_is_refused_with_the_reason(system, message):
+    with pytest.raises(NotALattice, match=message):
+        find_lattice(system)
+
+
+def test_a_refusal_is_a_value_error():
+    assert issubclass(NotALattice, ValueError)
+
+
+def test_a_sheet_woven_downwards_is_a_lattice():
+    # All of y in reverse: rows are then numbered from the top, which is as good.
+    grid = sheet((4, 3), neighbours=4)
+    connections = np.array(grid.connections)
+    part = grid.direction("y")
+    connections[part] = connections[part, ::-1]
+    lattice = lattice_of(grid.replace(connections=connections))
+    assert lattice.shift.tolist() == [4, 0, -4]
+
+
+def test_freezing_what_is_at_rest_in_exact_numbers_keeps_the_lattice():
+    # Lengths of 1 are computed exactly; those of diagonals all in the same way.
+    lattice_of(sheet((4, 4), neighbours=4, dim=2).freeze())
+
+
+def test_bodies_of_the_same_constants_may_share_particles():
+    system = System(
+        position=[[0.0], [1], [2]],
+        connections=[[0, 1], [1, 2]],
+        directions=({"x": slice(0, 1)}, {"x": slice(1, 2)}),
+    )
+    assert lattice_of(system).mask.tolist() == [1, 3, 2]
+
+
+SOURCES = [
+    chain(6),
+    sheet((2, 2)),
+    sheet((3, 2)),
+    sheet((3, 3), neighbours=4),
+    box((2, 2, 2)),
+    box((2, 2, 3)),
+    box((3, 2, 2), neighbours=6),
+    chain(3) + chain(2, 0.5),
+    sheet((2, 2)) + sheet((3, 2), 0.5),
+    problems.ball(3),
+]
+
+
+def meddle(system: System, random: np.random.Generator) -> System:
+    """Return the system with its connections, constants or directions changed in one or two places at random."""
+    connections = np.array(system.connections)
+    constants = {name: np.array(getattr(system, name)) for name in CONSTANTS}
+    directions = [dict(body) for body in system.directions]
+    for _ in range(random.integers(1, 3)):
+        a, b = random.integers(0, len(connections), 2)
+        body = directions[random.integers(0, len(directions))]
+        name, other = random.choice(list(body), 2)
+        match random.integers(0, 8):
+            case 0:
+                connections[a] = connections[a, ::-1]
+            case 1:
+                part = body[name]
+                connections[part] = connections[part, ::-1]
+            case 2:
+                connections[[a, b]] = connections[[b, a]]
+            case 3:
+                connections[a] = random.choice(system.particle_count, 2, replace=False)
+            case 4:
+                body[name], body[other] = body[other], body[name]
+            case 5:
+                i, j = random.choice(system.particle_count, 2, replace=False)
+                connections = np.where(connections == i, j, np.where(connections == j, i, connections))
+            case 6:
+                connections[a] = connections[b]
+            case 7:
+                constants[str(random.choice(CONSTANTS))][body[name]] *= 2.0
+    return system.replace(connections=connections, directions=tuple(directions), **constants)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_meddled_lattice_is_refused_or_still_right(seed):
+    random = np.random.default_rng(seed)
+    held = refused = 0
+    for _ in range(20):
+        for source in SOURCES:
+            system = meddle(source, random)
+            try:
+                lattice_of(system)
+            except NotALattice:
+                refused += 1
+            else:
+                held += 1
+    assert refused > 20
+    assert held > 20
+
+
+def test_more_directions_than_a_mask_has_bits_for_are_no_lattice():
+    half = ["x", "y", "z", "x+y", "x-y", "x+z", "x-z", "y+z"]
+    names = [*half, *(f"-{name}" for name in half), "y-z"]
+    system = System(
+        position=np.random.default_rng(0).random((800, 3)),
+        connections=[[2 * k, 2 * k + 1] for k in range(400)],
+        rest_length=1.0,
+        directions=({name: slice(k, k + 1 if k < 16 else 400) for k, name in enumerate(names)},),
+    )
+    with pytest.raises(NotALattice, match="17 directions"):
+        find_lattice(system)
+    with pytest.raises(NotALattice):
+        find_lattice(system.replace(directions=({"x": slice(None), "y": slice(None)},)))

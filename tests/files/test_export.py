@@ -1,0 +1,172 @@
+"""Export: what other programs would read is what was simulated."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from msdwarp import System, Trajectory, ball, box, chain, sheet
+from msdwarp.files.export import export
+from msdwarp.files.writer import TrajectoryWriter
+
+SYSTEMS = {"box": box((4, 3, 3)), "plane": sheet((3, 3), dim=2), "ball": ball(1.0, 0.5), "chain": chain(5)}
+
+
+@pytest.fixture(params=SYSTEMS)
+def trajectory(tmp_path, request):
+    system = SYSTEMS[request.param]
+    random = np.random.default_rng(0)
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=30) as writer:
+        for k in range(6):
+            position = (system.position + 0.1 * random.normal(size=system.position.shape)).astype(np.float32)
+            writer.write((k / 30, position, -position))
+    with Trajectory(writer.path) as found:
+        yield found
+
+
+def shown(trajectory, k):
+    """Return corners of the cells of frame k in space, shape [cell_count, 2 or 3, 3], by hand."""
+    system, position = trajectory.system, trajectory.positions[k]
+    points, cells = position, system.connections
+    if system.surface is not None:
+        points, cells = system.surface.points(position), system.surface.triangles
+    spatial = np.zeros((len(points), 3))
+    spatial[:, [0, 2] if system.dim == 2 else [0, 1, 2]] = points
+    return spatial.astype(np.float32)[cells]
+
+
+def corners(mesh):
+    """Return corners of the cells of a PolyData, or what can be made one."""
+    if isinstance(mesh, pv.MultiBlock):
+        mesh = mesh.combine().extract_surface(algorithm=None)
+    cells = mesh.faces.reshape(-1, 4)[:, 1:] if mesh.n_faces else mesh.lines.reshape(-1, 3)[:, 1:]
+    return mesh.points[cells]
+
+
+@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf"])
+def test_a_sequence_of_files(tmp_path, trajectory, to):
+    if trajectory.system.surface is None and to in ("stl", "ply"):
+        with pytest.raises(ValueError, match=f"to is '{to}', which holds triangles"):
+            export(trajectory, tmp_path / f"b.{to}", to)
+        return
+    paths = export(trajectory, tmp_path / "deep" / f"b.{to}", to, slice(1, None, 2))
+    assert [path.name for path in paths] == [f"b_{k:04d}.{to}" for k in (1, 3, 5)]
+    for path, k in zip(paths, (1, 3, 5), strict=True):
+        if to == "gltf" and trajectory.system.surface is None:
+            continue  # VTK reads no lines; the data are those of the test below
+        expected = shown(trajectory, k)
+        if to == "gltf":
+            expected = np.stack([expected[..., 0], expected[..., 2], -expected[..., 1]], axis=-1)  # y is up
+        np.testing.assert_allclose(corners(pv.read(path)), expected, atol=1e-6)
+
+
+def test_one_frame_has_the_name_as_it_is(tmp_path, trajectory):
+    (path,) = export(trajectory, tmp_path / "b.gltf", "gltf", -1)
+    assert path == tmp_path / "b.gltf"
+    document = json.loads(path.read_text())
+    shape = document["meshes"][0]["primitives"][0]
+    cells = shown(trajectory, 5)
+    assert shape["mode"] == (4 if cells.shape[1] == 3 else 1)
+    assert document["accessors"][1]["count"] == cells.shape[0] * cells.shape[1]
+    low, high = (document["accessors"][0][name] for name in ("min", "max"))
+    if trajectory.system.surface is None or trajectory.system.surface.weights is None:
+        np.testing.assert_allclose([low, high], [cells.min(axis=(0, 1)), cells.max(axis=(0, 1))], atol=1e-6)
+
+
+def test_textures_fit(tmp_path, trajectory):
+    surface = trajectory.system.surface
+    if surface is None:
+        pytest.skip("it has no surface")
+    for to in ("obj", "ply"):
+        (path,) = export(trajectory, tmp_path / f"b.{to}", to, 0)
+        np.testing.assert_allclose(pv.read(path).point_data["TCoords"], surface.uv, atol=1e-5)
+
+
+def test_numpy_arrays_of_all_frames(tmp_path, trajectory):
+    (path,) = export(trajectory, tmp_path / "b.npz", "npz", [0, 4, -1])
+    with np.load(path) as found:
+        np.testing.assert_array_equal(found["times"], trajectory.times[[0, 4, 5]])
+        np.testing.assert_array_equal(found["positions"], trajectory.positions[[0, 4, 5]])
+        np.testing.assert_array_equal(found["velocities"], trajectory.velocities[[0, 4, 5]])
+        np.testing.assert_array_equal(found["connections"], trajectory.system.connections)
+        assert found["positions"].dtype == np.float32
+
+
+def test_usd_has_all_frames_at_their_times(tmp_path, trajectory):
+    usd = pytest.importorskip("pxr.Usd")
+    geometry = pytest.importorskip("pxr.UsdGeom")
+    (path,) = export(trajectory, tmp_path / "b.usd", "usd")
+    stage = usd.Stage.Open(str(path))
+    assert (stage.GetTimeCodesPerSecond(), stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (30, 0, 5)
+    body = stage.GetDefaultPrim()
+    for k in range(6):
+        points = np.array(geometry.PointBased(body).GetPointsAttr().Get(k))
+        if trajectory.system.surface is None:
+            found = points.reshape(-1, 2, 3)
+        else:
+            found = points[np.array(geometry.Mesh(body).GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)]
+        np.testing.assert_allclose(found, shown(trajectory, k), atol=1e-6)
+
+
+@pytest.mark.parametrize("trajectory", ["box"], indirect=True)
+def test_wrong_arguments_are_named(tmp_path, trajectory, monkeypatch):
+    for (name, to, frames), said in [
+        (("b.obj", "fbx", 0), "to is 'fbx'; it must be one of 'obj', 'stl', 'ply', 'gltf', 'usd', 'npz'"),
+        (("b.stl", "obj", 0), r"path is .*b\.stl; it must end in \.obj"),
+        (("b.obj", "obj", 6), "frames is 6; the trajectory has 6: 0 to 5"),
+        (("b.obj", "obj", slice(4, 2)), r"frames is slice\(4, 2, None\); none of the 6 frames"),
+    ]:
+        with pytest.raises(ValueError, match=said):
+            export(trajectory, tmp_path / name, to, frames)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(ValueError, match=r"needs the extra `usd`: pip install 'msdwarp\[usd\]'"):
+        export(trajectory, tmp_path / "b.usd", "usd")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]
+
+
+@pytest.mark.parametrize("trajectory", ["box"], indirect=True)
+def test_nothing_is_replaced_without_force(tmp_path, trajectory):
+    (tmp_path / "b_0003.obj").write_text("another's")
+    with pytest.raises(FileExistsError, match=r"b_0003\.obj, which exists"):
+        export(trajectory, tmp_path / "b.obj", "obj")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtkhdf", "b_0003.obj"]
+    assert len(export(trajectory, tmp_path / "b.obj", "obj", force=True)) == 6
+
+
+def test_particles_alone_hold_nothing_to_draw(tmp_path):
+    system = System(position=[[0.0, 0, 0], [1, 0, 0]])
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=30) as writer:
+        writer.write((0.0, system.position, system.velocity))
+    with Trajectory(writer.path) as found:
+        with pytest.raises(ValueError, match="neither a surface nor connections"):
+            export(found, tmp_path / "b.obj", "obj")
+        assert export(found, tmp_path / "b.npz", "npz")
+
+
+@pytest.mark.parametrize(
+    "to", ["obj", *(pytest.param(to, marks=pytest.mark.slow) for to in ("stl", "ply", "gltf", "npz"))]
+)
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
+    code = """
+import resource, sys
+from msdwarp import Trajectory, TrajectoryWriter, box
+from msdwarp.files.export import export
+system = box((12, 12, 12))
+with TrajectoryWriter("a.vtkhdf", system, fps=30) as writer:
+    writer.write((0.0, system.position, system.velocity))
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+with Trajectory("a.vtkhdf") as trajectory:
+    try:
+        export(trajectory, f"b.{sys.argv[1]}", sys.argv[1], 0)
+    except OSError as error:
+        print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, to], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.startswith(f"b.{to} could not be written: ")
+    assert done.stderr == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]

@@ -1,0 +1,332 @@
+"""Integrators: order, closed forms, invariants, reversibility and the stable step that each states."""
+
+import math
+
+import numpy as np
+import problems
+import pytest
+from scipy.optimize import brentq
+
+from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, Simulation, SymplecticEuler, System, box, chain
+from msdwarp.engine.rates import Rates
+
+EULER, LEAPFROG, RUNGE_KUTTA = SymplecticEuler(), Leapfrog(), RK4()
+EXTRAPOLATED = Leapfrog(damper_extrapolation=0.5)
+every_integrator = pytest.mark.parametrize(
+    "integrator", [EULER, LEAPFROG, RUNGE_KUTTA], ids=["symplectic euler", "leapfrog", "rk4"]
+)
+kick_drift = pytest.mark.parametrize("integrator", [EULER, LEAPFROG], ids=["symplectic euler", "leapfrog"])
+
+
+def run(
+    system: System,
+    integrator: Integrator,
+    device: str,
+    *,
+    h: float,
+    steps: int,
+    gravity: float = 0.0,
+    frames: int = 1,
+) -> System:
+    """Return the system after `frames` · `steps` substeps of h in float64."""
+    simulation = Simulation(
+        system,
+        gravity=gravity,
+        integrator=integrator,
+        fps=1 / (h * steps),
+        substeps=steps,
+        # Short runs of hardly damped bodies, for which these two are not made.
+        allow_unstable=isinstance(integrator, RKC2 | ExplicitEuler),
+        device=device,
+        precision="float64",
+    )
+    simulation.step(frames)
+    return simulation.snapshot()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "damping", "order", "counts"),
+    [
+        # A damper sees the leapfrog's velocity of half a substep ago, which leaves it order 1.
+        (EULER, 0.0, 1, (160, 240, 320, 480, 640)),
+        (EULER, 0.05, 1, (160, 240, 320, 480, 640)),
+        (LEAPFROG, 0.0, 2, (40, 60, 80, 120, 160)),
+        (LEAPFROG, 0.05, 1, (160, 240, 320, 480, 640)),
+        (EXTRAPOLATED, 0.0, 2, (40, 60, 80, 120, 160)),
+        (EXTRAPOLATED, 0.05, 2, (40, 60, 80, 120, 160)),
+        (RUNGE_KUTTA, 0.0, 4, (40, 60, 80, 120, 160)),
+        (RUNGE_KUTTA, 0.05, 4, (40, 60, 80, 120, 160)),
+        (RKC2(2), 0.05, 2, (40, 60, 80, 120, 160)),
+        (RKC2(3), 0.05, 2, (40, 60, 80, 120, 160)),
+        (RKC2(6), 0.05, 2, (40, 60, 80, 120, 160)),
+        (ExplicitEuler(), 0.0, 1, (320, 480, 640, 960, 1280)),
+        (ExplicitEuler(), 0.05, 1, (320, 480, 640, 960, 1280)),
+    ],
+    ids=lambda value: repr(value) if isinstance(value, Integrator) else None,
+)
+def test_order_of_convergence(device, integrator, damping, order, counts):
+    system, duration = problems.tumbling_box(damping=damping), 0.5
+    x, v = problems.reference(system, duration, gravity=2.0)
+    errors = []
+    for n in counts:
+        end = run(system, integrator, device, h=duration / n, steps=n, gravity=2.0)
+        errors.append(np.hypot(np.linalg.norm(end.position - x), 0.05 * np.linalg.norm(end.velocity - v)))
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    # hω is at most 0.3 for the fastest mode here, so that terms of the next order bend the slope little.
+    # (Explicit Euler's error grows as exp(hω²t/2) does: it needs hω of 0.04.)
+    assert slope == pytest.approx(order, abs=0.15)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_rk4_reaches_the_reference(device, damping):
+    system = problems.tumbling_box(damping=damping)
+    x, v = problems.reference(system, 0.5, gravity=2.0)
+    end = run(system, RUNGE_KUTTA, device, h=1 / 4000, steps=500, frames=4, gravity=2.0)
+    # (hω)⁴ ωt / 120 with ω = 25/s, h = 1/4000 s: 2e-10 of amplitudes up to 1 m and 25 m/s. Twice that
+    # for the nonlinear force.
+    np.testing.assert_allclose(end.position, x, rtol=0, atol=4e-10)
+    np.testing.assert_allclose(end.velocity, v, rtol=0, atol=25 * 4e-10)
+
+
+@every_integrator
+@pytest.mark.parametrize("damping", [0.0, 1.0], ids=["undamped", "damped"])
+def test_oscillator_follows_the_closed_form(device, integrator, damping):
+    pair = problems.Oscillator(b=damping)
+    h, t = 1 / 2000, 1.0
+    x, v = pair.exact(t)
+    end = run(pair.system(), integrator, device, h=h, steps=200, frames=10)
+    # Undamped, the phase errs by (hω)² ωt / 24 (kick-drift) or (hω)⁴ ωt / 120 (RK4). Symplectic Euler's
+    # velocity lags by h/2, its position by hω/2 of an amplitude; and a damper one step or half a step
+    # late changes the decay by at most h(γ² + γω) t.
+    w, g = pair.omega, pair.gamma
+    error = {
+        EULER: h * w / 2 + (h * w) ** 2 * w * t / 24 + h * g * (g + w) * t,
+        LEAPFROG: (h * w) ** 2 * (1 + w * t) / 8 + h * g * (g + w) * t,
+        RUNGE_KUTTA: (h * w) ** 4 * (1 + w * t) / 60,
+    }[integrator]
+    atol = error * pair.extension
+    np.testing.assert_allclose(end.position, x, rtol=0, atol=atol)
+    np.testing.assert_allclose(end.velocity, v, rtol=0, atol=atol * w)
+
+
+@every_integrator
+def test_chain_follows_its_modes(device, integrator):
+    # A chain in one dimension is linear: any mixture of modes is known for all times.
+    count, m, k, h, t = 9, 0.2, 30.0, 1 / 2000, 1.0
+    at_rest = chain(count, mass=m, stiffness=k, dim=1)
+    offset, expected = np.zeros(count), np.zeros(count)
+    for mode, amplitude in ((1, 0.1), (4, 0.05), (8, 0.02)):
+        omega, shape = problems.chain_mode(count, mode, m=m, k=k)
+        offset += amplitude * shape
+        expected += amplitude * shape * math.cos(omega * t)
+    bent = at_rest.replace(position=at_rest.position + offset[:, None])
+    end = run(bent, integrator, device, h=h, steps=200, frames=10)
+    # The bounds of the oscillator above, at the fastest ω = 24.5/s, for amplitudes that sum to 0.17.
+    w = 2 * math.sqrt(k / m)
+    error = {
+        EULER: h * w / 2 + (h * w) ** 2 * w * t / 24,
+        LEAPFROG: (h * w) ** 2 * (1 + w * t) / 8,
+        RUNGE_KUTTA: (h * w) ** 4 * (1 + w * t) / 60,
+    }[integrator]
+    np.testing.assert_allclose((end.position - at_rest.position)[:, 0], expected, rtol=0, atol=0.17 * error)
+
+
+@every_integrator
+def test_free_fall_is_each_methods_own(device, integrator):
+    # Two particles that know nothing of each other, with velocities of their own.
+    system = System(position=[[1.0, 2, 3], [0, 0, -4]], velocity=[[0.5, -1, 20], [0, 3, 0]])
+    h, n, g = 1 / 64, 128, 9.82  # h and the times are exact in binary
+    end = run(system, integrator, device, h=h, steps=32, frames=4, gravity=g)
+    t = n * h
+    velocity = system.velocity - [0, 0, g * t]
+    lag = h * t / 2 if integrator == EULER else 0.0  # Σ h² k over k = 1 … n is t²/2 + h t/2
+    position = system.position + t * system.velocity - [0, 0, g * (t * t / 2 + lag)]
+    # 128 substeps, each rounding numbers of up to 40: 128 · 40 · ε = 1e-12.
+    np.testing.assert_allclose(end.velocity, velocity, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(end.position, position, rtol=0, atol=1e-12)
+
+
+@kick_drift
+def test_oscillator_keeps_its_discrete_energy(device, integrator):
+    # With q = hω, x and v of the relative motion: v² + ω²x² − hω²xv is an invariant of symplectic Euler,
+    # v² + ω²x²(1 − q²/4) of leapfrog, exactly. Energy itself then stays within q/2 or q²/4 of its start.
+    pair = problems.Oscillator()
+    h, w = 0.4 / pair.omega, pair.omega
+    system = pair.system()
+
+    def invariant(s: System) -> float:
+        x = np.linalg.norm(s.position[0] - s.position[1]) - pair.rest_length
+        v = (s.velocity[0] - s.velocity[1]) @ pair.axis
+        if integrator == EULER:
+            return v * v + w * w * x * x - h * w * w * x * v
+        return v * v + w * w * x * x * (1 - (h * w) ** 2 / 4)
+
+    simulation = Simulation(
+        system,
+        gravity=0.0,
+        integrator=integrator,
+        fps=1 / (7 * h),
+        substeps=7,
+        device=device,
+        precision="float64",
+    )
+    start, energy = invariant(system), problems.energy(system)
+    for _ in range(2000):
+        simulation.step()
+        now = simulation.snapshot()
+        # 14 000 substeps: a random walk would leave √14000 ε; roundings of one sign 14000 · 8 · ε = 2e-11.
+        assert invariant(now) == pytest.approx(start, rel=2e-11)
+        # v² + ω²x² ∓ … differ by at most the share q/2 = 0.2 or q²/4 = 0.04, at either end.
+        share = 0.2 if integrator == EULER else 0.04
+        assert (1 - share) / (1 + share) < problems.energy(now) / energy < (1 + share) / (1 - share)
+
+
+@kick_drift
+def test_energy_of_a_tumbling_body_does_not_drift(device, integrator):
+    # hω = 0.12 for the fastest mode: energy wanders by a share of hω/2 or (hω)²/4 about its mean, however
+    # long the run; a method that is not symplectic would drift on and on.
+    system, h, w = problems.tumbling_box(), 1 / 200, 25.0
+    simulation = Simulation(
+        system,
+        gravity=0.0,
+        integrator=integrator,
+        fps=1 / (10 * h),
+        substeps=10,
+        device=device,
+        precision="float64",
+    )
+    energies = [problems.energy(simulation.snapshot())]
+    for _ in range(1000):
+        simulation.step()
+        energies.append(problems.energy(simulation.snapshot()))
+    share = h * w / 2 if integrator == EULER else (h * w) ** 2 / 4
+    assert np.ptp(energies) < 2 * share * energies[0]
+    # The mean of the last fifth equals that of the first to much less than one wandering.
+    drift = np.mean(energies[-200:]) - np.mean(energies[:200])
+    assert abs(drift) < 0.2 * share * energies[0]
+
+
+def test_leapfrog_is_reversible(device):
+    system = problems.tumbling_box()
+    forth = run(system, LEAPFROG, device, h=1 / 200, steps=50, frames=4, gravity=2.0)
+    back = run(forth.with_velocity(-forth.velocity), LEAPFROG, device, h=1 / 200, steps=50, frames=4, gravity=2.0)
+    assert np.abs(forth.position - system.position).max() > 0.5
+    # 400 substeps round numbers of up to 25, and the motion stretches a rounding a hundredfold in 1 s.
+    atol = 400 * 25 * problems.EPS64 * 100
+    np.testing.assert_allclose(back.position, system.position, rtol=0, atol=atol)
+    np.testing.assert_allclose(-back.velocity, system.velocity, rtol=0, atol=25 * atol)
+
+
+# Stable steps. Systems whose stiffness and damping share modes, so that the stated limit is exact.
+PAIR = System(position=[[0.0, 0, 0], [0.6, 0.8, 0]], connections=[[0, 1]], rest_length=1.0)
+SYSTEMS = {
+    "undamped pair": PAIR.replace(stiffness=100.0),
+    "damped pair": PAIR.replace(stiffness=100.0, damping=2.0),
+    "overdamped pair": PAIR.replace(stiffness=100.0, damping=60.0),
+    "damper alone": PAIR.replace(stiffness=0.0, damping=5.0),
+    "box": box((3, 3, 3), stiffness=100.0),
+    "damped box": box((3, 3, 3), stiffness=100.0, damping=2.0),
+}
+
+
+def growth(system: System, integrator: Integrator, device: str, share: float) -> float:
+    """Return how much the fastest mode, kicked, grows in 300 substeps of `share` times the stated limit.
+
+    It stops at a growth of a thousand: of a kick of 1e-9 m/s that is still a linear motion.
+    """
+    rates, modes = np.linalg.eigh(problems.rate_matrix(system, np.ones(system.connection_count)))
+    mode = modes[:, -1].reshape(system.position.shape)
+    h = share * integrator.stable_step(Rates(rates[-1] * system.stiffness[0], rates[-1] * system.damping[0], 0.0))
+    simulation = Simulation(
+        system.with_velocity(1e-9 * mode),
+        gravity=0.0,
+        integrator=integrator,
+        fps=1 / (10 * h),
+        substeps=10,
+        allow_unstable=True,
+        energy_limit=math.inf,
+        device=device,
+        precision="float64",
+    )
+    most = 0.0
+    for _ in range(30):
+        simulation.step()
+        now = simulation.snapshot()
+        moved = np.linalg.norm(now.position - system.position) / h
+        most = max(most, moved / 1e-9, np.linalg.norm(now.velocity) / 1e-9)
+        if most > 1000:
+            break
+    return most
+
+
+@kick_drift
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
+def test_kick_drift_is_stable_up_to_the_stated_step_and_no_further(device, integrator, system):
+    # At 0.98 the eigenvalues of a mode lie in the unit circle, close to each other near −1: what was kicked
+    # grows for a while to 1/√(1 − 0.98²) = 5 of itself, no more (leapfrog's half kick: twice).
+    assert growth(system, integrator, device, 0.98) < 20
+    # At 1.02 one lies beyond −1, by 0.04 for a damper alone (1 − 2 · 1.02) and by more otherwise.
+    assert growth(system, integrator, device, 1.02) > 1000
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
+def test_rk4_is_stable_at_the_stated_step(device, system):
+    assert growth(system, RUNGE_KUTTA, device, 1.0) < 20
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [
+        # The limit lies at 2.828 instead of 2.615 without damping, and just there for a damper alone.
+        ("undamped pair", 1.02 * 2.828 / 2.615),
+        ("box", 1.02 * 2.828 / 2.615),
+        ("damper alone", 1.02),
+    ],
+)
+def test_rk4_is_unstable_beyond_its_limit(device, name, share):
+    # 2 % beyond, |R|² = 1 − |z|⁶/72 + |z|⁸/576 is 1.32 on the imaginary axis and R = 1.09 on the real one.
+    assert growth(SYSTEMS[name], RUNGE_KUTTA, device, share) > 1000
+
+
+def rk4_polynomial(z: complex | np.ndarray) -> complex | np.ndarray:
+    """Return R(z) = 1 + z + z²/2 + z³/6 + z⁴/24, by which RK4 multiplies a mode with eigenvalue z/h."""
+    return 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
+
+
+def rk4_reach(angle: float) -> float:
+    """Return how far the region of stability reaches from 0 in a direction [rad]."""
+    radii = np.arange(0.001, 4, 0.001)
+    beyond = np.abs(rk4_polynomial(radii * np.exp(1j * angle))) > 1 + 1e-12  # rounding on |R| = 1
+    first = radii[np.argmax(beyond)]
+    return brentq(lambda r: abs(rk4_polynomial(r * np.exp(1j * angle))) - 1, first - 0.002, first)
+
+
+def test_rk4_region_of_stability():
+    # The documented numbers, to the three decimals they have.
+    assert rk4_reach(math.pi) == pytest.approx(2.785, abs=5e-4)
+    assert rk4_reach(math.pi / 2) == pytest.approx(2.828, abs=5e-4)
+    least = min(rk4_reach(angle) for angle in np.linspace(math.pi / 2, math.pi, 500))
+    assert 2.615 <= least < 2.616  # documented as "not less than", so rounded down
+
+
+def rk4_radius(h: float, stiffness_rate: float, damping_rate: float) -> float:
+    """Return the largest spectral radius of RK4 for x'' = −p x − q x' with p and q up to the given rates."""
+    p = stiffness_rate * np.linspace(0, 1, 101)[:, None]
+    q = damping_rate * np.linspace(0, 1, 101)
+    root = np.sqrt(q**2 - 4 * p + 0j)
+    return max(np.abs(rk4_polynomial(h * z)).max() for z in ((-q + root) / 2, (-q - root) / 2))
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.5, 3.0, 30.0])
+def test_rk4_stable_step_is_the_largest_for_these_rates_to_8_percent(ratio):
+    stiffness_rate, damping_rate = 400.0, 2 * ratio * 20.0
+    h = RUNGE_KUTTA.stable_step(Rates(stiffness_rate, damping_rate, 0.0))
+    # It holds whichever modes a system has: 2.615 and 2.785 round down, and R itself rounds by a few ε.
+    assert rk4_radius(h, stiffness_rate, damping_rate) <= 1 + 1e-12
+    # Beyond it by 8 % (2.828/2.615 = 1.0815) there are modes of such rates that grow.
+    assert rk4_radius(1.082 * h, stiffness_rate, damping_rate) > 1
+
+
+@every_integrator
+def test_without_forces_any_step_is_stable(integrator):
+    assert integrator.stable_step(Rates(0.0, 0.0, math.inf)) == math.inf

@@ -1,0 +1,252 @@
+"""Bodies in the colours of values of their particles, and a camera that comes nearer."""
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+from msdwarp.checks import colour as rgb
+from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
+from msdwarp.pictures.drawing import Drawing, Scale
+from msdwarp.pictures.legend import with_bar
+from msdwarp.pictures.opengl_window import opengl_window
+from msdwarp.pictures.timelapse import timelapse
+
+BACKENDS = [
+    pytest.param(
+        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+    ),
+    "raycast",
+]
+SIZE = (320, 180)
+SPEED = Scale("speed [m/s]", 4.0)
+
+
+@pytest.fixture
+def scene():
+    """A cube of 0.4 m, whose texture and colour are unlike the scale's, beside a green post."""
+    cube = msd.box((5, 5, 5), 0.1, mass=0.1).translate((0, 0, 0.5))
+    texture = np.full((2, 2, 3), (0, 255, 0), np.uint8)
+    look = msd.Look(texture=texture, obstacle="#20a040", obstacle_texture=255 - texture, azimuth=-80)
+    return msd.Scene(system=cube, colliders=[msd.Plane(), msd.Box((0.6, 0, 0.4), (0.2, 0.4, 0.8))], look=look)
+
+
+def colours_of(values, full):
+    """Return the scale's colours of values, shape [any, 3]."""
+    at = np.linspace(0, full, len(VALUE_STOPS))
+    return np.stack([np.interp(values, at, stops) for stops in np.transpose(VALUE_STOPS)], axis=-1)
+
+
+def hue_at(renderer, image, point):
+    """Return the colour at which a point appears, over its greatest component: shade takes part in all alike."""
+    row, column = renderer.stage.camera.pixels(np.array([point]), renderer.stage.height, renderer.stage.width)
+    colour = image[int(row[0]), int(column[0])].astype(float)
+    return colour / colour.max()
+
+
+def assert_hue(renderer, image, point, colour):
+    """Assert that a point of little specular light appears in this colour, to 8-bit rounding of dark shades."""
+    np.testing.assert_allclose(hue_at(renderer, image, point), np.array(colour) / np.max(colour), atol=0.02)
+
+
+LEFT, MIDDLE, RIGHT, POST = (-0.15, -0.2, 0.5), (0, -0.2, 0.5), (0.15, -0.2, 0.5), (0.6, -0.2, 0.5)
+
+
+def halves(system):
+    """Return values that are 0 on the left half of the cube, full on its right, and between in its middle."""
+    return SPEED.full * np.clip(10 * system.position[:, 0] + 0.5, 0, 1)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_ends_of_the_scale_are_where_the_values_are(scene, backend):
+    system = scene.system
+    renderer = msd.Renderer(scene, system.position, resolution=SIZE, colouring=SPEED, backend=backend)
+    values = halves(system)
+    image = renderer.image(system.position, values=values)
+    half = colours_of(0.5 * SPEED.full, SPEED.full)
+    for point, colour in ((LEFT, VALUE_STOPS[0]), (MIDDLE, half), (RIGHT, VALUE_STOPS[-1])):
+        assert_hue(renderer, image, point, colour)
+    assert_hue(renderer, image, POST, rgb("", scene.look.obstacle))
+    # Its side, which the key light hardly reaches, is nearly as bright as the legend.
+    row, column = renderer.stage.camera.pixels(np.array([RIGHT]), *SIZE[::-1])
+    brightest = image[int(row[0]), int(column[0])].max() / (255 * max(VALUE_STOPS[-1]))
+    assert 0.75 < brightest < 1.1
+
+    # The next frame has its own values, and the one after depends on neither.
+    turned = renderer.image(system.position, values=SPEED.full - values)
+    for point, colour in ((LEFT, VALUE_STOPS[-1]), (MIDDLE, half), (RIGHT, VALUE_STOPS[0])):
+        assert_hue(renderer, turned, point, colour)
+    assert_hue(renderer, turned, POST, rgb("", scene.look.obstacle))
+    np.testing.assert_array_equal(renderer.image(system.position, values=values), image)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_tubes_and_balls_show_values_where_there_is_no_surface(backend):
+    chain = msd.chain(3, 1.0)
+    scene = msd.Scene(system=chain, look=msd.Look(azimuth=-90, elevation=0))
+    renderer = msd.Renderer(scene, chain.position, resolution=SIZE, colouring=SPEED, backend=backend)
+    image = renderer.image(chain.position, values=[0, 0, 4])
+    start, middle, end = chain.position
+    assert_hue(renderer, image, start, VALUE_STOPS[0])
+    assert_hue(renderer, image, (start + middle) / 2, VALUE_STOPS[0])
+    assert_hue(renderer, image, end, VALUE_STOPS[-1])
+    between = np.mean(VALUE_STOPS[:: len(VALUE_STOPS) - 1], axis=0)  # a tube blends the colours of its ends
+    assert_hue(renderer, image, (middle + end) / 2, between)
+
+
+@pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+def test_both_renderers_draw_the_same_picture(scene):
+    system = scene.system
+    values = SPEED.full * np.linalg.norm(system.position, axis=1)
+    images = [
+        msd.Renderer(scene, system.position, resolution=SIZE, colouring=SPEED, backend=backend)
+        .image(system.position, values=values)
+        .astype(int)
+        for backend in ("opengl", "raycast")
+    ]
+    difference = np.abs(images[0] - images[1]).max(axis=2)
+    # Only pixels on outlines, averaged over different points, may differ by more than rounding, which there is
+    # in OpenGL's colours of vertices too.
+    assert np.median(difference) <= 2
+    assert (difference > 8).mean() < 0.02
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_vertices_take_the_colours_of_their_particles(smooth):
+    sheet = msd.sheet((6, 4), 0.5)
+    drawing = Drawing(msd.Scene(system=sheet, look=msd.Look(smooth=smooth)), SPEED)
+    values = np.linspace(-2.0, 7.0, 24)  # below the scale, all along it, and above
+    drawing.follow(sheet.position, values=values)
+    vertices = sheet.surface.particle if smooth else sheet.surface.particle[sheet.surface.triangles.ravel()]
+    # float32 colours
+    np.testing.assert_allclose(drawing.colours.numpy(), colours_of(values, 4.0)[vertices], atol=1e-6)
+    assert drawing.texture is None
+
+
+def test_mixtures_take_the_colours_of_mixed_values():
+    random = np.random.default_rng(5)
+    body = msd.box((3, 3, 3), 0.3)
+    particle, weights = random.integers(0, 27, (12, 2)), random.uniform(-0.2, 1, (12, 2))
+    weights /= weights.sum(axis=1, keepdims=True)
+    surface = msd.Surface(
+        particle=particle, weights=weights, uv=np.zeros((12, 2)), triangles=np.arange(12).reshape(-1, 3)
+    )
+    drawing = Drawing(msd.Scene(system=body.replace(surface=surface)), SPEED)
+    values = random.uniform(0, 5, 27)
+    drawing.follow(body.position, values=values)
+    mixed = (weights * values[particle]).sum(axis=1)
+    assert mixed.min() < 2 < 4 < mixed.max()
+    np.testing.assert_allclose(drawing.colours.numpy(), colours_of(mixed, 4.0), atol=1e-5)  # float32 sums
+
+
+def test_tubes_take_a_colour_at_either_end_and_balls_their_own():
+    body = msd.System(position=[[0, 0, 0], [1, 0, 0], [3, 0, 0]], connections=[[0, 1], [2, 1]], rest_length=1.0)
+    drawing = Drawing(msd.Scene(system=body.pin(0)), SPEED)
+    drawing.follow(body.position, values=np.array([0.0, 1.3, 3.9]))
+    colours, points = drawing.colours.numpy(), drawing.points.numpy()
+    assert len(points) > 12 + 3 * 12
+    particle = np.abs(points[:, :1] - body.position[:, 0]).argmin(axis=1)
+    np.testing.assert_allclose(colours, colours_of(np.array([0.0, 1.3, 3.9]), 4.0)[particle], atol=1e-6)
+
+
+def test_the_legend_shows_the_scale():
+    image = np.full((720, 1280, 3), 200, np.uint8)
+    drawn = with_bar(image, SPEED, VALUE_STOPS)
+    changed = np.argwhere((drawn != image).any(axis=2))
+    strain = np.argwhere((with_bar(image, Scale("strain", 0.2), STRAIN_STOPS) != image).any(axis=2))
+    np.testing.assert_array_equal(changed.min(axis=0), strain.min(axis=0))  # the same corner
+    # The bar is the row with most of the scale's first colour's kin: it starts and ends with the stops.
+    first, last = (np.round(255 * np.array(VALUE_STOPS[k])) for k in (0, -1))
+    row, column = np.argwhere((drawn == first).all(axis=2))[0]
+    bar = drawn[row, column : column + 260].astype(int)
+    np.testing.assert_array_equal(bar[-1], last)
+    np.testing.assert_allclose(bar / 255, colours_of(np.linspace(0, 1, 260), 1.0), atol=0.5 / 255 + 1e-9)
+    for other in (SPEED._replace(label="energy [J]"), SPEED._replace(full=3.0)):
+        assert (with_bar(image, other, VALUE_STOPS) != drawn).any()
+
+
+def test_a_long_label_is_not_cut_off():
+    image = np.zeros((720, 1280, 3), np.uint8)
+    drawn = with_bar(
+        image, Scale("kinetic energy of a particle and of all that it is joined to [J]", 1.0), VALUE_STOPS
+    )
+    rows, columns = np.nonzero(drawn.any(axis=2))
+    veil = drawn[rows.max(), columns.min()]
+    upper = drawn[rows.min() : rows.min() + 20, columns.min() : columns.max() + 1]
+    ink = (upper != veil).any(axis=(0, 2))
+    assert ink.sum() > 260
+    assert not ink[0]
+    assert not ink[-1]
+
+
+def test_poses_of_a_timelapse_have_values_of_their_own(scene):
+    first = scene.system.position
+    positions = np.array([first, scene.system.translate((-0.9, 0, 0)).position])
+    renderer = msd.Renderer(scene, positions, resolution=SIZE, colouring=SPEED, backend="raycast")
+    values = np.stack([np.full(125, 4.0), np.zeros(125)])
+    picture = timelapse(renderer, positions, [0, 1], values)
+    assert_hue(renderer, picture, np.array(LEFT) - (0.9, 0, 0), VALUE_STOPS[0])
+    early = hue_at(renderer, picture, RIGHT)
+    assert early[2] < 0.95 * early[0]  # yellow, and faint
+    for wrong, message in (
+        (values[:1], r"values has shape \(1, 125\); it must be \(2, 125\)"),
+        (values[:, :9], r"values has shape \(2, 9\); it must be \(2, 125\)"),
+        (values[0], r"values has shape \(125,\)"),
+        (np.diag([1, np.nan]) @ values, r"values\[1, 0\] is nan"),
+        (None, r"values is None"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            timelapse(renderer, positions, [0, 1], wrong)
+
+
+@pytest.mark.parametrize(
+    ("colouring", "values", "message"),
+    [
+        (SPEED, None, r"values is None; it must have the shape \(125,\)"),
+        (SPEED, np.zeros(124), r"values has shape \(124,\); it must be \(125,\)"),
+        (SPEED, np.zeros((125, 3)), r"values has shape \(125, 3\)"),
+        (SPEED, np.full(125, np.nan), r"values\[0\] is nan; it must be finite"),
+        (SPEED, "fast", "values must be an array of numbers"),
+        ("texture", np.zeros(125), "values is given; it must be None unless"),
+        ("strain", np.zeros(125), "values is given; it must be None unless"),
+    ],
+)
+def test_bad_values_are_named(scene, colouring, values, message):
+    position = scene.system.position
+    renderer = msd.Renderer(scene, position, resolution=SIZE, colouring=colouring, backend="raycast")
+    for draw in (renderer.image, renderer.bare):
+        with pytest.raises(ValueError, match=message):
+            draw(position, values=values)
+    assert renderer.bare(None).shape == (180, 320, 3)  # without a body there are no values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"colouring": Scale("speed [m/s]", 0.0)}, r"colouring.full is 0; it must be a number above 0"),
+        ({"colouring": Scale("speed [m/s]", np.inf)}, "colouring.full is inf"),
+        ({"colouring": ("speed [m/s]", 4.0)}, "colour is"),
+        ({"zoom": 0.0}, "zoom is 0"),
+        ({"zoom": np.nan}, "zoom is nan"),
+    ],
+)
+def test_bad_scales_and_zooms_are_named(scene, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        msd.Renderer(scene, scene.system.position, resolution=SIZE, backend="raycast", **arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_zoom_comes_nearer_to_the_same_target(scene, backend):
+    position = scene.system.position
+    far, near = (
+        msd.Renderer(scene, position, resolution=SIZE, colouring=SPEED, backend=backend, zoom=zoom)
+        for zoom in (1.0, 1.25)
+    )
+    np.testing.assert_array_equal(near.camera.target, far.camera.target)
+    np.testing.assert_allclose(near.camera.eye - near.camera.target, (far.camera.eye - far.camera.target) / 1.25)
+    values = halves(scene.system)
+    images = [one.bare(position, values=values) for one in (far, near)]
+    for renderer, image in zip((far, near), images, strict=True):
+        assert_hue(renderer, image, RIGHT, VALUE_STOPS[-1])
+    seen, larger = (((image[..., 0] > 180) & (image[..., 2] < 120)).sum() for image in images)  # what is yellow
+    assert larger > 1.25**2 * seen  # and more, for what is before the target comes nearer by more

@@ -1,0 +1,72 @@
+"""Frames and films on disk."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msdwarp.pictures import film
+
+
+def pictures(count):
+    for k in range(count):
+        image = np.full((48, 64, 3), 230, np.uint8)
+        image[:, 4 * k % 64 : 4 * k % 64 + 8] = (200, 30, 30)
+        yield image
+
+
+@pytest.mark.parametrize(("video", "shown", "milliseconds"), [("webp", 13, 50), ("gif", 13, 50)])
+def test_every_picture_is_written(tmp_path, video, shown, milliseconds):
+    path = film.write_film(pictures(13), 13, tmp_path, name="bar", fps=20, video=video)
+    assert path == tmp_path / f"bar.{video}"
+    assert sorted(p.name for p in tmp_path.glob("*.png")) == [f"frame_{k:04d}.png" for k in range(13)]
+    for k, image in enumerate(pictures(13)):
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / f"frame_{k:04d}.png")), image)
+    with Image.open(path) as opened:
+        assert opened.n_frames == shown
+        for k, image in enumerate(pictures(13)):
+            opened.seek(k)
+            opened.load()
+            assert opened.info["duration"] == milliseconds
+            # Lossy (WebP) or of few colours (GIF): close on the whole.
+            assert np.abs(np.asarray(opened.convert("RGB")).astype(int) - image).mean() < 6
+
+
+def test_a_gif_leaves_out_frames_that_viewers_cannot_show(tmp_path):
+    path = film.write_film(pictures(13), 13, tmp_path, name="bar", fps=60, frames="none", video="gif")
+    with Image.open(path) as opened:
+        assert opened.n_frames == 7  # every second
+        assert opened.info["duration"] == 30  # 1/30 s in whole hundredths
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_frames_without_a_film(tmp_path):
+    assert film.write_film(pictures(3), 3, tmp_path, name="bar", fps=60, video="none") is None
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_film_that_fails_leaves_none_and_keeps_the_frames(tmp_path):
+    def failing():
+        yield from pictures(4)
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError, match="no more"):
+        film.write_film(failing(), 10, tmp_path, name="bar", fps=60)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"frame_{k:04d}.png" for k in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("formats", "message"),
+    [
+        (("jpeg", "webp"), "frames is 'jpeg'"),
+        (("png", "avi"), "video is 'avi'"),
+    ],
+)
+def test_bad_formats_are_named(formats, message):
+    with pytest.raises(ValueError, match=message):
+        film.check_formats(*formats)
+
+
+def test_mp4_without_its_extra_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"msdwarp\[video\]"):
+        film.check_formats("png", "mp4")

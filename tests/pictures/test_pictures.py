@@ -1,0 +1,329 @@
+"""Pictures: the camera, normals, colours, both renderers, and memory."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+from msdwarp.bodies.space import in_space
+from msdwarp.checks import colour as rgb
+from msdwarp.pictures.drawing import Drawing
+from msdwarp.pictures.opengl_window import opengl_window
+from msdwarp.pictures.parts import round_solid
+from msdwarp.pictures.stage import SHADOW, VIEW_ANGLE, Camera, Ground, outermost
+
+BACKENDS = [
+    pytest.param(
+        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+    ),
+    "raycast",
+]
+SIZE = (320, 180)
+
+
+@pytest.fixture
+def scene():
+    """A cube of 0.4 m that floats half a metre above the floor."""
+    cube = msd.box((5, 5, 5), 0.1, mass=0.1).translate((0, 0, 0.7))
+    return msd.Scene(system=cube, colliders=[msd.Plane()], look=msd.Look(colour="#c03020"))
+
+
+def pixel_of(renderer, point):
+    """Return (row, column) where a point appears."""
+    row, column = renderer.stage.camera.pixels(np.array([point]), renderer.stage.height, renderer.stage.width)
+    return int(row[0]), int(column[0])
+
+
+@pytest.mark.parametrize("aspect", [0.5, 16 / 9])
+@pytest.mark.parametrize("azimuth", [-60, 200])
+def test_the_camera_is_as_near_as_it_can_be_and_sees_everything(aspect, azimuth):
+    points = np.random.default_rng(1).normal(size=(500, 3)) * (3, 1, 2) + (5, 6, 7)
+    look = msd.Look(azimuth=azimuth, elevation=25)
+    camera = Camera.that_sees(points, look, aspect, margin=1.0)
+    offset = points - camera.eye
+    depth = offset @ camera.forward
+    tan = np.tan(np.radians(VIEW_ANGLE) / 2)
+    across = np.abs(offset @ camera.right) / (depth * tan * aspect)
+    along = np.abs(offset @ camera.up) / (depth * tan)
+    # 1 is the edge of the picture: reached, to rounding, and not crossed.
+    assert max(across.max(), along.max()) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_few_particles_decide_what_the_camera_and_the_ground_are(dim):
+    frames = np.random.default_rng(2).normal(size=(20, 100, dim)).cumsum(axis=0)
+    look = msd.Look(azimuth=140, elevation=35)
+    few = np.concatenate([outermost(position, look, 1.5) for position in frames])
+    assert few.shape[0] <= 20 * 10
+    one, other = (in_space(points, np.float64).reshape(-1, 3) for points in (frames, few))
+    for name in ("eye", "target"):
+        positions = [getattr(Camera.that_sees(points, look, 1.5), name) for points in (one, other)]
+        np.testing.assert_allclose(*positions, atol=1e-12)  # rounding of numbers of about ten
+    np.testing.assert_array_equal(one.min(axis=0), other.min(axis=0))
+    np.testing.assert_array_equal(one.max(axis=0), other.max(axis=0))
+
+
+def test_normals_follow_the_body():
+    sheet = msd.sheet((6, 4), 0.5).rotate(0.7, axis=(1, 2, 3))
+    drawing = Drawing(msd.Scene(system=sheet), "texture")
+    drawing.follow(sheet.position)
+    corner, along_x, along_y = sheet.position[[0, 1, 6]]
+    normal = np.cross(along_x - corner, along_y - corner) / 0.25
+    # float32 unit vectors from float32 differences of coordinates of a few metres
+    np.testing.assert_allclose(drawing.normals.numpy(), np.tile(normal, (24, 1)), atol=1e-6)
+
+
+def test_smooth_normals_of_a_bent_sheet_are_those_of_the_surface():
+    flat = msd.sheet((41, 41), 0.05)
+    x, y, _ = flat.position.T
+    bowl = flat.replace(position=np.stack([x, y, 0.5 * (x**2 + y**2)], axis=1))
+    drawing = Drawing(msd.Scene(system=bowl), "texture")
+    drawing.follow(bowl.position)
+    exact = np.stack([-x, -y, np.ones_like(x)], axis=1)
+    exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+    inside = (np.abs(x) < 0.99) & (np.abs(y) < 0.99)
+    # The normals of the six triangles around a vertex vary by (curvature · spacing) = 0.05; their mean is off
+    # by its square.
+    particle = bowl.surface.particle
+    error = np.abs(drawing.normals.numpy() - exact[particle])
+    assert error[inside[particle]].max() < 0.05**2
+
+
+def test_connections_are_green_at_rest_and_red_when_strained():
+    body = msd.System(
+        position=[[0, 0, 0], [1, 0, 0], [2.2, 0, 0], [3.0, 0, 0], [3.9, 0, 0]],
+        connections=[[0, 1], [1, 2], [2, 3], [3, 4]],
+        rest_length=1.0,
+    )
+    drawing = Drawing(msd.Scene(system=body, look=msd.Look(full_strain=0.2)), "strain")
+    drawing.follow(body.position)
+    rest, stretched, compressed, half = drawing.colours.numpy()[:24].reshape(4, 6, 3)[:, 0]
+    assert rest[1] > 2 * rest[0]  # green
+    assert stretched[0] > 2 * stretched[1]  # red
+    np.testing.assert_allclose(stretched, compressed, atol=1e-5)  # float32 lengths of about 1
+    np.testing.assert_allclose(half, (0.96, 0.80, 0.23), atol=1e-5)  # yellow, half way
+
+
+def test_an_embedded_surface_follows_its_particles():
+    random = np.random.default_rng(5)
+    body = msd.box((3, 3, 3), 0.3)
+    particle, weights = random.integers(0, 27, (12, 4)), random.random((12, 4))
+    surface = msd.Surface(
+        particle=particle,
+        weights=weights / weights.sum(axis=1, keepdims=True),
+        uv=np.zeros((12, 2)),
+        triangles=np.arange(12).reshape(-1, 3),
+    )
+    drawing = Drawing(msd.Scene(system=body.replace(surface=surface)), "texture")
+    position = body.position + 0.1 * random.normal(size=body.position.shape)
+    drawing.follow(position)
+    points = surface.points(position)
+    np.testing.assert_allclose(drawing.points.numpy(), points, atol=1e-6)  # float32
+    a, b, c = points.reshape(-1, 3, 3).transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    np.testing.assert_allclose(drawing.normals.numpy(), np.repeat(normal, 3, axis=0), atol=1e-5)
+
+
+def test_normals_are_shared_over_a_seam():
+    # Two squares meet at a right angle, with vertices of their own there.
+    body = msd.System(
+        position=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 1, 1], [1, 1, 1]],
+        connections=[[0, 1]],
+        rest_length=1.0,
+    )
+    parts = {"particle": [0, 1, 2, 3, 2, 3, 4, 5], "uv": np.zeros((8, 2))}
+    parts["triangles"] = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6]]
+
+    def normals(**more):
+        surface = msd.Surface(**parts, **more)
+        drawing = Drawing(msd.Scene(system=body.replace(surface=surface)), "texture")
+        drawing.follow(body.position)
+        return drawing.normals.numpy()
+
+    up, back, between = (0, 0, 1), (0, -1, 0), (0, -np.sqrt(0.5), np.sqrt(0.5))
+    np.testing.assert_allclose(normals(), [up] * 4 + [back] * 4, atol=1e-6)
+    shared = normals(normal_of=[0, 1, 2, 3, 2, 3, 6, 7])
+    np.testing.assert_array_equal(shared[2:4], shared[4:6])
+    np.testing.assert_allclose(shared[[0, 6]], [up, back], atol=1e-6)
+    # At vertex 2 lie two triangles of the first square and, of the second, two of the same area.
+    np.testing.assert_allclose(shared[2:4].mean(axis=0), between, atol=0.2)
+
+
+def test_flat_shading_gives_each_triangle_its_own_normal():
+    flat = msd.sheet((4, 4), 0.5)
+    bent = flat.replace(position=flat.position + [[0, 0, 0.1 * k % 0.37] for k in range(16)])
+    drawing = Drawing(msd.Scene(system=bent, look=msd.Look(smooth=False)), "texture")
+    drawing.follow(bent.position)
+    points, normals = drawing.points.numpy(), drawing.normals.numpy()
+    a, b, c = (points[drawing.triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    for k in range(3):
+        np.testing.assert_allclose(normals[drawing.triangles[:, k]], normal, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("particles", "count", "drawn"), [(None, 20, True), (None, 300, False), (True, 300, True)]
+)
+def test_particles_of_small_systems_are_balls(particles, count, drawn):
+    chain = msd.chain(count, 0.1).pin(0)
+    drawing = Drawing(msd.Scene(system=chain, look=msd.Look(particles=particles)), "strain")
+    drawing.follow(chain.position)
+    tubes = 6 * (count - 1)
+    assert (len(drawing.points) > tubes) == drawn
+    if not drawn:
+        return
+    balls = drawing.points.numpy()[tubes:].reshape(count, -1, 3)
+    np.testing.assert_allclose(balls.mean(axis=1), chain.position, atol=1e-5)
+    radius = np.linalg.norm(balls - chain.position[:, None], axis=2)
+    np.testing.assert_allclose(radius, 0.11 * 0.1, rtol=1e-2)  # float32 places of 30 m, to a micrometre
+    colours = drawing.colours.numpy()[tubes:].reshape(count, -1, 3)
+    assert (colours[0] < colours[1]).all()  # the pinned one is darker
+    assert drawing.triangles.max() < len(drawing.points)
+
+
+@pytest.mark.parametrize(("halvings", "corners"), [(0, 12), (1, 42), (2, 162)])
+def test_a_ball_is_closed_and_round(halvings, corners):
+    points, triangles = round_solid(halvings)
+    assert len(points) == corners
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
+    edges = {(int(t[k]), int(t[k - 2])) for t in triangles for k in range(3)}
+    assert len(edges) == 3 * len(triangles)
+    assert all((b, a) in edges for a, b in edges)
+    assert (np.linalg.det(points[triangles]) > 0).all()  # all face outwards
+
+
+@pytest.mark.parametrize("colouring", ["texture", "strain"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backend, colouring):
+    system = scene.system
+    wide = np.concatenate([system.position, [[-1, -1, 0], [2, 2, 0]]])  # leave room around
+    renderer = msd.Renderer(scene, wide, resolution=SIZE, colouring=colouring, backend=backend)
+    assert renderer.uses_opengl == (backend == "opengl")
+    image = renderer.image(system.position).astype(int)
+    assert image.shape == (180, 320, 3)
+
+    centre = system.centre_of_mass
+    red, green, _ = image[pixel_of(renderer, centre)]
+    assert (red > 2 * green) if colouring == "texture" else (green > red)
+
+    np.testing.assert_allclose(image[2, 2], 255 * np.array(rgb("", scene.look.background)), atol=1)
+
+    light = renderer.stage.camera.light
+    ground = Ground(scene, wide)
+    lit, shaded = np.array([0.9, -0.9, 0.0]), centre - centre[2] / light[2] * light
+
+    def painted(point):
+        u, v = ground.uv(point)
+        return ground.texture[int(v * 2048), int(u * 2048)].astype(int)
+
+    # 8-bit rounding, and the texture between its pixels. The shadow of connections has gaps: not looked at.
+    np.testing.assert_allclose(image[pixel_of(renderer, lit)], painted(lit), atol=3)
+    if colouring == "texture":
+        np.testing.assert_allclose(image[pixel_of(renderer, shaded)], SHADOW * painted(shaded), atol=3)
+
+
+@pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+def test_both_renderers_draw_the_same_picture(scene):
+    images = [
+        msd.Renderer(scene, scene.system.position, resolution=SIZE, backend=backend)
+        .image(scene.system.position)
+        .astype(int)
+        for backend in ("opengl", "raycast")
+    ]
+    difference = np.abs(images[0] - images[1]).max(axis=2)
+    # Only pixels on outlines, averaged over different points, may differ by more than rounding.
+    assert np.median(difference) <= 1
+    assert (difference > 8).mean() < 0.02
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_picture_depends_on_nothing_drawn_before(scene, backend):
+    first, second = scene.system.position, scene.system.rotate(1.0, (1, 1, 0)).position
+    renderer = msd.Renderer(scene, np.stack([first, second]), resolution=SIZE, backend=backend)
+    image = renderer.image(first)
+    other = renderer.image(second)
+    assert (image != other).any()
+    np.testing.assert_array_equal(image, renderer.image(first))
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_lines_and_planes_are_drawn(backend, dim):
+    body = msd.chain(5, dim=1) if dim == 1 else msd.sheet((4, 4), dim=2)
+    renderer = msd.Renderer(msd.Scene(system=body), body.position, resolution=SIZE, backend=backend)
+    assert renderer.image(body.position).std() > 5  # a blank picture has 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"resolution": (0, 100)}, "resolution is 0"),
+        ({"backend": "vulkan"}, "backend is 'vulkan'"),
+        ({"colouring": "rainbow"}, "colour is 'rainbow'"),
+    ],
+)
+def test_bad_renderer_arguments_are_named(scene, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        msd.Renderer(scene, scene.system.position, **arguments)
+
+
+@pytest.mark.parametrize("wrong", [lambda p: p[:20], lambda p: p[:, :2], lambda p: p * np.nan])
+def test_positions_of_another_system_are_refused(scene, wrong):
+    position = scene.system.position
+    renderer = msd.Renderer(scene, np.array([position, position]), resolution=SIZE, backend="raycast")
+    with pytest.raises(ValueError, match="position"):
+        renderer.image(wrong(position))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"colour": "red"}, "colour is 'red'"),
+        ({"texture": np.zeros((4, 4), np.uint8)}, r"texture has shape \(4, 4\)"),
+        ({"full_strain": 0}, "full_strain is 0"),
+        ({"obstacle": "blue"}, "obstacle is 'blue'"),
+        ({"obstacle_texture": np.zeros((4, 4, 3))}, r"obstacle_texture has shape \(4, 4, 3\) and type float64"),
+        ({"texture": np.zeros((0, 4, 3), np.uint8)}, r"texture has shape \(0, 4, 3\)"),
+        ({"strain": "yes"}, "strain is 'yes'"),
+        ({"particles": "few"}, "particles is 'few'"),
+    ],
+)
+def test_bad_looks_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        msd.Look(**arguments)
+
+
+def test_a_scene_can_ask_for_strain_colours(scene):
+    position = scene.system.position
+    strained = msd.Scene(system=scene.system, look=msd.Look(strain=True))
+    for one, colouring, wanted in ((scene, None, False), (strained, None, True), (strained, "texture", False)):
+        renderer = msd.Renderer(one, position, resolution=SIZE, colouring=colouring, backend="raycast")
+        assert renderer.drawing.colours_move == wanted
+
+
+def test_a_scene_of_nothing_to_draw_is_refused():
+    with pytest.raises(ValueError, match="neither a surface nor connections"):
+        msd.Scene(system=msd.System(position=[[0, 0, 0]]))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_memory_stays_flat_over_a_thousand_frames(scene, backend):
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    positions = [scene.system.rotate(0.01 * k, (1, 1, 0)).position for k in range(10)]
+    renderer = msd.Renderer(scene, np.array(positions), resolution=SIZE, backend=backend)
+    for k in range(100):
+        renderer.image(positions[k % 10])
+    before = resident()
+    for k in range(1000):
+        renderer.image(positions[k % 10])
+    # A picture is 173 kB: keeping as much as one in ten would show.
+    assert resident() - before < 17e6

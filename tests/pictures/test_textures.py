@@ -1,0 +1,136 @@
+"""Textures: what is painted, how often, and where it meets itself."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from msdwarp import textures
+from msdwarp.checks import colour as rgb
+from msdwarp.pictures.atlas import atlas, plain
+
+ALL = {
+    "tiles": lambda: textures.tiles("#e4633f", "#f2b591"),
+    "gingham": lambda: textures.gingham("#2f6f9f", "#f4f1e8"),
+    "rings": lambda: textures.rings("#c9687a", "#f0c4b8", 7),
+    "pips": lambda: textures.pips("#f3ece0", "#1d2530"),
+    "weave": lambda: textures.weave("#3f6a8a", "#e9e4d6"),
+    "waffle": lambda: textures.waffle("#dca350", "#b9742a"),
+    "waffle, diagonal": lambda: textures.waffle("#dca350", "#b9742a", diagonal=True),
+    "waffle_box": lambda: textures.waffle_box("#dca350", "#b9742a"),
+    "ticking": lambda: textures.ticking("#f2eee4", "#4a6a94"),
+    "scoop": lambda: textures.scoop("#f4b8c0", "#9d2f47", size=128),
+    "jelly": lambda: textures.jelly("#b8142f", "#ff9a86"),
+}
+
+
+def face(image, k):
+    """Return face k of a box's texture: three columns of two rows, the lower one first."""
+    rows, columns = image.shape[0] // 2, image.shape[1] // 3
+    top = rows * (1 - k // 3)
+    return image[top : top + rows, columns * (k % 3) : columns * (k % 3 + 1)]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_texture_is_an_image_that_is_always_the_same(name):
+    image = ALL[name]()
+    assert image.dtype == np.uint8
+    assert image.ndim == 3
+    assert image.shape[2] == 3
+    assert image.std() > 5
+    np.testing.assert_array_equal(image, ALL[name]())
+
+
+def test_a_die_has_one_to_six_dots_and_opposite_faces_sum_to_seven():
+    image = textures.pips("#ffffff", "#000000", size=128)
+    dark = image.max(axis=2) < 128
+    counts = [ndimage.label(face(dark[..., None], k)[..., 0])[1] for k in range(6)]
+    assert sorted(counts) == [1, 2, 3, 4, 5, 6]
+    minus_x, plus_x, minus_y, plus_y, minus_z, plus_z = counts
+    assert minus_x + plus_x == minus_y + plus_y == minus_z + plus_z == 7
+    # Seen from the corner where 1, 2 and 3 meet they go round anticlockwise, as x, y, z do.
+    assert (plus_z, plus_x, plus_y) == (1, 2, 3)
+
+
+def test_a_waffle_closes_around_a_cone():
+    for diagonal in (False, True):
+        image = textures.waffle("#dca350", "#b9742a", counts=(6, 4), diagonal=diagonal).astype(int)
+        inside = np.abs(np.diff(image, axis=1)).max()
+        assert np.abs(image[:, 0] - image[:, -1]).max() <= inside
+
+
+def test_a_waffle_has_as_many_hollows_as_were_asked_for():
+    for counts in ((5, 4), (3, 7)):
+        image = textures.waffle("#ffffff", "#000000", counts=counts)
+        _, found = ndimage.label(image.max(axis=2) < 128)
+        assert found == counts[0] * counts[1]
+
+
+def test_a_flat_box_has_a_waffle_above_and_below():
+    image = textures.waffle_box("#ffffff", "#000000", counts=(5, 3))
+    for k, (across, up) in ((5, (5, 3)), (4, (3, 5))):  # +z spans x × y, −z y × x
+        dark = face(image, k).max(axis=2) < 128
+        assert ndimage.label(dark[dark.shape[0] // (2 * up)])[1] == across
+        assert ndimage.label(dark[:, dark.shape[1] // (2 * across)])[1] == up
+
+
+def test_the_stripes_of_a_mattress_run_along_it():
+    image = textures.ticking("#ffffff", "#000000", shape=(20, 7, 2), stripes=4)
+    upper, lower = face(image, 5).mean(axis=2), face(image, 4).mean(axis=2)
+    middle = slice(100, 412)
+    assert upper[middle, middle].std(axis=0).mean() > 2 * upper[middle, middle].std(axis=1).mean()
+    np.testing.assert_allclose(lower, upper[::-1, ::-1].T)  # the same seen from below
+
+
+def test_a_scoop_has_no_seam_and_follows_its_seed():
+    image = textures.scoop("#f4b8c0", "#9d2f47", flecks=0, size=128).astype(int)
+    inside = np.abs(np.diff(image, axis=1)).max()
+    assert np.abs(image[:, 0] - image[:, -1]).max() <= inside
+    assert np.ptp(image[0], axis=0).max() <= 3  # all round the pole it is one place
+    one, other = (textures.scoop("#f4b8c0", "#9d2f47", seed=seed, size=64) for seed in (1, 2))
+    assert (one != other).any()
+
+
+def test_a_weave_shows_both_threads_alike():
+    image = textures.weave("#ff0000", "#0000ff", count=16, over=2).astype(int)
+    red = image[..., 0] > image[..., 2]
+    assert red.mean() == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("sizes", [[(4, 6), (9, 3)], [(1, 1), (8, 8)]])
+def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
+    random = np.random.default_rng(1)
+    images = [random.integers(0, 256, (*size, 3), dtype=np.uint8) for size in sizes]
+    whole, moves = atlas(images)
+
+    def seen(image, uv):
+        """Return what is at (u, v), linear between pixels, as both renderers take it."""
+        at = np.stack([(1 - uv[:, 1]) * image.shape[0], uv[:, 0] * image.shape[1]]) - 0.5
+        return np.stack(
+            [ndimage.map_coordinates(image[..., k].astype(float), at, order=1, mode="nearest") for k in range(3)],
+            axis=1,
+        )
+
+    uv = np.concatenate([random.random((200, 2)), [(0, 0), (1, 0), (0, 1), (1, 1)]])
+    for image, move in zip(images, moves, strict=True):
+        np.testing.assert_allclose(seen(whole, move(uv)), seen(image, uv), atol=1e-9)
+
+
+def test_an_image_of_one_colour_is_that_colour():
+    np.testing.assert_array_equal(plain(rgb("", "#c03020")), [[[0xC0, 0x30, 0x20]]])
+
+
+@pytest.mark.parametrize(
+    ("paint", "message"),
+    [
+        (lambda: textures.pips("white", "#000000"), "colour is 'white'"),
+        (lambda: textures.weave("#000000", "#ffffff", count=0), "count is 0"),
+        (lambda: textures.weave("#000000", "#ffffff", over=0.5), "over is 0.5"),
+        (lambda: textures.waffle("#000000", "#ffffff", counts=(5, 0)), r"counts\[1\] is 0"),
+        (lambda: textures.ticking("#000000", "#ffffff", shape=(2, 0, 1)), r"shape\[1\] is 0"),
+        (lambda: textures.ticking("#000000", "#ffffff", buttons=0), "buttons is 0"),
+        (lambda: textures.scoop("#000000", "#ffffff", flecks=-1), "flecks is -1"),
+    ],
+)
+def test_bad_arguments_are_named(paint, message):
+    with pytest.raises(ValueError, match=message):
+        paint()

@@ -1,0 +1,137 @@
+"""The rooms of the package, and who imports whom, read off the source. `python tests/rooms.py` prints them.
+
+A room is a package of msdwarp or one of its modules at the top; what groups kernels is no room of its own.
+"""
+
+import ast
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+TOP = "msdwarp"
+"""The room of `import msdwarp` itself."""
+
+
+class Import(NamedTuple):
+    """One imported name."""
+
+    name: str
+    """Absolute and dotted, as far as the source tells."""
+    line: int
+    lazy: bool
+    """Whether it stands inside a function."""
+
+
+class Module(NamedTuple):
+    """A file of the package."""
+
+    name: str
+    """Dotted: msdwarp.engine.model."""
+    path: Path
+    imports: list[Import]
+
+    @property
+    def room(self) -> str:
+        """The room that it lies in."""
+        return room_of(self.name)
+
+
+def room_of(dotted: str) -> str:
+    """Return the room of a dotted name within the package."""
+    parts = dotted.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in rooms_there() else TOP
+
+
+@functools.cache
+def rooms_there() -> set[str]:
+    """Return the names of the packages and modules directly below msdwarp."""
+    found = {path.parent.name for path in (ROOT / TOP).glob("*/__init__.py")}
+    return found | {path.stem for path in (ROOT / TOP).glob("*.py")} - {"__init__"}
+
+
+def imports(source: str, package: str) -> list[Import]:
+    """Return the imports of a module that lies in `package`."""
+    tree = ast.parse(source)
+    inner = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for node in ast.walk(function)
+    }
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            module = ".".join([*parents, *([node.module] if node.module else [])])
+            names = [f"{module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        found += [Import(name, node.lineno, id(node) in inner) for name in names]
+    return found
+
+
+def modules() -> dict[str, Module]:
+    """Return the modules of the package by their dotted names."""
+    found = {}
+    for folder, package in (("msdwarp", TOP), ("kernels", f"{TOP}.kernels"), ("scenes", f"{TOP}.scenes")):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            inside = path.relative_to(ROOT / folder).with_suffix("").parts
+            if folder == "msdwarp" and inside[0] in ("kernels", "scenes"):
+                continue  # links to the folders at the top
+            own_package = ".".join((package, *inside[:-1]))
+            name = own_package if inside[-1] == "__init__" else f"{own_package}.{inside[-1]}"
+            found[name] = Module(name, path, imports(path.read_text(encoding="utf-8"), own_package))
+    return found
+
+
+MODULES = modules()
+
+
+@functools.cache
+def arrows() -> dict[str, set[str]]:
+    """Return the other rooms that each room imports, itself or in a function; scenes are what uses the package."""
+    found: dict[str, set[str]] = {module.room: set() for module in MODULES.values()}
+    for module in MODULES.values():
+        if module.room == "scenes" and module.name != f"{TOP}.scenes":
+            continue  # each uses the package as anybody's script does
+        within = (item for item in module.imports if item.name.split(".")[0] == TOP)
+        found[module.room] |= {room_of(item.name) for item in within} - {module.room}
+    return found
+
+
+def levels() -> dict[str, int]:
+    """Return the level of each room, one more than the highest that it imports; raise where imports go round.
+
+    Rooms on one level know nothing of each other.
+    """
+    found: dict[str, int] = {}
+    left = dict(arrows())
+    while left:
+        done = {room: others for room, others in left.items() if others <= found.keys()}
+        if not done:
+            raise ValueError(f"these rooms import each other: {', '.join(sorted(left))}")
+        for room, others in done.items():
+            found[room] = 1 + max((found[other] for other in others), default=0)
+            del left[room]
+    return found
+
+
+def main() -> None:
+    """Print the rooms, from what knows least to what knows most."""
+    of, files = levels(), MODULES.values()
+    for room in sorted(of, key=lambda room: (of[room], room)):
+        lines = [
+            len(module.path.read_text(encoding="utf-8").splitlines()) for module in files if module.room == room
+        ]
+        needs = ", ".join(sorted(arrows()[room])) or "nothing"
+        print(f"level {of[room]}  {room:12} {len(lines):3} files {sum(lines):5} lines  imports {needs}")
+    count = sum(map(len, arrows().values()))
+    apart = sum(len(others - {"kernels"}) for others in arrows().values())
+    print(f"{len(of)} rooms, {max(of.values())} levels, {count} arrows, {apart} without those to kernels")
+
+
+if __name__ == "__main__":
+    main()

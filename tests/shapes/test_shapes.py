@@ -1,0 +1,415 @@
+"""Lattices: how many connections, which, in which order, and the surface around them."""
+
+import itertools
+
+import numpy as np
+import problems
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from msdwarp import Surface, System, box, chain, lattice, sheet
+from msdwarp.engine.lattice_search import find_lattice
+from msdwarp.shapes import grid
+from msdwarp.shapes.grid import count_pieces
+
+SHEETS = [(2, 2), (2, 5), (4, 3), (7, 6)]
+BOXES = [(2, 2, 2), (3, 2, 4), (2, 5, 3), (4, 4, 4)]
+
+
+def steps(system: System, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the lattice step of each connection, from its particle indices alone (x fastest)."""
+    coordinates = np.stack(np.unravel_index(system.connections, shape[::-1]), axis=-1)[..., ::-1]
+    return coordinates[:, 1] - coordinates[:, 0]
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_chain_joins_neighbours_along_x(dim):
+    system = chain(5, spacing=0.25, dim=dim)
+    assert system.position.shape == (5, dim)
+    np.testing.assert_array_equal(system.connections, [[0, 1], [1, 2], [2, 3], [3, 4]])
+    # Multiples of 0.25 are exact in binary.
+    np.testing.assert_array_equal(system.position[:, 0], [-0.5, -0.25, 0.0, 0.25, 0.5])
+    assert not system.position[:, 1:].any()
+    assert (system.rest_length == 0.25).all()
+    assert system.surface is None
+    assert system.direction("x") == slice(0, 4)
+
+
+@pytest.mark.parametrize("shape", SHEETS)
+@pytest.mark.parametrize("neighbours", [4, 8])
+def test_sheet_connection_count(shape, neighbours):
+    a, b = shape
+    axes = (a - 1) * b + a * (b - 1)
+    diagonals = 2 * (a - 1) * (b - 1)
+    system = sheet(shape, neighbours=neighbours)
+    assert system.particle_count == a * b
+    assert system.connection_count == axes + (diagonals if neighbours == 8 else 0)
+
+
+@pytest.mark.parametrize("shape", BOXES)
+@pytest.mark.parametrize("neighbours", [6, 26])
+def test_box_connection_count(shape, neighbours):
+    # Along a direction that moves along the axes in S there are ∏(n − 1 over S) · ∏(n over the others)
+    # connections, and 2^(|S| − 1) such directions.
+    expected = 0
+    for used in itertools.product((0, 1), repeat=3):
+        if 0 < sum(used) <= (1 if neighbours == 6 else 3):
+            expected += 2 ** (sum(used) - 1) * np.prod([n - u for n, u in zip(shape, used, strict=True)])
+    system = box(shape, neighbours=neighbours)
+    assert system.particle_count == np.prod(shape)
+    assert system.connection_count == expected
+
+
+def test_large_box():
+    # A million particles: 3·99·100² along axes, 6·99²·100 along face and 4·99³ along space diagonals.
+    system = box((100, 100, 100))
+    assert system.particle_count == 1_000_000
+    assert system.connection_count == 3 * 99 * 100**2 + 6 * 99**2 * 100 + 4 * 99**3
+
+
+@pytest.mark.parametrize("system", [sheet((4, 3)), box((3, 2, 4)), box((3, 2, 4), neighbours=6)])
+def test_each_pair_is_joined_once(system):
+    pairs = np.sort(system.connections, axis=1)
+    assert len(np.unique(pairs, axis=0)) == system.connection_count
+
+
+def test_box_joins_exactly_the_lattice_neighbours():
+    # From the distances alone: at most √3 spacings apart, which no other pair of a lattice is.
+    system = box((3, 2, 4), spacing=1.0)
+    distance = np.linalg.norm(system.position[:, None] - system.position, axis=-1)
+    expected = np.argwhere(np.triu((distance > 0) & (distance < 1.9)))
+    found = np.unique(np.sort(system.connections, axis=1), axis=0)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("spacing", [0.1, 1.0, 3.7])
+def test_rest_lengths_are_exact(spacing):
+    # Not merely close to the placed length: the same number for all, whatever their positions round to.
+    system = box((4, 3, 3), spacing=spacing)
+    kind = np.abs(steps(system, (4, 3, 3))).sum(axis=1)
+    np.testing.assert_array_equal(system.rest_length, spacing * np.sqrt(kind))
+    assert set(kind) == {1, 2, 3}
+    # Positions up to 5.6 m round the placed length by a few ε of that.
+    np.testing.assert_allclose(system.length, system.rest_length, rtol=0, atol=1e-14)
+
+
+def test_connections_are_ordered_by_direction_and_length():
+    shape = (4, 3, 3)
+    system = box(shape)
+    names = list(system.directions[0])
+    assert names[:3] == ["x", "y", "z"]
+    slices = list(system.directions[0].values())
+    assert slices[0].start == 0
+    assert slices[-1].stop == system.connection_count
+    assert all(a.stop == b.start for a, b in itertools.pairwise(slices))
+    assert (np.diff(system.rest_length) >= 0).all()
+    for part in slices:
+        assert len(np.unique(steps(system, shape)[part], axis=0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        ("x", (1, 0, 0)),
+        ("z", (0, 0, 1)),
+        ("x+y", (1, 1, 0)),
+        ("x-y", (1, -1, 0)),
+        ("y-z", (0, 1, -1)),
+        ("x+y+z", (1, 1, 1)),
+        ("x-y+z", (1, -1, 1)),
+    ],
+)
+def test_direction_slices_by_name(name, step):
+    system = box((4, 3, 5), spacing=2.0)
+    i, j = system.connections[system.direction(name)].T
+    expected = np.broadcast_to(2.0 * np.array(step), (len(i), 3))
+    np.testing.assert_array_equal(system.position[j] - system.position[i], expected)
+
+
+def test_unknown_direction_lists_the_known_ones():
+    with pytest.raises(KeyError, match=r"'z' is unknown.*x, y, x\+y, x-y"):
+        sheet((2, 2)).direction("z")
+
+
+def test_particles_are_numbered_x_fastest_and_centred():
+    position = box((3, 2, 2), spacing=2.0).position
+    np.testing.assert_array_equal(position[:4], [[-2, -1, -1], [0, -1, -1], [2, -1, -1], [-2, 1, -1]])
+    np.testing.assert_array_equal(position[6], [-2, -1, 1])
+    np.testing.assert_array_equal(position.mean(axis=0), 0)
+
+
+def areas(system: System) -> np.ndarray:
+    """Return the area vector of each triangle of the surface, shape [triangle_count, 3]."""
+    corners = system.position[system.surface.particle[system.surface.triangles]]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+
+
+@pytest.mark.parametrize("shape", SHEETS)
+def test_sheet_surface_covers_it_facing_up(shape):
+    system = sheet(shape, spacing=1.0)
+    # Lattice points at half integers: areas are exact.
+    np.testing.assert_array_equal(areas(system), np.broadcast_to((0, 0, 0.5), areas(system).shape))
+    assert len(areas(system)) == 2 * (shape[0] - 1) * (shape[1] - 1)
+    np.testing.assert_array_equal(np.unique(system.surface.particle), np.arange(system.particle_count))
+    # Texture coordinates grow with x and y from 0 to 1.
+    x = system.position[system.surface.particle, :2]
+    scaled = (x - x.min(axis=0)) / np.ptp(x, axis=0)
+    np.testing.assert_allclose(system.surface.uv, scaled, rtol=0, atol=1e-15)  # one rounding
+
+
+@pytest.mark.parametrize("shape", BOXES)
+def test_box_surface_is_closed(shape):
+    surface = box(shape).surface
+    particles = surface.particle[surface.triangles]
+    edges = np.concatenate([particles[:, [0, 1]], particles[:, [1, 2]], particles[:, [2, 0]]])
+    # Closed and turned alike: each edge is walked once in either direction, by two triangles.
+    there = {tuple(edge) for edge in edges.tolist()}
+    assert len(there) == len(edges)
+    assert {(b, a) for a, b in there} == there
+
+
+@pytest.mark.parametrize("shape", BOXES)
+def test_box_surface_encloses_its_volume_facing_out(shape):
+    system = box(shape, spacing=1.0)
+    corners = system.position[system.surface.particle[system.surface.triangles]]
+    signed = np.linalg.det(corners).sum() / 6  # divergence theorem; inside out it would be negative
+    assert signed == pytest.approx(np.prod([n - 1 for n in shape]), rel=1e-12)  # ~100 sums of size 1
+    area = np.linalg.norm(areas(system), axis=1).sum()
+    a, b, c = (n - 1 for n in shape)
+    assert area == pytest.approx(2 * (a * b + b * c + c * a), rel=1e-12)
+
+
+def test_each_box_face_has_a_tile_of_its_own():
+    system = box((3, 4, 5))
+    surface = system.surface
+    normal = areas(system)
+    tiles = {}
+    for axis, side in itertools.product(range(3), (-1, 1)):
+        face = normal[:, axis] * side > 0.1
+        uv = surface.uv[surface.triangles[face]]
+        # The middle of a face's texture says which of 3 × 2 tiles it is; its corners reach that tile's.
+        tile = tuple(np.floor(uv.mean(axis=(0, 1)) * (3, 2)).astype(int))
+        tiles[axis, side] = tile
+        low, high = np.array(tile) / (3, 2), (np.array(tile) + 1) / (3, 2)
+        np.testing.assert_allclose(uv.min(axis=(0, 1)), low, rtol=0, atol=1e-15)  # rounding of thirds
+        np.testing.assert_allclose(uv.max(axis=(0, 1)), high, rtol=0, atol=1e-15)
+    documented = {(0, -1): (0, 0), (0, 1): (1, 0), (1, -1): (2, 0)}
+    documented |= {(1, 1): (0, 1), (2, -1): (1, 1), (2, 1): (2, 1)}
+    assert tiles == documented
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: chain(1), "count is 1"),
+        (lambda: chain(2.5), "count is 2.5"),
+        (lambda: chain(3, dim=4), "dim is 4"),
+        (lambda: chain(3, spacing=0.0), "spacing is 0"),
+        (lambda: chain(3, spacing=float("nan")), "spacing is nan"),
+        (lambda: sheet((1, 4)), r"shape\[0\] is 1"),
+        (lambda: sheet((4, -2)), r"shape\[1\] is -2"),
+        (lambda: sheet((4, 4, 4)), r"shape is \(4, 4, 4\)"),
+        (lambda: sheet(4), r"shape is \(?4"),
+        (lambda: sheet((4, 4), neighbours=6), "neighbours is 6"),
+        (lambda: sheet((4, 4), dim=1), "dim is 1"),
+        (lambda: sheet((4, 4), spacing=-1.0), "spacing is -1"),
+        (lambda: box((2, 2)), r"shape is \(2, 2\)"),
+        (lambda: box((2, 2, 2.0)), r"shape\[2\] is 2\.0"),
+        (lambda: box((2, 2, True)), r"shape\[2\] is True"),
+        (lambda: box((2, 2, 2), neighbours=18), "neighbours is 18"),
+        (lambda: box((2, 2, 2), spacing="wide"), "spacing is 'wide'"),
+        (lambda: box((2, 2, 2), mass=0.0), r"mass\[0\] is 0"),
+        (lambda: box((2, 2, 2), stiffness=-1.0), r"stiffness\[0\] is -1"),
+    ],
+)
+def test_bad_input_is_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.parametrize(
+    ("shape", "message"), [((4, 2, 2), r"position\[0, 0\] is -inf"), ((2, 2, 2), r"rest_length\[12\] is inf")]
+)
+def test_spacing_that_overflows_is_refused(shape, message):
+    with pytest.raises(ValueError, match=message):
+        box(shape, spacing=1.5e308)
+
+
+def blob(seed: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a mask in one piece: the points within a spacing of a random walk."""
+    random = np.random.default_rng(seed)
+    mask = np.zeros(shape, dtype=bool)
+    point = np.array(shape) // 2
+    for _ in range(6 * max(shape)):
+        mask[tuple(slice(max(0, p - 1), p + 1) for p in point)] = True
+        point = np.clip(point + random.integers(-1, 2, len(shape)), 0, np.array(shape) - 1)
+    return mask
+
+
+MASKS = [blob(seed, shape) for seed, shape in enumerate([(5, 6), (9, 4), (4, 5, 6), (7, 3, 5), (9, 9, 9)])]
+
+
+@pytest.mark.parametrize("diagonals", [False, True])
+@pytest.mark.parametrize("shape", [*SHEETS, *BOXES])
+def test_a_lattice_without_gaps_is_a_sheet_or_a_box(shape, diagonals):
+    make = sheet if len(shape) == 2 else box
+    neighbours = {2: (4, 8), 3: (6, 26)}[len(shape)][diagonals]
+    constants = {"mass": 0.1, "stiffness": 20.0, "damping": 0.3}
+    found = lattice(np.ones(shape, dtype=bool), 0.3, neighbours=neighbours, **constants)
+    expected = make(shape, 0.3, neighbours=neighbours, **constants)
+    for name in ("position", "connections", "rest_length", "mass", "stiffness", "damping"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.directions == expected.directions
+    for name in ("particle", "uv", "triangles"):
+        np.testing.assert_array_equal(getattr(found.surface, name), getattr(expected.surface, name))
+
+
+@pytest.mark.parametrize("mask", MASKS)
+def test_a_lattice_is_what_its_mask_leaves_of_a_box(mask):
+    make, neighbours = (sheet, 8) if mask.ndim == 2 else (box, 26)
+    whole = make(mask.shape, 0.5, neighbours=neighbours)
+    expected, found = problems.cut(whole, mask.ravel(order="F")), lattice(mask, 0.5)
+    assert not mask.all()
+    for name in ("position", "connections", "rest_length"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.directions == expected.directions
+
+
+@pytest.mark.parametrize("mask", MASKS)
+def test_the_surface_of_a_lattice_encloses_its_whole_cells(mask):
+    system = lattice(mask, 1.0)
+    corners = itertools.product((0, 1), repeat=mask.ndim)
+    cells = [tuple(slice(c, n - 1 + c) for c, n in zip(corner, mask.shape, strict=True)) for corner in corners]
+    cell_count = np.logical_and.reduce([mask[cell] for cell in cells]).sum()
+    triangles = system.position[system.surface.particle[system.surface.triangles]]
+    assert cell_count > 3
+    if mask.ndim == 2:
+        # Lattice points at halves of whole numbers: areas are exact.
+        assert (areas(system) == (0, 0, 0.5)).all()
+        assert len(triangles) == 2 * cell_count
+    else:
+        # By the divergence theorem; a triangle that is missing or inside out would change it.
+        signed = np.linalg.det(triangles).sum() / 6
+        assert signed == pytest.approx(cell_count, rel=1e-12)  # some hundred sums of size 1
+        # Every edge is walked as often in one direction as in the other: no hole.
+        particles = system.surface.particle[system.surface.triangles]
+        edges = np.concatenate([particles[:, [0, 1]], particles[:, [1, 2]], particles[:, [2, 0]]])
+        there, ways = np.unique(edges, axis=0, return_counts=True)
+        back, ways_back = np.unique(edges[:, ::-1], axis=0, return_counts=True)
+        np.testing.assert_array_equal(there, back)
+        np.testing.assert_array_equal(ways, ways_back)
+
+
+def test_texture_coordinates_of_a_lattice_are_a_view_of_each_side():
+    mask = np.zeros((5, 5, 5), dtype=bool)
+    mask[1:4, 1:4, 1:4] = True
+    mask[2:, 1:3, 0:2] = True
+    system = lattice(mask)
+    surface, whole = system.surface, box((5, 5, 5)).surface
+    # Each triangle of the same direction as a face of the box, and of the same place on it, has its texture.
+    around = box((5, 5, 5)).position
+    views = {}
+    for triangle, area in zip(whole.triangles, areas(box((5, 5, 5))), strict=True):
+        for vertex in triangle:
+            seen = np.where(area == 0, around[whole.particle[vertex]], 9.0)
+            views[(*np.sign(area), *seen)] = whole.uv[vertex]
+    for triangle, area in zip(surface.triangles, areas(system), strict=True):
+        for vertex in triangle:
+            seen = np.where(area == 0, system.position[surface.particle[vertex]], 9.0)
+            np.testing.assert_array_equal(surface.uv[vertex], views[(*np.sign(area), *seen)])
+
+
+def test_a_lattice_may_have_another_surface_or_none():
+    bar = np.zeros((4, 1, 1), dtype=bool)
+    bar[:3] = True
+    system = lattice(bar)
+    assert system.surface is None  # no cell is whole
+    np.testing.assert_array_equal(system.connections, [[0, 1], [1, 2]])
+    np.testing.assert_array_equal(system.position, [[-1.5, 0, 0], [-0.5, 0, 0], [0.5, 0, 0]])
+    own = Surface(particle=[0, 1, 2], uv=np.zeros((3, 2)), triangles=[[0, 1, 2]])
+    assert lattice(bar, surface=own).surface is own
+
+
+def test_a_flat_lattice_may_have_two_coordinates():
+    system = lattice(np.ones((3, 2), dtype=bool), dim=2)
+    assert system.dim == 2
+
+
+@pytest.mark.parametrize("mask", MASKS)
+def test_a_lattice_is_found_to_be_one(mask):
+    # Where no particle is missing between two in a row, as find_lattice asks for.
+    rows = mask.reshape(len(mask), -1)
+    first, last = np.argmax(rows, axis=0), len(mask) - np.argmax(rows[::-1], axis=0)
+    x = np.arange(len(mask))[:, None]
+    filled = ((first <= x) & (x < last) & rows.any(axis=0)).reshape(mask.shape)
+    system = lattice(filled)
+    found = find_lattice(system)
+    assert len(found.steps) == len(system.directions[0])
+    assert sum(map(int.bit_count, map(int, found.mask))) == 2 * system.connection_count
+
+
+@pytest.mark.parametrize("block", [7, 1 << 20])
+@pytest.mark.parametrize("seed", range(8))
+def test_pieces_are_counted(seed, block, monkeypatch):
+    # Against SciPy, on as many random connections as leave between one and many pieces; a few at a time, or all.
+    monkeypatch.setattr(grid, "_BLOCK", block)
+    random = np.random.default_rng(seed)
+    n = 60
+    connections = random.integers(0, n, (10 + 10 * seed, 2), dtype=np.int32)
+    connections = connections[connections[:, 0] != connections[:, 1]]
+    ones = np.ones(len(connections))
+    expected, _ = connected_components(coo_matrix((ones, connections.T), (n, n)), directed=False)
+    assert count_pieces(n, connections) == expected
+
+
+def test_pieces_of_a_long_chain_in_random_order():
+    # The worst for pointers: each piece is a path of thousands.
+    order = np.random.default_rng(1).permutation(9000).astype(np.int32)
+    connections = np.stack([order[:-1], order[1:]], axis=1)
+    assert count_pieces(9000, connections) == 1
+    assert count_pieces(9000, np.delete(connections, [100, 4000], axis=0)) == 3
+
+
+def two_cubes() -> np.ndarray:
+    """Return a mask of two cubes, two spacings apart."""
+    mask = np.zeros((6, 2, 2), dtype=bool)
+    mask[:2], mask[4:] = True, True
+    return mask
+
+
+def cube_and_point() -> np.ndarray:
+    """Return a mask of a cube and a point far from it."""
+    mask = np.zeros((5, 4, 4), dtype=bool)
+    mask[:2, :2, :2], mask[4, 1, 3] = True, True
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: lattice(np.ones((2, 2))),
+            r"mask has shape \(2, 2\) and type float64; it must hold True and False",
+        ),
+        (lambda: lattice(np.ones(4, dtype=bool)), r"mask has shape \(4,\) and type bool"),
+        (lambda: lattice([[True, True], [True]]), r"mask must be an array of True and False"),
+        (lambda: lattice(np.zeros((2, 2, 2), dtype=bool)), "mask is False everywhere"),
+        (lambda: lattice(cube_and_point()), r"mask\[4, 1, 3\] is True, but none of its neighbours is"),
+        (lambda: lattice(two_cubes()), "mask is 2 pieces"),
+        (lambda: lattice(np.eye(3, dtype=bool), neighbours=4), r"mask\[0, 0\] is True, but none"),
+        (lambda: lattice(np.ones((2, 2), dtype=bool), neighbours=26), "neighbours is 26; it must be one of 8, 4"),
+        (
+            lambda: lattice(np.ones((2, 2, 2), dtype=bool), neighbours=8),
+            "neighbours is 8; it must be one of 26, 6",
+        ),
+        (lambda: lattice(np.ones((2, 2, 2), dtype=bool), dim=2), "dim is 2; it must be one of 3"),
+        (lambda: lattice(np.ones((2, 2), dtype=bool), dim=1), "dim is 1; it must be one of 2, 3"),
+        (lambda: lattice(np.ones((2, 2), dtype=bool), spacing=0), "spacing is 0"),
+        (lambda: lattice(np.ones((2, 2), dtype=bool), mass=-1), r"mass\[0\] is -1"),
+    ],
+)
+def test_bad_lattices_are_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

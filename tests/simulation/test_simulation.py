@@ -1,0 +1,397 @@
+"""Simulation: frames, pins, repeatability, changes between frames, divergence and bad arguments."""
+
+import math
+import re
+
+import numpy as np
+import problems
+import pytest
+
+from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.model import Model
+from msdwarp.engine.state import State
+from msdwarp.kernels.contact.obstacles import fixed_contact
+from msdwarp.kernels.forces.gather import gather
+from msdwarp.kernels.forces.scatter import scatter
+from msdwarp.kernels.forces.stencil import stencil
+from msdwarp.kernels.integrators.persistent import persistent as stay
+from msdwarp.kernels.integrators.stages import particle_acceleration
+from msdwarp.kernels.reductions.divergence import look_over
+
+every_integrator = pytest.mark.parametrize(
+    "integrator", [SymplecticEuler(), Leapfrog(), RK4()], ids=["symplectic euler", "leapfrog", "rk4"]
+)
+PAIR = System(position=[[0.0, 0, 0], [1, 0, 0]], connections=[[0, 1]])
+
+
+def block(**changes) -> System:
+    """Return a block that falls askew onto the ground within a few tenths of a second."""
+    system = box((3, 3, 3), spacing=0.1, mass=0.1, stiffness=500.0, damping=0.5)
+    return system.rotate(0.5, axis=(1, 1, 0.3)).translate((0, 0, 0.25)).replace(**changes)
+
+
+@every_integrator
+def test_pinned_particles_never_move(device, integrator):
+    # In mid-air, and one below the ground where a free particle would be pushed out.
+    system = block().pin([0, 13]).translate((0, 0, -0.2))
+    assert system.position[0, 2] < 0
+    simulation = Simulation(
+        system, colliders=[Plane()], integrator=integrator, fps=100, device=device, precision="float64"
+    )
+    simulation.step(50)
+    now = simulation.frame()
+    np.testing.assert_array_equal(now.position[[0, 13]], system.position[[0, 13]])
+    assert not now.velocity[[0, 13]].any()
+    assert np.abs(now.position - system.position).max() > 0.05  # the others did
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.8])
+def test_particle_hanging_from_a_pin(device, damping):
+    # The pin feels as standing still: ω² = k/m, γ = b/2m, about the sagged length l0 + m g/k.
+    m, k, g, rest, start, t = 0.4, 50.0, 9.82, 1.0, 1.2, 2.0
+    system = System(
+        position=[[0.0, 0, 5], [0, 0, 5 - start]],
+        mass=[math.inf, m],
+        connections=[[0, 1]],
+        rest_length=rest,
+        stiffness=k,
+        damping=damping,
+    )
+    simulation = Simulation(
+        system, gravity=g, integrator=RK4(), fps=10, substeps=100, device=device, precision="float64"
+    )
+    simulation.step(20)
+    gamma = damping / (2 * m)
+    omega = math.sqrt(k / m - gamma**2)
+    swing = (start - rest - m * g / k) * math.exp(-gamma * t)
+    length = rest + m * g / k + swing * (math.cos(omega * t) + gamma / omega * math.sin(omega * t))
+    # (hω)⁴ ωt/60 with hω = 0.011: 6e-9 of a swing of 0.12 m.
+    assert simulation.frame().position[1, 2] == pytest.approx(5 - length, abs=1e-9)
+
+
+def test_float32_stays_with_a_float64_reference(device):
+    system, h, steps = block(), 1 / 1000, 300
+    # Frictionless, so that where a particle slides during a hit does not matter.
+    floor = Plane(restitution=0.5, friction=0.0)
+    simulation = Simulation(
+        system, gravity=9.82, colliders=[floor], fps=1 / (h * steps), substeps=steps, device=device
+    )
+    simulation.step()
+    x, v = problems.symplectic_euler_loop(system, gravity=9.82, h=h, steps=steps, floor=0.0, restitution=0.5)
+    assert x[:, 2].min() == 0.0  # it has met the ground
+    # Each substep rounds positions of 0.4 m by ε/2 · 0.4, and springs answer within their ω = 250/s:
+    # 300 of one sign are 7e-6 m and, times ω, 2e-3 m/s.
+    now = simulation.frame()
+    np.testing.assert_allclose(now.position, x, rtol=0, atol=7e-6)
+    np.testing.assert_allclose(now.velocity, v, rtol=0, atol=2e-3)
+
+
+def test_float64_equals_the_reference(device):
+    system, h, steps = block(), 1 / 1000, 300
+    floor = Plane(restitution=0.5, friction=0.0)
+    simulation = Simulation(
+        system,
+        colliders=[floor],
+        fps=1 / (h * steps),
+        substeps=steps,
+        device=device,
+        precision="float64",
+    )
+    simulation.step()
+    x, v = problems.symplectic_euler_loop(system, gravity=9.82, h=h, steps=steps, floor=0.0, restitution=0.5)
+    # The bounds above, with the smaller ε.
+    scale = problems.EPS64 / problems.EPS32
+    np.testing.assert_allclose(simulation.frame().position, x, rtol=0, atol=7e-6 * scale)
+    np.testing.assert_allclose(simulation.frame().velocity, v, rtol=0, atol=2e-3 * scale)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_gravity_as_a_number_points_down_the_last_coordinate(device, dim):
+    simulation = Simulation(
+        System(position=np.zeros((1, dim))),
+        gravity=8.0,
+        fps=4,
+        substeps=1,
+        device=device,
+        precision="float64",
+    )
+    simulation.step()
+    np.testing.assert_array_equal(simulation.frame().velocity[0], [0.0] * (dim - 1) + [-2.0])  # exact in binary
+
+
+def test_gravity_as_a_vector(device):
+    simulation = Simulation(
+        System(position=np.zeros((1, 3))), gravity=(4.0, 0.0, -8.0), fps=4, substeps=1, device=device
+    )
+    simulation.step()
+    np.testing.assert_array_equal(simulation.frame().velocity[0], (1.0, 0.0, -2.0))
+
+
+def test_frames_are_the_present_one_and_those_of_the_duration(device):
+    simulation = Simulation(block(), fps=50, device=device)
+    frames = list(simulation.frames(0.5))
+    assert len(frames) == 0.5 * 50 + 1
+    np.testing.assert_allclose([f.time for f in frames], np.arange(26) / 50, rtol=1e-15)  # a division each
+    np.testing.assert_array_equal(frames[0].position, block().position.astype(np.float32))
+    again = list(simulation.frames(0.1))  # goes on from where it is
+    assert [f.time for f in again] == [k / 50 for k in range(25, 31)]
+    np.testing.assert_array_equal(again[0].position, frames[-1].position)
+    assert simulation.time == 30 / 50
+
+
+def test_frames_are_copies(device):
+    simulation = Simulation(block(), device=device)
+    first = simulation.frame()
+    position, velocity = first.position.copy(), first.velocity.copy()
+    simulation.step(3)
+    np.testing.assert_array_equal(first.position, position)
+    np.testing.assert_array_equal(first.velocity, velocity)
+    assert np.abs(simulation.frame().position - position).max() > 1e-3
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_frames_have_the_chosen_precision(device, precision):
+    frame = Simulation(PAIR, device=device, precision=precision).frame()
+    assert frame.position.dtype == frame.velocity.dtype == precision
+
+
+def test_reset_repeats_bit_for_bit():
+    # On the CPU connections are added in order; on a GPU atomics are not.
+    simulation = Simulation(block(), colliders=[Plane()], device="cpu")
+    runs = []
+    for _ in range(3):
+        simulation.step(40)
+        runs.append(simulation.frame())
+        simulation.reset()
+        assert simulation.time == 0
+        np.testing.assert_array_equal(simulation.frame().position, block().position.astype(np.float32))
+    assert runs[0].time == 40 / 60
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.position, runs[0].position)
+        np.testing.assert_array_equal(run.velocity, runs[0].velocity)
+
+
+def test_snapshot_is_the_system_as_it_is_now(device):
+    simulation = Simulation(block(), device=device, precision="float64")
+    simulation.step(5)
+    now, frame = simulation.snapshot(), simulation.frame()
+    np.testing.assert_array_equal(now.position, frame.position)
+    np.testing.assert_array_equal(now.velocity, frame.velocity)
+    np.testing.assert_array_equal(now.rest_length, block().rest_length)
+    assert now.surface is simulation.system.surface
+
+
+@every_integrator
+def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
+    # A frame replays a recorded graph; here the same substeps are launched by hand.
+    system = problems.tumbling_box(damping=0.1)
+    simulation = Simulation(system, integrator=integrator, fps=10, substeps=8, device=device, precision="float64")
+    model = Model(system, device=device, precision="float64")
+    dynamics, state = Dynamics(model), State.of(system, model, integrator.carried)
+    work, h = integrator.workspace(state), 1 / 80
+    integrator.start(dynamics, state, work, h)
+    for _ in range(3):
+        simulation.step()
+        for _ in range(8):
+            integrator.step(dynamics, state, work, h)
+    velocity = integrator.velocity(dynamics, state, work, h)
+    # Equal on a CPU; on a GPU atomics may add in another order: 24 substeps of roundings of a few m/s.
+    atol = 1e-12 if device != "cpu" else 0.0
+    np.testing.assert_allclose(simulation.frame().position, state.x.numpy(), rtol=0, atol=atol)
+    np.testing.assert_allclose(simulation.frame().velocity, velocity.numpy(), rtol=0, atol=atol)
+
+
+CHANGES = [
+    {"stiffness": 800.0},
+    {"damping": 0.0},
+    {"damping": 2.0, "mass": np.linspace(0.1, 0.2, 27)},
+    {"rest_length": 0.12},
+]
+
+
+@every_integrator
+@pytest.mark.parametrize("parameters", CHANGES, ids=[" ".join(change) for change in CHANGES])
+def test_change_equals_a_new_simulation(integrator, parameters):
+    options = {"colliders": [Plane()], "integrator": integrator, "device": "cpu", "precision": "float64"}
+    simulation = Simulation(block(), **options)
+    simulation.step(20)
+    fresh = Simulation(simulation.snapshot().replace(**parameters), **options)
+    simulation.change(**parameters)
+    assert simulation.time == 20 / 60
+    assert simulation.substeps == fresh.substeps
+    simulation.step(10)
+    fresh.step(10)
+    np.testing.assert_array_equal(simulation.frame().position, fresh.frame().position)  # the same launches
+    np.testing.assert_array_equal(simulation.frame().velocity, fresh.frame().velocity)
+    assert simulation.time == 30 / 60
+
+
+def test_change_composes_no_new_kernels(device):
+    factories = (
+        scatter,
+        gather,
+        stencil,
+        particle_acceleration,
+        stay,
+        fixed_contact,
+        look_over,
+    )
+    simulation = Simulation(block(), colliders=[Plane()], device=device)
+    simulation.step()
+    composed = [factory.cache_info().misses for factory in factories]
+    rest_length = 1.1 * simulation.system.rest_length
+    simulation.change(stiffness=800.0, damping=0.7, mass=0.2, rest_length=rest_length)
+    simulation.step()
+    assert [factory.cache_info().misses for factory in factories] == composed
+
+
+def test_change_may_add_a_damper_or_a_pin(device):
+    simulation = Simulation(PAIR.replace(rest_length=0.5), gravity=0.0, device=device, precision="float64")
+    mass = [math.inf, 1.0]
+    simulation.change(damping=5.0, mass=mass)
+    simulation.step(600)
+    # Ten seconds with γ = b/2m = 2.5/s: e^-25 of what was.
+    now = simulation.frame()
+    np.testing.assert_array_equal(now.position[0], 0.0)
+    np.testing.assert_allclose(now.position[1], (0.5, 0, 0), rtol=0, atol=1e-10)
+
+
+def test_reset_goes_back_to_the_parameters_given():
+    simulation = Simulation(block(), device="cpu")
+    substeps = simulation.substeps
+    simulation.step(2)
+    simulation.change(stiffness=1e6)
+    assert simulation.substeps > substeps
+    simulation.reset()
+    assert simulation.substeps == substeps
+    assert simulation.system.stiffness[0] == 500.0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"colour": "red"}, "parameter is 'colour'.*'mass', 'stiffness', 'damping', 'rest_length'"),
+        ({"position": np.zeros((27, 3))}, "parameter is 'position'"),
+        ({"stiffness": -1.0}, r"stiffness\[0\] is -1"),
+        ({"stiffness": 800.0, "damping": math.nan}, r"damping\[0\] is nan"),
+        ({"mass": 0.0}, r"mass\[0\] is 0"),
+        ({"rest_length": np.ones(3)}, r"rest_length has shape \(3,\)"),
+    ],
+)
+def test_bad_change_changes_nothing(parameters, message):
+    simulation, twin = (Simulation(block(), device="cpu", precision="float64") for _ in range(2))
+    for each in (simulation, twin):
+        each.step(5)
+    with pytest.raises(ValueError, match=message):
+        simulation.change(**parameters)
+    assert simulation.system is simulation._initial
+    for each in (simulation, twin):
+        each.step(5)
+    np.testing.assert_array_equal(simulation.frame().position, twin.frame().position)
+    assert simulation.time == twin.time
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_divergence_names_time_particle_and_substeps(device, precision):
+    # 1e6 N/m on 0.1 kg: ω is near 10⁴/s, hundreds of times what a substep of 1/60 s can follow.
+    stiff = block(stiffness=1e6).spin((1.0, 0, 0))
+    simulation = Simulation(
+        stiff, substeps=1, allow_unstable=True, energy_limit=math.inf, device=device, precision=precision
+    )
+    with pytest.raises(SimulationDiverged) as caught:
+        simulation.step(1000)
+    error = caught.value
+    assert error.time == pytest.approx(simulation.time + 1 / 60, rel=1e-14)  # the simulation is a frame back
+    assert 0 <= error.particle < 27
+    assert f"particle {error.particle}," in str(error)
+    assert f"{error.time:.4g} s" in str(error)
+    SymplecticEuler().step(simulation._dynamics, simulation.state, (), simulation.dt)
+    x, v = simulation.state.x.numpy(), simulation.state.v.numpy()
+    finite = np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1)
+    assert error.particle == np.argmin(finite)  # the first that is not finite
+    needed = int(re.search(r"at least (\d+) substeps a frame are stable", str(error)).group(1))
+    assert needed == error.substeps_needed >= simulation.choice.least
+    held = Simulation(stiff, substeps=needed, device=device, precision=precision)
+    held.step(60)
+    # Free fall, with the lattice in shape: rounding and spin stretch it by far less than 1 %.
+    assert np.abs(held.snapshot().strain).max() < 0.01
+
+
+@every_integrator
+@pytest.mark.parametrize("damping", [0.0, 100.0])
+def test_automatic_substeps_are_the_least_within_the_margin(integrator, damping):
+    # For two equal particles λ(M⁻¹K) = 2k/m exactly, and the bound from either particle is that too.
+    k, m, fps = 1e6, 0.5, 50.0
+    simulation = Simulation(
+        PAIR.replace(stiffness=k, damping=damping, mass=m), integrator=integrator, fps=fps, device="cpu"
+    )
+    stiffness_rate, damping_rate = 2 * k / m, 2 * damping / m
+    if isinstance(integrator, RK4):
+        limit = min(2.615 / math.sqrt(stiffness_rate), 2.785 / damping_rate if damping else math.inf)
+    else:
+        limit = max(np.roots([stiffness_rate, 2 * damping_rate, -4]))
+    assert simulation.substeps == math.ceil(1 / (fps * 0.8 * limit))
+    assert simulation.dt == 1 / (fps * simulation.substeps)
+
+
+def test_system_without_connections(device):
+    simulation = Simulation(System(position=[[0.0, 0, 2.0], [1, 0, 2]]), colliders=[Plane()], device=device)
+    assert simulation.substeps == 1
+    simulation.step(600)
+    # It has come to rest on the ground: contact puts particles there, and slow ones do not bounce.
+    now = simulation.frame()
+    np.testing.assert_array_equal(now.position, [[0, 0, 0], [1, 0, 0]])
+    assert not now.velocity.any()
+
+
+def test_the_device_is_named(device):
+    assert Simulation(PAIR, device=device).device == device
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"device": "abacus"}, "device 'abacus' is not available; there is: .*cpu"),
+        ({"device": "cuda:99"}, "device 'cuda:99' is not available; there is: .*cpu"),
+        ({"precision": "float16"}, "precision is 'float16'.*'float32', 'float32-compensated', 'float64'"),
+        ({"fps": 0}, "fps is 0"),
+        ({"fps": -60.0}, "fps is -60"),
+        ({"fps": math.nan}, "fps is nan"),
+        ({"fps": math.inf}, "fps is inf"),
+        ({"fps": "fast"}, "fps is 'fast'"),
+        ({"substeps": 0}, "substeps is 0"),
+        ({"substeps": 2.5}, "substeps is 2.5"),
+        ({"substeps": True}, "substeps is True"),
+        ({"substeps": "many"}, "substeps is 'many'"),
+        ({"gravity": math.nan}, "gravity is nan"),
+        ({"gravity": (0.0, -9.82)}, r"gravity has shape \(2,\)"),
+        ({"gravity": "down"}, "gravity must be an array of numbers, not 'down'"),
+    ],
+)
+def test_bad_arguments_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(PAIR, **({"device": "cpu"} | options))
+
+
+@pytest.mark.parametrize(
+    ("duration", "message"),
+    [
+        (0.0, "duration is 0"),
+        (-1.0, "duration is -1"),
+        (math.nan, "duration is nan"),
+        (math.inf, "duration is inf"),
+        (0.001, "duration is 0.001; it must be at least one frame"),
+        ("long", "duration is 'long'"),
+    ],
+)
+def test_bad_duration_is_named_at_once(duration, message):
+    simulation = Simulation(PAIR, device="cpu")
+    with pytest.raises(ValueError, match=message):
+        simulation.frames(duration)  # not only when the first frame is asked for
+
+
+@pytest.mark.parametrize("frames", [0, -1, 1.5])
+def test_bad_number_of_frames_is_named(frames):
+    with pytest.raises(ValueError, match=f"frames is {frames}"):
+        Simulation(chain(2), device="cpu").step(frames)
