@@ -1,5 +1,6 @@
 """Fixtures that every test may use."""
 
+import signal
 import sys
 
 import pytest
@@ -77,4 +78,9 @@ def msdwarp(tmp_path, monkeypatch, capsys):
             cli.main()
         return stop.value.code, *capsys.readouterr()
 
-    return run
+    # The command has handlers of its own to the end of its process, which here goes on with other tests.
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield run
+    for number, handler in before.items():
+        signal.signal(number, handler)
