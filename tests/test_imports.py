@@ -162,7 +162,7 @@ def test_every_module_has_a_place(name):
 def test_imports_point_one_way(name):
     path, package = MODULES[name]
     here = place_of_file(name)
-    for item in imports(path.read_text(), package):
+    for item in imports(path.read_text(encoding="utf-8"), package):
         there = place(item.name)
         if there is None or there == here or here not in TIER:
             continue
@@ -172,7 +172,7 @@ def test_imports_point_one_way(name):
 def test_no_imports_go_round():
     needs: dict[str, set[str]] = {}
     for name, (path, package) in MODULES.items():
-        found = {place(item.name) for item in imports(path.read_text(), package)}
+        found = {place(item.name) for item in imports(path.read_text(encoding="utf-8"), package)}
         needs.setdefault(place_of_file(name), set()).update(found - {None, place_of_file(name)})
     while needs:
         done = [name for name, others in needs.items() if not others & needs.keys()]
@@ -184,7 +184,7 @@ def test_no_imports_go_round():
 @pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("kernels/")])
 def test_kernels_import_warp_and_each_other_only(name):
     path, package = MODULES[name]
-    for item in imports(path.read_text(), package):
+    for item in imports(path.read_text(encoding="utf-8"), package):
         allowed = item.name.split(".")[0] in {"warp", *sys.stdlib_module_names}
         assert allowed or place(item.name) == "kernels", f"{name}:{item.line} imports {item.name}"
 
@@ -203,7 +203,7 @@ def test_packages_with_one_place(package, allowed):
     found = {
         place_of_file(name)
         for name, (path, module_package) in MODULES.items()
-        for item in imports(path.read_text(), module_package)
+        for item in imports(path.read_text(encoding="utf-8"), module_package)
         if item.name.split(".")[0] == package
     }
     assert found <= allowed
@@ -212,6 +212,6 @@ def test_packages_with_one_place(package, allowed):
 @pytest.mark.parametrize("name", MODULES)
 def test_heavy_packages_are_imported_late(name):
     path, package = MODULES[name]
-    for item in imports(path.read_text(), package):
+    for item in imports(path.read_text(encoding="utf-8"), package):
         top = item.name.split(".")[0]
         assert item.lazy or top not in LAZY, f"{name}:{item.line} imports {top} when it is itself imported"
