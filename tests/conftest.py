@@ -25,6 +25,13 @@ def plain_device(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.fixture(autouse=True)
+def not_in_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is printed goes to no terminal, though FORCE_COLOR, set on many servers, has Rich draw as in one."""
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
+
+
 def always(route: str):
     """Return an automatic choice of this route; of "gather" where that is a stencil and there is no lattice."""
 
