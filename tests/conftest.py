@@ -1,5 +1,6 @@
 """Fixtures that every test may use."""
 
+import signal
 import sys
 
 import pytest
@@ -22,6 +23,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def plain_device(request: pytest.FixtureRequest) -> str:
     """Each device in turn, for tests that choose routes themselves."""
     return request.param
+
+
+@pytest.fixture(autouse=True)
+def not_in_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is printed goes to no terminal, though FORCE_COLOR, set on many servers, has Rich draw as in one."""
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def always(route: str):
@@ -77,4 +85,9 @@ def msdwarp(tmp_path, monkeypatch, capsys):
             cli.main()
         return stop.value.code, *capsys.readouterr()
 
-    return run
+    # The command has handlers of its own to the end of its process, which here goes on with other tests.
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield run
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -56,6 +57,16 @@ def build(
     return Scene(system=body, colliders=[Plane(), ball], schedule=schedule, duration=0.4)
 """
 UNDRAWN = ["--frames", "none", "--video", "none", "--device", "cpu"]
+
+
+@pytest.fixture
+def heard():
+    """Signals act as in a terminal, whatever the tests inherited: SIGINT is ignored in a script's background."""
+    default = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in default.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
@@ -132,7 +143,7 @@ def test_other_routes_go_on_too(msdwarp, tmp_path, route):
     ("name", "code", "word"),
     [("SIGINT", 130, "interrupted"), pytest.param("SIGTERM", 143, "terminated", marks=pytest.mark.slow)],
 )
-def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, name, code, word):
+def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, heard, name, code, word):
     folder = own.parent
     log = ("--log", "own.csv")
     assert msdwarp("run", "own.py", *UNDRAWN, "--out", "whole", "--log", "whole.csv")[0] == 0
@@ -151,7 +162,7 @@ def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, n
 
 
 @pytest.mark.slow
-def test_what_was_to_be_drawn_is_drawn_in_the_end_and_pictures_are_kept(msdwarp, own):
+def test_what_was_to_be_drawn_is_drawn_in_the_end_and_pictures_are_kept(msdwarp, own, heard):
     folder = own.parent / "out" / "own"
     (own.parent / "bang").write_text("SIGINT")
     drawn = ("--resolution", "64x64", "--duration", "0.2", "--device", "cpu")
@@ -242,7 +253,7 @@ main()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
 def test_a_full_disk_ends_a_run_with_a_message_and_a_file_that_opens(tmp_path):
-    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("error: out/cube/trajectory.vtkhdf could not be written further: File too large")
     assert done.stderr.count("\n") == 1
@@ -272,6 +283,8 @@ def run(folder, restart, **options):
 
 compress = sys.argv[1]
 whole, folder = Path("whole"), Path("killed")
+run(folder, 1000.0, trajectory=compress)  # compiles kernels: what is timed below is what will be killed
+shutil.rmtree(folder)
 began = time.perf_counter()
 run(whole, 1000.0, trajectory=compress)
 took = time.perf_counter() - began
@@ -314,7 +327,7 @@ def test_a_run_killed_twenty_times_ends_as_if_nothing_had_happened(own, kind):
         cwd=own.parent,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert (done.returncode, done.stderr) == (0, "")
     resumed, seen = map(int, done.stdout.split())
@@ -377,7 +390,7 @@ def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
 
 
 @pytest.mark.slow
-def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwarp, own, monkeypatch):
+def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwarp, own, heard):
     (own.parent / "bang").write_text("SIGTERM")
     drawn = ("--resolution", "64x64", "--duration", "0.167", "--frames", "none", "--device", "cpu")
     code, _, err = msdwarp("run", "own.py", *drawn)
@@ -439,12 +452,14 @@ def test_a_rerun_is_the_same_or_says_in_what_it_differs(msdwarp, own, tmp_path):
     assert "digest was" in err
     with Trajectory(path) as before, Trajectory(tmp_path / "again" / "trajectory.vtkhdf") as now:
         assert len(before) == len(now)
-        apart = np.linalg.norm(before.positions[:] - now.positions[:], axis=2).max()
-        assert f"by at most {apart:.2g} m" in err
+        apart = np.linalg.norm(before.positions[:].astype(float) - now.positions[:], axis=2).max()
+        # Two digits are told: half a unit of the second is 5 % at most.
+        said = float(re.search(r"by at most (\S+) m", err)[1])
+        assert said == pytest.approx(apart, rel=0.0501)
         assert now.attributes["parameters"]["stiffness"] == 250.0
 
 
-def test_a_part_of_a_run_is_made_again_as_far_as_it_goes(msdwarp, own, tmp_path):
+def test_a_part_of_a_run_is_made_again_as_far_as_it_goes(msdwarp, own, heard, tmp_path):
     (tmp_path / "bang").write_text("SIGINT")
     assert msdwarp("run", "own.py", "--every", "4", "--no-strain", *UNDRAWN)[0] == 130
     assert msdwarp("rerun", "out/own", "--quiet") == (0, "", "")

@@ -49,7 +49,7 @@ def motion(system: System, **options) -> Composition:
 def source(kernel: wp.Kernel) -> str:
     """Return the C++ that was generated for a kernel that has run on the CPU."""
     name = kernel.module.get_module_identifier(1)  # the CPU's block size
-    return (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
+    return (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text(encoding="utf-8")
 
 
 def statements(kernel: wp.Kernel) -> str:

@@ -78,7 +78,7 @@ def test_shapes_of_momenta():
 
 
 def test_what_is_pinned_counts_for_nothing():
-    # Weight and inertia of a pin are the world's; its spring counts.
+    # Weight and inertia of a pin are the world's; its spring counts. Every number is exact in binary.
     system = System(
         position=[[0.0, 0, 50], [0, 0, 48.5]],
         mass=[math.inf, 2.0],
@@ -94,6 +94,7 @@ def test_what_is_pinned_counts_for_nothing():
 
 
 def test_closed_forms_of_a_pair():
+    # Where it is compared exactly all numbers on the way are whole, or halves.
     pair = System(
         position=[[1.0, 0, 0], [-1, 0, 0]],
         velocity=[[3.0, 4, 0], [-3, -4, 0]],

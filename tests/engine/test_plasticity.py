@@ -459,7 +459,8 @@ def test_a_simulation_tells_what_has_yielded(device):
     assert now.original_length[0] == 1.0
     assert simulation.measure().elastic_energy == pytest.approx(50.0 * 0.1**2 / 2, rel=100 * EPS64)  # 0.1 of 1.4
     simulation.change(freeze=True)
-    assert simulation.measure().elastic_energy == 0.0
+    # The kernel's length of 1.4 m may round otherwise than NumPy's: each to 2 ε at most.
+    assert simulation.measure().elastic_energy <= 50.0 * (4 * EPS64) ** 2 / 2
     assert simulation.system.original_length[0] == now.length[0]
 
 

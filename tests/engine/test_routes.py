@@ -344,6 +344,16 @@ def assert_same(a: tuple, b: tuple) -> None:
         np.testing.assert_array_equal(one, other)
 
 
+def assert_alike(a: tuple, b: tuple, scene: Scene, method: Integrator) -> None:
+    """Compare courses in float64 by two kernels of the same pieces, to roundings in 32 substeps at most.
+
+    Compiled apart, one may round a product and a sum at once where the other does not. Room as for routes below.
+    """
+    atol = 1e-12 * np.ptp(scene.system.position, axis=0).max()
+    for one, other, bound in zip(a, b, (atol, atol / half_the_limit(scene, method)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=bound)
+
+
 @functools.cache
 def plain_course(name: str, method: Integrator) -> tuple[np.ndarray, np.ndarray]:
     """Return the course of a scene by scattering on the CPU in float64."""
@@ -472,17 +482,17 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage(monkeypatch, method, sub
     options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
     stayed = course(scene, method, "cpu", **options)
     monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    assert_same(course(scene, method, "cpu", **options), stayed)
+    assert_alike(course(scene, method, "cpu", **options), stayed, scene, method)
 
 
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
 def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(monkeypatch, substeps, route):
-    scene = IRREGULAR["two unlike boxes"]
-    fps = 1 / (substeps * half_the_limit(scene, SymplecticEuler()))
-    stayed = course(scene, SymplecticEuler(), "cpu", route=route, substeps=substeps, fps=fps)
+    scene, method = IRREGULAR["two unlike boxes"], SymplecticEuler()
+    options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
+    stayed = course(scene, method, "cpu", **options)
     monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    assert_same(course(scene, SymplecticEuler(), "cpu", route=route, substeps=substeps, fps=fps), stayed)
+    assert_alike(course(scene, method, "cpu", **options), stayed, scene, method)
 
 
 @every_route
@@ -494,7 +504,11 @@ def test_a_launch_for_a_frame_keeps_what_positions_lose(monkeypatch, substeps, r
     options = {"route": route, "substeps": substeps, "fps": fps, "precision": "float32-compensated"}
     stayed = course(scene, SymplecticEuler(), "cpu", **options)
     monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    assert_same(course(scene, SymplecticEuler(), "cpu", **options), stayed)
+    x, v = course(scene, SymplecticEuler(), "cpu", **options)
+    # The kernels may round otherwise, as above: by a few ε of a speed of 5 m/s in each of 16 substeps, by which a
+    # place may be rounded to the next number. Measured without what is lost: 600 and 6 times as much.
+    np.testing.assert_allclose(v, stayed[1], rtol=0, atol=16 * 4 * 5 * problems.EPS32)
+    np.testing.assert_allclose(x, stayed[0], rtol=0, atol=np.spacing(np.float32(1000)))
 
 
 @gathering

@@ -165,7 +165,7 @@ with Trajectory("a.vtkhdf") as trajectory:
         print(error)
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, to], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code, to], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True
     )
     assert done.stdout.startswith(f"b.{to} could not be written: ")
     assert done.stderr == ""

@@ -35,7 +35,7 @@ def test_it_is_read_while_it_is_written(tmp_path, vtk_output):
     assert vtk_output.GetOutput() == ""
 
 
-def until(condition, seconds=10):
+def until(condition, seconds=100):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -100,7 +100,9 @@ for k in range(20):
                 writer.write((n / 60, position, -position))
     children[child] = k
 random = np.random.default_rng()
-for child in children:
+for child, k in children.items():
+    while k % 4 < 2 and not os.path.exists(f"{sys.argv[1]}/{k}.vtkhdf"):
+        time.sleep(0.001)  # half of them have a frame, on however slow a machine
     time.sleep(random.uniform(0, 0.1))
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
@@ -110,9 +112,9 @@ for child in children:
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_at_random_twenty_times(tmp_path, vtk_output):
-    subprocess.run([sys.executable, "-W", "ignore", "-c", WRITE_FOR_EVER, tmp_path], check=True, timeout=120)
+    subprocess.run([sys.executable, "-W", "ignore", "-c", WRITE_FOR_EVER, tmp_path], check=True, timeout=600)
     system, paths = box((6, 6, 6)), list(tmp_path.glob("[0-9]*.vtkhdf"))
-    assert len(paths) > 10  # a file appears with its first frame
+    assert len(paths) >= 10  # a file appears with its first frame
     for path in paths:
         with Trajectory(path) as found:
             assert len(found) > 0
@@ -150,7 +152,7 @@ except OSError as error:
 def test_a_full_disk_ends_with_a_message_and_a_file_that_opens(tmp_path, limit, compress):
     path = tmp_path / "a.vtkhdf"
     arguments = [sys.executable, "-W", "error", "-c", FILL_THE_DISK, path, str(limit), str(compress)]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=600)
     assert (done.returncode, done.stderr) == (3, "")
     assert done.stdout.startswith(f"{path} could not be written further: File too large; ")
     if limit < 1_000_000:
@@ -229,7 +231,7 @@ for k in range(9):
 """
     path = tmp_path / "a.vtkhdf"
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code, path], capture_output=True, text=True, timeout=60
+        [sys.executable, "-W", "error", "-c", code, path], capture_output=True, text=True, timeout=600
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     with Trajectory(path) as found:
@@ -303,7 +305,7 @@ with Trajectory(sys.argv[1]) as found:
 print(*peak)
 """
     arguments = [sys.executable, "-c", code, tmp_path / "a.vtkhdf"]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=300, check=True)
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=600, check=True)
     early, late, read = map(int, done.stdout.split())  # in KiB on Linux; the file has 500 MB
     assert late - early < 10_000
     assert read - late < 30_000

@@ -168,7 +168,7 @@ def test_freezing_keeps_the_shape(device):
     # Half k (0.2 m)² of each of the others.
     assert simulation.measure().elastic_energy == pytest.approx(2 * 1000 * 0.2**2 / 2, rel=40 * EPS64)
     simulation.change(freeze=True, stiffness=500.0)
-    assert simulation.measure().elastic_energy == 0.0
+    assert simulation.measure().elastic_energy == 0.0  # lengths along an axis are exact
     np.testing.assert_array_equal(simulation.system.stiffness, 500.0)
 
 
