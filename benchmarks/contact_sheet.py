@@ -16,9 +16,8 @@ import warp as wp
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from msdwarp import Renderer, scenes
+from msdwarp import Renderer, Simulation, scenes
 from msdwarp.cli.scene_files import find_scene
-from msdwarp.studies.accuracy import simulation_of
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "scenes.png"
 
@@ -50,7 +49,7 @@ def picture(name: str, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Return a scene at its best moment, simulated on the CPU."""
     scene = find_scene(name).scene()
     moment = BEST.get(name, DEFAULT * scene.duration)
-    *_, last = simulation_of(scene, device="cpu").frames(moment)
+    *_, last = Simulation.of(scene, device="cpu").frames(moment)
     return Renderer(scene, last.position, resolution=size).image(last.position, last.time)
 
 

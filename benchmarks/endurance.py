@@ -10,8 +10,7 @@ import time
 import numpy as np
 from common import arguments, machine, table, write_csv
 
-from msdwarp import SimulationDiverged, scenes
-from msdwarp.studies.accuracy import simulation_of
+from msdwarp import Simulation, SimulationDiverged, scenes
 
 SECONDS = 30.0
 
@@ -19,7 +18,7 @@ SECONDS = 30.0
 def endure(name: str, device: str, seconds: float) -> dict:
     """Simulate a scene and say what became of it."""
     scene = importlib.import_module(f"{scenes.__name__}.{name}").build()
-    simulation = simulation_of(scene, device=device)
+    simulation = Simulation.of(scene, device=device)
     simulation.step()  # compiles
     frames = round(seconds * simulation.fps) - 1
     began, held = time.perf_counter(), seconds

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
-from msdwarp.studies.accuracy import simulation_of
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
@@ -19,7 +18,7 @@ def build(name, **parameters):
 
 
 def simulate(scene, duration, **options):
-    return list(simulation_of(scene, **{"device": "cpu", **options}).frames(duration))
+    return list(msd.Simulation.of(scene, **{"device": "cpu", **options}).frames(duration))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -131,7 +130,7 @@ def test_the_dice_come_to_rest_on_their_faces():
 @pytest.mark.slow
 def test_the_scoop_sags_over_the_rim_and_keeps_its_shape():
     scene = build("ice_cream")
-    simulation = simulation_of(scene, device="cpu")
+    simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(240)
     assert simulation.frame().position[:, 2].min() < -0.03  # below the rim
     kept = left_alone(simulation)
@@ -154,7 +153,7 @@ def test_the_jelly_wobbles_and_sags_when_it_is_warm():
 @pytest.mark.slow
 def test_the_spinner_turns_over_and_over():
     scene = build("spinner")
-    simulation = simulation_of(scene, device="cpu", precision="float64")
+    simulation = msd.Simulation.of(scene, device="cpu", precision="float64")
     start = simulation.measure()
     grid = np.arange(90).reshape(2, 5, 9)
     upright = []
@@ -178,7 +177,7 @@ def test_the_soft_cube_flattens_at_the_wall():
 
 def test_the_waffle_keeps_its_bend():
     scene = build("waffle")
-    simulation = simulation_of(scene, device="cpu")
+    simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(round(scene.duration * simulation.fps))
     kept = left_alone(simulation).reshape(2, 8, 10, 3).mean(axis=(0, 1))  # along its length
     first, last = kept[3] - kept[0], kept[-1] - kept[-4]
@@ -189,7 +188,7 @@ def test_the_waffle_keeps_its_bend():
 @pytest.mark.slow
 def test_the_ball_leaves_a_dent_in_the_mattress():
     scene = build("mattress")
-    simulation = simulation_of(scene, device="cpu")
+    simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(round(scene.duration * simulation.fps))
     top = left_alone(simulation).reshape(5, 13, 25, 3)[-1, :, :, 2]
     deepest = np.unravel_index(np.argmin(top), top.shape)
@@ -212,7 +211,7 @@ def test_the_wire_springs_back_but_not_all_the_way():
 def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
-    substeps = simulation_of(scene, device="cpu").substeps
+    substeps = msd.Simulation.of(scene, device="cpu").substeps
     exact = simulate(scene, 0.5, precision="float64", substeps=substeps)
     rounded = simulate(scene, 0.5, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):

@@ -1,6 +1,6 @@
 """Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
 from .distance import KINDS
-from .obstacles import NoColliders, fixed_contact, moving_contact
+from .obstacles import NO_CONTACT, Contact, NoColliders, fixed_contact, moving_contact
 
-__all__ = ["KINDS", "NoColliders", "fixed_contact", "moving_contact"]
+__all__ = ["KINDS", "NO_CONTACT", "Contact", "NoColliders", "fixed_contact", "moving_contact"]

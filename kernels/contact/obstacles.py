@@ -1,6 +1,7 @@
 """Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn."""
 
 import functools
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -12,6 +13,21 @@ from .rule import surface, touch
 @wp.struct
 class NoColliders:
     """The colliders of a scene without any: nothing to read, nothing compiled."""
+
+
+class Contact(NamedTuple):
+    """What keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
+
+    Colliders: Any
+    """Struct type of the obstacles."""
+    collide: Any
+    """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no obstacles."""
+    moving: bool
+    """Whether any obstacle moves."""
+
+
+NO_CONTACT = Contact(NoColliders, None, False)
+"""The contact of a scene without obstacles."""
 
 
 @functools.cache

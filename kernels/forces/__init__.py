@@ -10,7 +10,7 @@ from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
 from .dampers import Law, damper_force
 from .gather import CHUNK, SLICE, gather
 from .linearised import add_blocks
-from .plasticity import flow_each, plastic_flow
+from .plasticity import plastic_flow, yielding
 from .route import Route
 from .scatter import scatter
 from .stencil import COLUMN, stencil, stencil_rows
@@ -26,10 +26,10 @@ __all__ = [
     "Route",
     "add_blocks",
     "damper_force",
-    "flow_each",
     "gather",
     "plastic_flow",
     "scatter",
     "stencil",
     "stencil_rows",
+    "yielding",
 ]

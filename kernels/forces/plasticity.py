@@ -5,8 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import vector
 from ..compensation import compensation
+from ..effect import Piece
 from ..records import records
 from .route import difference
 
@@ -31,12 +32,13 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
     @wp.struct
     class Flow:
-        h: scalar
+        h: scalar  # length of a substep [s]
+        # By connection, shape [connection_count]:
         connections: wp.array(dtype=wp.vec2i)
-        rest_length: wp.array(dtype=scalar)
-        original_length: wp.array(dtype=scalar)
+        rest_length: wp.array(dtype=scalar)  # [m], which flows
+        original_length: wp.array(dtype=scalar)  # [m]
         yield_strain: wp.array(dtype=scalar)
-        relaxation_time: wp.array(dtype=scalar)
+        relaxation_time: wp.array(dtype=scalar)  # [s]
         largest_plastic_strain: wp.array(dtype=scalar)
 
     @wp.func
@@ -60,13 +62,17 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def flow_each(motion: Any):
-    """Compose the kernel, over connections, that lets each flow for the length of a substep."""
-    V, Lost = vector(motion.dim, motion.scalar), motion.Lost
-    Flow, flow = plastic_flow(motion.dim, motion.scalar, motion.compensated)
+def yielding(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what yielding adds to kernels: each connection flows when a substep begins."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    Flow, flow = plastic_flow(dim, scalar, compensated)
 
-    @kernel
-    def flow_connections(f: Flow, lost: Lost, x: wp.array(dtype=V)):
-        flow(f, lost, x, wp.tid())
+    def begin(World: Any):
+        @wp.func
+        def yield_connection(world: World, lost: Lost, x: wp.array(dtype=V), c: int):
+            flow(world.flow, lost, x, c)
 
-    return flow_connections
+        return yield_connection
+
+    return Piece("flow", Flow, begin=begin)

@@ -1,16 +1,27 @@
 """Methods of integration: what their kernels are composed from, and their stages."""
 
-from .composition import Composition, world
+from .composition import Composition, Stage, Tools, beginning, loads, tools, world
 from .conjugate_gradients import conjugate_gradients
 from .euler import explicit_euler, extrapolated_leapfrog, kick, symplectic_euler
 from .implicit import block_inverses, implicit_finish, impulse, mass_product
 from .persistent import MOST_THREADS, persistent
 from .runge_kutta import chebyshev, rk4
-from .stages import each_column, each_connection, each_particle
+from .stages import (
+    begin_each_connection,
+    each_column,
+    each_connection,
+    each_particle,
+    finish,
+    particle_acceleration,
+)
 
 __all__ = [
     "MOST_THREADS",
     "Composition",
+    "Stage",
+    "Tools",
+    "begin_each_connection",
+    "beginning",
     "block_inverses",
     "chebyshev",
     "conjugate_gradients",
@@ -19,12 +30,16 @@ __all__ = [
     "each_particle",
     "explicit_euler",
     "extrapolated_leapfrog",
+    "finish",
     "implicit_finish",
     "impulse",
     "kick",
+    "loads",
     "mass_product",
+    "particle_acceleration",
     "persistent",
     "rk4",
     "symplectic_euler",
+    "tools",
     "world",
 ]

@@ -1,34 +1,36 @@
 """What the kernels of a scene are composed from, and what a stage of a method is."""
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import warp as wp
 
 from ..basis import vector
 from ..compensation import compensation
-from ..forces import Route, plastic_flow
+from ..contact import NO_CONTACT, Contact
+from ..effect import Piece
+from ..forces import Route
+from ..records import records
 
 
 class Composition(NamedTuple):
     """What a method's functions are composed from; hashable, so that equal scenes share kernels."""
 
     dim: int
+    """Number of coordinates."""
     scalar: type
+    """Warp's type of numbers."""
     route: Route
-    """How a particle gets the force on it."""
-    pinned: bool
-    """Whether any particle is pinned."""
-    Colliders: Any
-    """Struct type of the colliders."""
-    collide: Any
-    """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no colliders."""
-    compensated: bool
+    """How a particle gets the force of its connections."""
+    compensated: bool = False
     """Whether sums keep what rounding takes away."""
-    moving: bool = False
-    """Whether any collider moves."""
-    yields: bool = False
-    """Whether any connection gives way for good (see `plasticity`)."""
+    pinned: bool = False
+    """Whether any particle is pinned."""
+    contact: Contact = NO_CONTACT
+    """What keeps particles out of obstacles."""
+    pieces: tuple[Piece, ...] = ()
+    """The other effects that the scene has."""
 
     @property
     def Lost(self) -> Any:
@@ -48,27 +50,80 @@ class Stage(NamedTuple):
 
 
 @functools.cache
-def world(motion: Composition):
-    """Compose the struct of what acts on particles: the same in every stage of every method."""
-    Forces, Colliders = motion.route.Forces, motion.Colliders
-    if motion.yields:
-        Flow, _ = plastic_flow(motion.dim, motion.scalar, motion.compensated)
+def world(composition: Composition):
+    """Compose the struct of what acts on particles: the same in every stage of every method.
 
-        @wp.struct
-        class YieldingWorld:
-            forces: Forces
-            inverse_mass: wp.array(dtype=motion.scalar)
-            gravity: vector(motion.dim, motion.scalar)
-            colliders: Colliders
-            flow: Flow
+    forces: what the route reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
+    colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives.
+    """
+    fields = {
+        "forces": composition.route.Forces,
+        "inverse_mass": wp.array(dtype=composition.scalar),
+        "gravity": vector(composition.dim, composition.scalar),
+        "colliders": composition.contact.Colliders,
+    }
+    fields |= {piece.field: piece.Data for piece in composition.pieces}
+    names = {"__module__": __name__, "__qualname__": "world.<locals>.World"}
+    return wp.struct(type("World", (), {"__annotations__": fields} | names))
 
-        return YieldingWorld
 
-    @wp.struct
-    class World:
-        forces: Forces
-        inverse_mass: wp.array(dtype=motion.scalar)
-        gravity: vector(motion.dim, motion.scalar)
-        colliders: Colliders
+class Tools(NamedTuple):
+    """The types and functions that every method is written with."""
 
-    return World
+    V: Any
+    """Vector of the scene's coordinates."""
+    World: Any
+    """Struct type of what acts on particles."""
+    Lost: Any
+    """Struct type of what sums have lost by rounding."""
+    load: Any
+    """wp.func (x, i) -> x[i]."""
+    store: Any
+    """wp.func (x, i, value): x[i] = value."""
+    add: Any
+    """wp.func (total, change, lost, lost_out, i) -> the next sum (see `compensation`)."""
+
+
+@functools.cache
+def tools(composition: Composition) -> Tools:
+    """Return the types and functions that the methods of a scene are written with."""
+    dim, scalar = composition.dim, composition.scalar
+    load, store, _ = records(dim, scalar)
+    Lost, add = compensation(dim, scalar, composition.compensated)
+    return Tools(vector(dim, scalar), world(composition), Lost, load, store, add)
+
+
+@functools.cache
+def beginning(composition: Composition) -> Any:
+    """Compose what effects do to connection c when a substep begins, (world, lost, x, c); None if nothing."""
+    World, Lost, V = world(composition), composition.Lost, vector(composition.dim, composition.scalar)
+
+    def both(first: Any, second: Any) -> Any:
+        @wp.func
+        def begin(world: World, lost: Lost, x: wp.array(dtype=V), c: int):
+            first(world, lost, x, c)
+            second(world, lost, x, c)
+
+        return begin
+
+    return _joined(both, [piece.begin(World) for piece in composition.pieces if piece.begin is not None])
+
+
+@functools.cache
+def loads(composition: Composition) -> Any:
+    """Compose the sum of effects' forces on particle i [N], (world, lost, x, v, i); None where there are none."""
+    World, Lost, V = world(composition), composition.Lost, vector(composition.dim, composition.scalar)
+
+    def both(first: Any, second: Any) -> Any:
+        @wp.func
+        def load(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return first(world, lost, x, v, i) + second(world, lost, x, v, i)
+
+        return load
+
+    return _joined(both, [piece.force(World) for piece in composition.pieces if piece.force is not None])
+
+
+def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
+    """Return one function that does what several do, one after the other; None if there are none."""
+    return functools.reduce(both, functions) if functions else None

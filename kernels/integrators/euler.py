@@ -4,30 +4,25 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensation
-from ..records import records
-from .composition import Composition, Stage, world
+from .composition import Composition, Stage, tools
 from .stages import finish, particle_acceleration
 
 
-def symplectic_euler(motion: Composition) -> Stage:
+def symplectic_euler(composition: Composition) -> Stage:
     """Compose v += h a(x, v), then x += h v (report eq. 10), then contact."""
-    return _euler(motion, explicit=False)
+    return _euler(composition, explicit=False)
 
 
-def explicit_euler(motion: Composition) -> Stage:
+def explicit_euler(composition: Composition) -> Stage:
     """Compose x += h v and v += h a(x, v), both from the old state, then contact."""
-    return _euler(motion, explicit=True)
+    return _euler(composition, explicit=True)
 
 
 @functools.cache
-def _euler(motion: Composition, explicit: bool) -> Stage:
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+def _euler(composition: Composition, explicit: bool) -> Stage:
+    scalar = composition.scalar
+    V, World, Lost, load, store, add = tools(composition)
+    acceleration, finish_substep = particle_acceleration(composition), finish(composition)
 
     @wp.struct
     class EulerStep:
@@ -53,16 +48,14 @@ def _euler(motion: Composition, explicit: bool) -> Stage:
 
 
 @functools.cache
-def extrapolated_leapfrog(motion: Composition) -> Stage:
+def extrapolated_leapfrog(composition: Composition) -> Stage:
     """Compose a leapfrog substep whose dampers see `v`, the velocities extrapolated to the positions.
 
     `v` for the next substep is v_new + theta (v_new − v_old); after a contact there is no past to go by.
     """
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+    scalar = composition.scalar
+    V, World, Lost, load, store, add = tools(composition)
+    acceleration, finish_substep = particle_acceleration(composition), finish(composition)
 
     @wp.struct
     class ExtrapolatedLeapfrogStep:
@@ -94,12 +87,11 @@ def extrapolated_leapfrog(motion: Composition) -> Stage:
 
 
 @functools.cache
-def kick(motion: Composition) -> Stage:
+def kick(composition: Composition) -> Stage:
     """Compose v_out = v_half + h a(x, v): a velocity moved in time, positions held."""
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    acceleration = particle_acceleration(motion)
+    scalar = composition.scalar
+    V, World, Lost, load, store, _ = tools(composition)
+    acceleration = particle_acceleration(composition)
 
     @wp.struct
     class Kick:

@@ -5,9 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensation
-from ..records import records
-from .composition import Composition, Stage, world
+from .composition import Composition, Stage, tools
 from .stages import finish, particle_acceleration
 
 
@@ -60,12 +58,11 @@ def block_inverses(dim: int, scalar: type):
 
 
 @functools.cache
-def impulse(motion: Composition) -> Stage:
+def impulse(composition: Composition) -> Stage:
     """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle."""
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    acceleration = particle_acceleration(motion)
-    V = vector(motion.dim, scalar)
-    _, store, _ = records(motion.dim, scalar)
+    scalar = composition.scalar
+    V, World, Lost, _, store, _ = tools(composition)
+    acceleration = particle_acceleration(composition)
 
     @wp.struct
     class Impulse:
@@ -87,13 +84,11 @@ def impulse(motion: Composition) -> Stage:
 
 
 @functools.cache
-def implicit_finish(motion: Composition) -> Stage:
+def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact."""
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    finish_substep = finish(motion)
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
+    scalar = composition.scalar
+    V, World, Lost, load, store, add = tools(composition)
+    finish_substep = finish(composition)
 
     @wp.struct
     class ImplicitFinish:

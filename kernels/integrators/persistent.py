@@ -6,8 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel
-from ..forces import plastic_flow
-from .composition import Composition, world
+from .composition import Composition, beginning, loads, tools
 
 MOST_THREADS = 512
 """Threads in a block; the compiler leaves registers for so many."""
@@ -27,17 +26,17 @@ def wait():
 
 
 @functools.cache
-def persistent(motion: Composition, method: Any, blocks: int):
+def persistent(composition: Composition, method: Any, blocks: int):
     """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
 
     Step k is steps[k mod their number], which are those of two substeps. A launch is then paid once for all: most
     of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
     """
-    World, (Step, advance, _) = world(motion), method(motion)
-    evaluate, force_at = motion.route.evaluate, motion.route.force_at
-    moving, yields, flow = motion.moving, motion.yields, None
-    if yields:
-        _, flow = plastic_flow(motion.dim, motion.scalar, motion.compensated)
+    _, World, *_ = tools(composition)
+    begin, load = beginning(composition), loads(composition)
+    evaluate, force_at = composition.route.evaluate, composition.route.force_at
+    moving = composition.contact.moving
+    Step, advance, _ = method(composition)
 
     def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
@@ -45,11 +44,11 @@ def persistent(motion: Composition, method: Any, blocks: int):
             first = int(world.colliders.substep)
         for k in range(count):
             step = steps[k % steps.shape[0]]
-            if wp.static(yields):
+            if wp.static(begin is not None):
                 if k % (steps.shape[0] / 2) == 0:  # where a substep begins
                     c = thread
                     while c < connection_count:
-                        flow(world.flow, step.lost, step.x, c)
+                        begin(world, step.lost, step.x, c)
                         c += threads
                     wait()
             if wp.static(evaluate is not None):
@@ -62,7 +61,11 @@ def persistent(motion: Composition, method: Any, blocks: int):
                 world.colliders.substep = first + k / (steps.shape[0] / 2)
             i = thread
             while i < world.inverse_mass.shape[0]:
-                advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
+                if wp.static(load is None):
+                    advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
+                else:
+                    own = force_at(world.forces, step.lost, step.x, step.v, i)
+                    advance(world, step, own + load(world, step.lost, step.x, step.v, i), i)
                 i += threads
             wait()
 

@@ -4,26 +4,21 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensation
-from ..records import records
-from .composition import Composition, Stage, world
+from .composition import Composition, Stage, tools
 from .stages import finish, particle_acceleration
 
 
 @functools.cache
-def rk4(motion: Composition) -> Stage:
+def rk4(composition: Composition) -> Stage:
     """Compose a stage of Runge-Kutta 4 (report eq. 6).
 
     From the stage (x, v): its acceleration is added to v_sum with `weight`, and the next stage is
     (x0, v0) + reach·(v, a). The first stage begins the sum; the last adds it to v0, and to x0 what the velocities
     v0, v_a, v_b and v of the four stages make, with contact.
     """
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+    scalar = composition.scalar
+    V, World, Lost, load, store, add = tools(composition)
+    acceleration, finish_substep = particle_acceleration(composition), finish(composition)
 
     @wp.struct
     class RK4Step:
@@ -67,17 +62,15 @@ def rk4(motion: Composition) -> Stage:
 
 
 @functools.cache
-def chebyshev(motion: Composition) -> Stage:
+def chebyshev(composition: Composition) -> Stage:
     """Compose a stage of Runge-Kutta-Chebyshev; the last adds its change to (x0, v0), with contact.
 
     With D_j = Y_j − Y0, which keeps small numbers small,
     D_j = mu D_{j−1} + nu D_{j−2} + reach F_{j−1} + reach0 F0. The first stage has only reach F0, and keeps F0.
     """
-    scalar, World, Lost = motion.scalar, world(motion), motion.Lost
-    V = vector(motion.dim, scalar)
-    load, store, _ = records(motion.dim, scalar)
-    _, add = compensation(motion.dim, scalar, motion.compensated)
-    acceleration, finish_substep = particle_acceleration(motion), finish(motion)
+    scalar = composition.scalar
+    V, World, Lost, load, store, add = tools(composition)
+    acceleration, finish_substep = particle_acceleration(composition), finish(composition)
 
     @wp.struct
     class ChebyshevStep:

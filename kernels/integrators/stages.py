@@ -10,18 +10,29 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import kernel, vector
-from ..compensation import compensation
+from ..basis import kernel
 from ..forces import COLUMN
-from ..records import records
-from .composition import Composition, world
+from .composition import Composition, beginning, loads, tools
 
 
 @functools.cache
-def each_connection(motion: Composition):
+def begin_each_connection(composition: Composition):
+    """Compose the kernel, over connections, of what effects do when a substep begins."""
+    V, World, Lost, *_ = tools(composition)
+    begin = beginning(composition)
+
+    @kernel
+    def begin_connections(world: World, lost: Lost, x: wp.array(dtype=V)):
+        begin(world, lost, x, wp.tid())
+
+    return begin_connections
+
+
+@functools.cache
+def each_connection(composition: Composition):
     """Compose the kernel, over connections, that evaluates scattered forces."""
-    V, Lost = vector(motion.dim, motion.scalar), motion.Lost
-    Forces, evaluate = motion.route.Forces, motion.route.evaluate
+    V, _, Lost, *_ = tools(composition)
+    Forces, evaluate = composition.route.Forces, composition.route.evaluate
 
     def evaluate_forces(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V)):
         evaluate(forces, lost, x, v, wp.tid())
@@ -30,26 +41,30 @@ def each_connection(motion: Composition):
 
 
 @functools.cache
-def each_particle(motion: Composition, method: Any):
+def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles, of one stage of a method."""
-    World, (Step, advance, forced), force_at = world(motion), method(motion), motion.route.force_at
-    V = vector(motion.dim, motion.scalar)
+    V, World, *_ = tools(composition)
+    route, load = composition.route, loads(composition)
+    (Step, advance, forced), force_at = method(composition), route.force_at
 
     def advance_particles(world: World, step: Step):
         i = wp.tid()
         force = V()
         if wp.static(forced):
             force = force_at(world.forces, step.lost, step.x, step.v, i)
+        if wp.static(forced and load is not None):
+            force += load(world, step.lost, step.x, step.v, i)
         advance(world, step, force, i)
 
-    route = motion.route
     return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
 
 
 @functools.cache
-def each_column(motion: Composition, method: Any):
+def each_column(composition: Composition, method: Any):
     """Compose the same for a lattice, over columns of particles that share what they read of their neighbours."""
-    World, (Step, advance, _), forces_at = world(motion), method(motion), motion.route.column_forces
+    _, World, *_ = tools(composition)
+    load, forces_at = loads(composition), composition.route.column_forces
+    Step, advance, _ = method(composition)
 
     @kernel
     def advance_columns(world: World, step: Step):
@@ -59,20 +74,22 @@ def each_column(motion: Composition, method: Any):
         forces = forces_at(world.forces, step.lost, step.x, step.v, i)
         for d in range(wp.static(COLUMN)):
             if i + d * stride < world.inverse_mass.shape[0]:
+                if wp.static(load is not None):
+                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride)
                 advance(world, step, forces[d], i + d * stride)
 
     return advance_columns
 
 
 @functools.cache
-def particle_acceleration(motion: Composition):
+def particle_acceleration(composition: Composition):
     """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
 
     A pinned particle stands still, so no fixed collider ever finds it approaching: where none moves this is the
     only test for it, and it is compiled only where a particle is pinned.
     """
-    scalar, World, pinned = motion.scalar, world(motion), motion.pinned
-    V = vector(motion.dim, scalar)
+    V, World, *_ = tools(composition)
+    scalar, pinned = composition.scalar, composition.pinned
 
     @wp.func
     def acceleration(world: World, force: V, i: int) -> V:
@@ -86,29 +103,27 @@ def particle_acceleration(motion: Composition):
 
 
 @functools.cache
-def finish(motion: Composition):
+def finish(composition: Composition):
     """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
 
     What contact puts elsewhere has lost nothing by rounding.
     """
-    V = vector(motion.dim, motion.scalar)
-    Colliders, collide = motion.Colliders, motion.collide
-    Lost, add = compensation(motion.dim, motion.scalar, motion.compensated)
-    _, store, _ = records(motion.dim, motion.scalar)
-    has_colliders, compensated = collide is not None, motion.compensated
-    pinned_among_moving = motion.pinned and motion.moving
+    V, _, Lost, _, store, add = tools(composition)
+    Colliders, collide, moving = composition.contact
+    scalar, compensated = composition.scalar, composition.compensated
+    has_colliders, pinned_among_moving = collide is not None, composition.pinned and moving
 
     @wp.func
     def finish_substep(colliders: Colliders, lost: Lost, x_old: V, v_old: V, dx: V, v_new: V, i: int):
         x_new = add(x_old, dx, lost.x, lost.x_out, i)
         if wp.static(pinned_among_moving):
-            if colliders.inverse_mass[i] == motion.scalar(0.0):
+            if colliders.inverse_mass[i] == scalar(0.0):
                 return x_new, v_new  # what moves passes through it
         if wp.static(has_colliders):
             x_free = x_new
             x_new, v_new = collide(colliders, x_free, v_new, x_old, v_old)
             if wp.static(compensated):
-                if wp.length_sq(x_new - x_free) > motion.scalar(0.0):
+                if wp.length_sq(x_new - x_free) > scalar(0.0):
                     store(lost.x_out, i, V())
                     store(lost.v, i, V())
         return x_new, v_new

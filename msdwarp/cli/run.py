@@ -16,7 +16,7 @@ from rich.progress import Progress
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, cheapest, simulation_of, tune
+from ..studies import EnergyLog, cheapest, tune
 from ..world import Scene
 from .draw import draw
 from .options import Options
@@ -61,7 +61,7 @@ def last_frame(options: Options) -> int:
 
 def simulation_by(scene: Scene, options: Options) -> Simulation:
     """Return the simulation of a scene that options ask for."""
-    return simulation_of(
+    return Simulation.of(
         scene,
         integrator=METHODS[options.integrator or DEFAULT],
         fps=options.fps,

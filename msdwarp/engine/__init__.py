@@ -6,11 +6,12 @@ from .measures import Measures, measure, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
 from .state import State
-from .stepper import Stepper
+from .stepper import Blocks, Stepper, check_blocks
 from .watch import Backup, Watch
 
 __all__ = [
     "Backup",
+    "Blocks",
     "Dynamics",
     "Measures",
     "Model",
@@ -19,6 +20,7 @@ __all__ = [
     "Stepper",
     "Watch",
     "add_linearised",
+    "check_blocks",
     "measure",
     "rate_bounds",
     "write_diagonal_blocks",

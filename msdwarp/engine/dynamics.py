@@ -5,8 +5,19 @@ from typing import Any
 
 import warp as wp
 
-from ..kernels.forces import COLUMN, flow_each, plastic_flow
-from ..kernels.integrators import Composition, each_column, each_connection, each_particle, world
+from ..kernels.contact import NO_CONTACT, Contact
+from ..kernels.effect import Piece
+from ..kernels.forces import COLUMN
+from ..kernels.integrators import (
+    Composition,
+    begin_each_connection,
+    beginning,
+    each_column,
+    each_connection,
+    each_particle,
+    world,
+)
+from .effect import Effect
 from .forces import ROUTE_CLASSES
 from .model import Model
 from .state import State
@@ -16,57 +27,58 @@ LEAST_IN_COLUMNS = 30_000
 
 
 class Dynamics:
-    """Joins a model and a route to its forces, and launches integrators' stages composed for the two."""
+    """Joins a model, a route to its forces and its effects, and launches integrators' stages composed for them."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         forces = ROUTE_CLASSES[model.route](model)
-        around = model.surroundings
-        self.motion = Composition(
-            model.dim,
-            model.scalar,
-            forces.route,
-            model.pinned,
-            around.Colliders,
-            around.collide,
-            model.compensated,
-            around.moving,
-            model.yields,
+        pieces = [effect.piece for effect in model.effects]
+        self.composition = Composition(
+            dim=model.dim,
+            scalar=model.scalar,
+            route=forces.route,
+            compensated=model.compensated,
+            pinned=model.pinned,
+            contact=next((piece for piece in pieces if isinstance(piece, Contact)), NO_CONTACT),
+            pieces=tuple(piece for piece in pieces if isinstance(piece, Piece)),
         )
-        self.world = world(self.motion)()
+        self.world = world(self.composition)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
-        self.world.gravity, self.world.colliders = model.gravity, around.data
-        if model.yields:
-            self._flow = plastic_flow(model.dim, model.scalar, model.compensated)[0]()
-            self._flow.connections, self._flow.rest_length = model.connections, model.rest_length
-            for name in ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain"):
-                setattr(self._flow, name, model.per_connection(name))
+        self.world.gravity = model.gravity
+        for effect in model.effects:
+            self._place(effect)
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
+    def _place(self, effect: Effect) -> None:
+        """Have kernels find an effect's data as they are now."""
+        field = effect.piece.field if isinstance(effect.piece, Piece) else "colliders"
+        setattr(self.world, field, effect.data)
+
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
-        model = self.model
-        model.surroundings.begin(model.inverse_mass, substeps, dt)
-        self.world.colliders = model.surroundings.data
-        if model.yields:
-            self._flow.h = dt
-            self.world.flow = self._flow
+        for effect in self.model.effects:
+            effect.begin(substeps, dt)
+            self._place(effect)
+
+    def begin_frame(self, time: float) -> None:
+        """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
+        for effect in self.model.effects:
+            effect.begin_frame(time)
 
     def begin_substep(self, state: State, substep: int) -> None:
-        """Begin substep number `substep`: connections yield, and colliders move."""
-        model = self.model
-        if model.yields:
-            inputs = [self.world.flow, state.here.lost, state.here.x]
-            wp.launch(flow_each(self.motion), model.connection_count, inputs, device=model.device)
-        self.move_colliders(substep)
+        """Begin substep number `substep` of a frame: launch what effects do to each connection then."""
+        if beginning(self.composition) is not None:
+            inputs = [self.world, state.here.lost, state.here.x]
+            kernel, threads = begin_each_connection(self.composition), self.model.connection_count
+            wp.launch(kernel, threads, inputs, device=self.model.device)
+        self.go_to(substep)
 
-    def move_colliders(self, substep: int) -> None:
-        """Have what is launched next find colliders where they are in this substep of a frame, where any move."""
-        around = self.model.surroundings
-        if around.moving:
-            around.data.substep = substep
-            self.world.colliders = around.data
+    def go_to(self, substep: int) -> None:
+        """Have what is launched next find effects as they are in this substep of a frame."""
+        for effect in self.model.effects:
+            if effect.begin_substep(substep):
+                self._place(effect)
 
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
@@ -78,7 +90,7 @@ class Dynamics:
         fields
             The fields of its `Step`.
         """
-        Step, _, forced = method(self.motion)
+        Step, _, forced = method(self.composition)
         step = Step()
         for name, value in fields.items():
             setattr(step, name, value)
@@ -86,15 +98,15 @@ class Dynamics:
             self._recorded.append((method, step))
             return
         model = self.model
-        if forced and self.motion.route.evaluate is not None and model.connection_count:
+        if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
-            kernel, threads = each_connection(self.motion), model.connection_count
+            kernel, threads = each_connection(self.composition), model.connection_count
             wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
         if forced and self._columns:
-            kernel, threads = each_column(self.motion, method), self._columns
+            kernel, threads = each_column(self.composition, method), self._columns
         else:
-            kernel, threads = each_particle(self.motion, method), model.particle_count
-        wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.motion.route.block)
+            kernel, threads = each_particle(self.composition, method), model.particle_count
+        wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""

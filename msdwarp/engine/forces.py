@@ -32,14 +32,14 @@ class Gather:
     def __init__(self, model: Model) -> None:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
-        storage = "packed" if packed else "listed" if model.yields else storage
+        storage = "packed" if packed else "listed" if model.lengths_change else storage
         self.route = gather(model.dim, model.scalar, model.damper, model.compensated, storage)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
             kind, other = fields.pop("kind"), self.data.other
             wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
-        if model.yields:  # rest lengths change, and both ends must see it
+        if model.lengths_change:  # rest lengths change, and both ends must see it
             fields["connection"] = connection
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind"
@@ -52,7 +52,7 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     See `msdwarp.kernels.forces.constants`.
     """
     three, device = wp.types.vector(3, model.scalar), model.device
-    kinds = None if model.yields else find_kinds(model.system)
+    kinds = None if model.lengths_change else find_kinds(model.system)
     if kinds is None:
         own = {name: getattr(model, name) for name in CONSTANTS}
         return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}

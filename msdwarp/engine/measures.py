@@ -30,10 +30,13 @@ class Measures(NamedTuple):
     largest_strain: float
     """Largest |l / l0 − 1|."""
 
+    effect_energy: float = 0.0
+    """What other effects store, such as loads that have a potential [J]."""
+
     @property
     def energy(self) -> float:
-        """Kinetic, elastic and gravitational energy together [J]."""
-        return self.kinetic_energy + self.elastic_energy + self.gravitational_energy
+        """Kinetic, elastic, gravitational and other stored energy together [J]."""
+        return self.kinetic_energy + self.elastic_energy + self.gravitational_energy + self.effect_energy
 
 
 def measure(
@@ -71,6 +74,7 @@ def measure(
         particles[columns.MOMENTUM :][: model.dim],
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
+        sum(effect.energy(state.x) for effect in model.effects),
     )
 
 

@@ -11,8 +11,8 @@ from ..bodies import System, is_uniform, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
 from ..world import Collider
-from .contact import Contact
 from .device import PRECISIONS, find_device, scalar_array
+from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
 
 CONTACT_RULES = ("coulomb", "report")
@@ -77,15 +77,15 @@ class Model:
         self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
         self.damper = system.damper.law if system.damping.any() else None
-        self.yields = system.yields
         self.pinned = bool(system.pinned.any())
 
         self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
         self.inverse_mass = self._upload(uniform_like(1.0 / system.mass, system.mass), "1 / mass")
-        self._order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
+        self.order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
+        """The system's number of each connection on the device; None where both have one order."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
         rest_length = system.rest_length
-        if self.yields:  # each connection has its own, which the run changes
+        if self.lengths_change:  # each connection has its own
             rest_length = np.array(rest_length)
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload(self.ordered(system.stiffness), "stiffness")
@@ -96,7 +96,12 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload(self.ordered(steepest), "damping")
-        self.surroundings = Contact(colliders, contact, dim=self.dim, scalar=self.scalar, device=self.device)
+        self.effects = effects_of(self, Surroundings(tuple(colliders), contact))
+
+    @property
+    def lengths_change(self) -> bool:
+        """Whether a run changes rest lengths, so that the routes must read them where they are."""
+        return self.system.yields
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
@@ -105,14 +110,14 @@ class Model:
 
     def ordered(self, values: NDArray) -> NDArray:
         """Return what connections have in the order that connections are in on the device."""
-        return values if self._order is None or is_uniform(values) else values[self._order]
+        return values if self.order is None or is_uniform(values) else values[self.order]
 
     def in_system_order(self, values: NDArray) -> NDArray:
         """Return what connections have on the device in the order of the system's connections."""
-        if self._order is None:
+        if self.order is None:
             return values
         result = np.empty_like(values)
-        result[self._order] = values
+        result[self.order] = values
         return result
 
     def per_connection(self, name: str) -> wp.array:

@@ -57,6 +57,8 @@ def _bounds(model: Model, state: State) -> Any:
     Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
     blocks = [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
     write_diagonal_blocks(model, state.x, *blocks)
+    for effect in model.effects:
+        effect.add_blocks(state.x, *blocks)
     bounds = wp.zeros(2, dtype=wp.float64, device=model.device)
     wp.launch(
         largest_rate(model.dim, model.scalar),

@@ -1,14 +1,18 @@
 """Stepper: takes substeps, by a launch for each stage or one for all."""
 
 from collections.abc import Callable
+from typing import Literal
 
 import warp as wp
 
+from .. import checks
 from ..kernels.integrators import MOST_THREADS, persistent
 from .dynamics import Dynamics
 from .model import Model
 from .state import State
 
+Blocks = tuple[int, int] | Literal["auto"] | None
+"""How many blocks of threads, and threads in each, take the substeps of a frame in one launch."""
 MOST_IN_ONE_BLOCK = 350
 """More particles, or connections, are faster in a cluster of blocks that wait for each other."""
 CLUSTER = 8
@@ -30,40 +34,52 @@ class Stepper:
         A method's `step`, for this state.
     one_kernel
         Whether all that a substep launches is stages of one method.
+    blocks
+        Blocks of threads, and threads in each, that take all substeps in one launch; None for a launch for each
+        stage; "auto" for what was faster where it was measured.
     """
 
     def __init__(
-        self, dynamics: Dynamics, state: State, take_substep: Callable[[], None], *, one_kernel: bool = True
+        self,
+        dynamics: Dynamics,
+        state: State,
+        take_substep: Callable[[], None],
+        *,
+        one_kernel: bool = True,
+        blocks: Blocks = "auto",
     ) -> None:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
-        blocks = staying_blocks(dynamics.model) if one_kernel else None
-        self._stays = blocks is not None
+        if blocks == "auto":
+            blocks = persistent_blocks(dynamics.model)
+        if not one_kernel:
+            blocks = None
+        self._persists = blocks is not None
         if blocks is None:
             return
         # Each substep flips the state: the third is the first again.
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
         (method, _), device = stages[0], dynamics.model.device
         self._per_substep = len(stages) // 2
-        self._kernel, self._blocks = persistent(dynamics.motion, method, blocks[0]), blocks
+        self._kernel, self._blocks = persistent(dynamics.composition, method, blocks[0]), blocks
         self._kept = [step for _, step in stages]
-        self._steps = wp.array(self._kept, dtype=method(dynamics.motion).Step, device=device)
+        self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=device)
 
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
-        if not self._stays:
+        if not self._persists:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
                 self._take_substep()
         else:
-            self._stay(substeps * self._per_substep, first)
+            self._persist(substeps * self._per_substep, first)
             if substeps % 2:
                 self._state.flip()
         self._state.settle()
 
-    def _stay(self, stages: int, first: int) -> None:
+    def _persist(self, stages: int, first: int) -> None:
         model, (blocks, threads) = self._dynamics.model, self._blocks
         everyone = blocks * threads
-        self._dynamics.move_colliders(first)
+        self._dynamics.go_to(first)
         wp.launch(
             self._kernel,
             dim=everyone,
@@ -73,7 +89,7 @@ class Stepper:
         )
 
 
-def staying_blocks(model: Model) -> tuple[int, int] | None:
+def persistent_blocks(model: Model) -> tuple[int, int] | None:
     """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not."""
     device = model.device
     if not device.is_cuda:
@@ -84,6 +100,19 @@ def staying_blocks(model: Model) -> tuple[int, int] | None:
     if device.arch < 90 or work > MOST_IN_CLUSTER[model.route]:
         return None
     return CLUSTER, min(MOST_THREADS, _power_of_two(-(-work // CLUSTER)))
+
+
+def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
+    """Raise ValueError unless `blocks` is "auto", None, or two numbers that the device can do with."""
+    if blocks is None or blocks == "auto":
+        return
+    if not isinstance(blocks, tuple) or len(blocks) != 2:
+        raise ValueError(f"blocks is {blocks!r}; it must be 'auto', None, or (blocks, threads in each)")
+    most = (CLUSTER, MOST_THREADS) if on_gpu else (1, 1)
+    for k, (number, limit) in enumerate(zip(blocks, most, strict=True)):
+        if checks.count(f"blocks[{k}]", number, 1) > limit:
+            where = "on a GPU" if on_gpu else "on the CPU"
+            raise ValueError(f"blocks[{k}] is {number}; it must be at most {limit} {where}")
 
 
 def _power_of_two(threads: int) -> int:

@@ -36,7 +36,7 @@ class Watch:
         scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
         scale += _rounding_energy(model, state)
         self._most = start.energy + energy_limit * scale if scale > 0 else np.inf
-        if model.surroundings.moving:  # what moves works on what it touches
+        if any(effect.works for effect in model.effects):
             self._most = np.inf
 
     def look(self) -> None:
@@ -71,8 +71,8 @@ class Backup:
     def __init__(self, state: State) -> None:
         self._state = state
         self._kept = state.empty_vectors(len(self._live()))
-        model = state.model
-        self._yielded = [(model.rest_length, wp.clone(model.rest_length))] if model.yields else []
+        changing = (array for effect in state.model.effects for array in effect.changing)
+        self._changing = [(live, wp.clone(live)) for live in changing]
 
     def _live(self) -> list[wp.array]:
         lost = self._state.lost.v
@@ -82,14 +82,14 @@ class Backup:
         """Keep the present state."""
         for live, kept in zip(self._live(), self._kept, strict=True):
             copy_vectors(kept, live)
-        for live, kept in self._yielded:
+        for live, kept in self._changing:
             wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
         for live, kept in zip(self._live(), self._kept, strict=True):
             copy_vectors(live, kept)
-        for live, kept in self._yielded:
+        for live, kept in self._changing:
             wp.copy(live, kept)
 
 

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import warp as wp
 
@@ -17,27 +17,36 @@ class Integrator(ABC):
 
     order: ClassVar[int]
     """Order of convergence, without damping and contact where they lower it (see the method)."""
-    evaluations: ClassVar[int]
-    """Force evaluations per substep."""
-    carried: ClassVar[int] = 0
-    """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
     one_kernel: ClassVar[bool] = True
     """Whether all that a substep launches is stages of one method (see `msdwarp.engine.Stepper`)."""
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
-        """Return the arrays that the method needs beside the state."""
-        return ()
+    @property
+    def evaluations(self) -> int:
+        """Force evaluations per substep."""
+        return 1
+
+    @property
+    def carried(self) -> int:
+        """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
+        return 0
+
+    def workspace(self, state: State) -> Any:
+        """Return the arrays that the method needs beside the state, by their names; None where it needs none."""
+        return None
 
     def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
-        self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float
+        self, dynamics: Dynamics, state: State, work: Any, h: float
     ) -> None:
         """Bring a state given at one instant to the instants at which the method keeps it."""
 
     @abstractmethod
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
-        """Advance the state by one substep of h seconds: write what comes `there`, and flip it."""
+    def step(self, dynamics: Dynamics, state: State, work: Any, h: float) -> None:
+        """Advance the state by one substep of h seconds: write what comes `there`, and flip it.
 
-    def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
+        `work` is what `workspace` returned; it keeps nothing from one substep to the next.
+        """
+
+    def velocity(self, dynamics: Dynamics, state: State, work: Any, h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
         return state.v
 

@@ -4,8 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import warp as wp
-
 from ..engine import Dynamics, Rates, State
 from ..kernels.integrators import explicit_euler
 from .base import Integrator
@@ -21,9 +19,8 @@ class ExplicitEuler(Integrator):
     """
 
     order: ClassVar[int] = 1
-    evaluations: ClassVar[int] = 1
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         now, then = state.here, state.there
         dynamics.launch(explicit_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)

@@ -1,7 +1,7 @@
 """Leapfrog."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import warp as wp
 
@@ -9,6 +9,13 @@ from .. import checks
 from ..engine import Dynamics, Rates, State
 from ..kernels.integrators import extrapolated_leapfrog, kick, symplectic_euler
 from .base import Integrator, kick_drift_limit
+
+
+class Work(NamedTuple):
+    """What leapfrog needs beside the state."""
+
+    v: wp.array
+    """Velocities at the instant of the positions [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -37,29 +44,28 @@ class Leapfrog(Integrator):
     damper_extrapolation: float = 0.0
 
     order: ClassVar[int] = 2
-    evaluations: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         """Check the argument."""
         checks.one_of("damper_extrapolation", self.damper_extrapolation, (0.0, 0.5))
 
     @property
-    def carried(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def carried(self) -> int:
         """Arrays carried along: the velocities that dampers see, where they are not the ones it steps with."""
         return 1 if self.damper_extrapolation else 0
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
+    def workspace(self, state: State) -> Work:
         """Return an array for the velocities at the instant of the positions."""
-        return state.empty_vectors(1)
+        return Work(*state.empty_vectors(1))
 
-    def start(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def start(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Take the velocities back by half a substep."""
         now = state.here
         for v_seen in now.carried:
             wp.copy(v_seen, now.v)
         wp.copy(now.v, self._kicked(dynamics, state, work, -0.5 * h))
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         now, then = state.here, state.there
         arrays = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
@@ -70,16 +76,16 @@ class Leapfrog(Integrator):
             dynamics.launch(symplectic_euler, h=h, **arrays)
         state.flip()
 
-    def velocity(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
+    def velocity(self, dynamics: Dynamics, state: State, work: Work, h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
         return self._kicked(dynamics, state, work, 0.5 * h)
 
-    def _kicked(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> wp.array:
+    def _kicked(self, dynamics: Dynamics, state: State, work: Work, h: float) -> wp.array:
         """Return the velocities after a kick of h seconds."""
         now = state.here
         v = now.carried[0] if self.damper_extrapolation else now.v
-        dynamics.launch(kick, h=h, lost=now.lost, x=now.x, v=v, v_half=now.v, v_out=work[0])
-        return work[0]
+        dynamics.launch(kick, h=h, lost=now.lost, x=now.x, v=v, v_half=now.v, v_out=work.v)
+        return work.v
 
     def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""

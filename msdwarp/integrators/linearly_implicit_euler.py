@@ -3,7 +3,7 @@
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import warp as wp
 
@@ -11,6 +11,29 @@ from .. import checks
 from ..engine import Dynamics, Rates, State, add_linearised, write_diagonal_blocks
 from ..kernels.integrators import block_inverses, conjugate_gradients, implicit_finish, impulse, mass_product
 from .base import Integrator
+
+
+class Work(NamedTuple):
+    """What a solve needs: vectors and blocks of shape [particle_count]."""
+
+    r: wp.array
+    """Right-hand side, later the residual [kg m/s]."""
+    dv: wp.array
+    """The solution, changes of velocity [m/s]."""
+    p: wp.array
+    """Direction of search."""
+    q: wp.array
+    """Its product with the system."""
+    z: wp.array
+    """The residual, preconditioned."""
+    springs: wp.array
+    """Diagonal blocks of K, float64 [N/m]."""
+    dampers: wp.array
+    """Diagonal blocks of B, float64 [N s/m]."""
+    inverses: wp.array
+    """Inverses of the system's diagonal blocks [1/kg]."""
+    numbers: wp.array
+    """Numbers of conjugate gradients, float64."""
 
 
 @dataclass(frozen=True)
@@ -45,36 +68,32 @@ class LinearlyImplicitEuler(Integrator):
         checks.count("iterations", self.iterations, 1)
 
     @property
-    def evaluations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def evaluations(self) -> int:
         """Force evaluations per substep; a product with the linearised system counts as one."""
         return self.iterations + 3
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
-        """Return what a solve needs; a graph may hold no array that would be freed while it lives.
-
-        Right-hand side (later the residual), solution, direction, its product and z; the diagonal blocks of K
-        and B, the inverses of the system's; and the numbers of conjugate gradients.
-        """
+    def workspace(self, state: State) -> Work:
+        """Return what a solve needs; a graph may hold no array that would be freed while it lives."""
         x, numbers = state.x, wp.zeros(3, dtype=wp.float64, device=state.x.device)
         vector: Any = x.dtype
         dim, scalar = vector._length_, vector._wp_scalar_type_
         kinds: list[Any] = [wp.types.matrix((dim, dim), kind) for kind in (wp.float64, wp.float64, scalar)]
-        blocks = (wp.zeros(len(x), dtype=kind, device=x.device) for kind in kinds)
-        return *state.empty_vectors(5), *blocks, numbers
+        springs, dampers, inverses = (wp.zeros(len(x), dtype=kind, device=x.device) for kind in kinds)
+        r, dv, p, q, z = state.empty_vectors(5)
+        return Work(r, dv, p, q, z, springs, dampers, inverses, numbers)
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        b, dv = work[:2]
         now, then = state.here, state.there
-        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=b)
-        add_linearised(dynamics.model, now.x, now.v, b, spring=1.0, damper=0.0, scale=-h * h)
+        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=work.r)
+        add_linearised(dynamics.model, now.x, now.v, work.r, spring=1.0, damper=0.0, scale=-h * h)
         self._solve(dynamics, now.x, work, h)
         motion = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
-        dynamics.launch(implicit_finish, h=h, dv=dv, **motion)
+        dynamics.launch(implicit_finish, h=h, dv=work.dv, **motion)
         state.flip()
 
-    def _solve(self, dynamics: Dynamics, x: wp.array, work: tuple[wp.array, ...], h: float) -> None:
-        """Solve (M + hB + h²K) dv = b, which ends as the residual.
+    def _solve(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:
+        """Solve (M + hB + h²K) dv = r, which ends as the residual.
 
         The solver in warp.optim.linear would serve, but took 2.4 ms an iteration on the CPU for 27 particles.
         """

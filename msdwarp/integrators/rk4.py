@@ -2,13 +2,24 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import warp as wp
 
 from ..engine import Dynamics, Rates, State
 from ..kernels.integrators import rk4
 from .base import Integrator
+
+
+class Work(NamedTuple):
+    """What the method needs beside the state: stages a and c; stage b lies where the next instant will."""
+
+    x_a: wp.array
+    v_a: wp.array
+    x_c: wp.array
+    v_c: wp.array
+    v_sum: wp.array
+    """Sum of the stages' accelerations, weighted [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +33,17 @@ class RK4(Integrator):
     """
 
     order: ClassVar[int] = 4
-    evaluations: ClassVar[int] = 4
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
+    @property
+    def evaluations(self) -> int:
+        """Force evaluations per substep."""
+        return 4
+
+    def workspace(self, state: State) -> Work:
         """Return two stages, of positions and velocities, and the sum of accelerations."""
-        return state.empty_vectors(5)
+        return Work(*state.empty_vectors(5))
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         now, then = state.here, state.there
         x_a, v_a, x_c, v_c, v_sum = work

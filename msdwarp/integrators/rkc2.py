@@ -81,6 +81,24 @@ def disc_reach(stages: int) -> float:
     return low
 
 
+class StageArrays(NamedTuple):
+    """A stage: its changes from the start of the substep, and where and how fast particles are in it."""
+
+    dx: wp.array
+    dv: wp.array
+    x: wp.array
+    v: wp.array
+
+
+class Work(NamedTuple):
+    """What the method needs beside the state."""
+
+    a0: wp.array
+    """Accelerations at the start of the substep [m/s²]."""
+    here: StageArrays
+    there: StageArrays
+
+
 @dataclass(frozen=True)
 class RKC2(Integrator):
     """Runge-Kutta-Chebyshev of order 2, for systems that creep rather than oscillate.
@@ -110,29 +128,28 @@ class RKC2(Integrator):
             raise ValueError(f"stages is {self.stages}; it must be at most {MOST_STAGES}")
 
     @property
-    def evaluations(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def evaluations(self) -> int:
         """Force evaluations per substep."""
         return self.stages or 2
 
-    def workspace(self, state: State) -> tuple[wp.array, ...]:
-        """Return the first acceleration, and two stages: as changes, and as positions and velocities."""
-        return state.empty_vectors(9)
+    def workspace(self, state: State) -> Work:
+        """Return the first acceleration, and two stages."""
+        a0, *stages = state.empty_vectors(9)
+        return Work(a0, StageArrays(*stages[:4]), StageArrays(*stages[4:]))
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         c, now, then = coefficients(self.evaluations), state.here, state.there
-        a0, here, there = work[0], work[1:5], work[5:9]  # each: dx, dv, x, v
+        a0, here, there = work
         common = {"lost": now.lost, "x0": now.x, "v0": now.v, "a0": a0}
         stages = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
         x, v = now.x, now.v
         for k, (mu, nu, reach, reach0) in enumerate(stages):
             nu = nu if k > 1 else 0.0  # D_0 is nothing
             first, last = k == 0, k == len(stages) - 1
-            (dx, dv, *_), (dx_out, dv_out, x_out, v_out) = here, there
-            if last:
-                x_out, v_out = then.x, then.v
+            x_out, v_out = (then.x, then.v) if last else (there.x, there.v)
             numbers = {"mu": mu, "nu": nu, "reach": h * reach, "reach0": h * reach0}
-            changes = {"dx": dx, "dv": dv, "dx_out": dx_out, "dv_out": dv_out}
+            changes = {"dx": here.dx, "dv": here.dv, "dx_out": there.dx, "dv_out": there.dv}
             flags = {"first": int(first), "last": int(last)}
             dynamics.launch(chebyshev, x=x, v=v, x_out=x_out, v_out=v_out, **numbers, **changes, **flags, **common)
             x, v, here, there = x_out, v_out, there, here

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import warp as wp
-
 from ..engine import Dynamics, Rates, State
 from ..kernels.integrators import symplectic_euler
 from .base import Integrator, kick_drift_limit
@@ -20,9 +18,8 @@ class SymplecticEuler(Integrator):
     """
 
     order: ClassVar[int] = 1
-    evaluations: ClassVar[int] = 1
 
-    def step(self, dynamics: Dynamics, state: State, work: tuple[wp.array, ...], h: float) -> None:
+    def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         now, then = state.here, state.there
         dynamics.launch(symplectic_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)

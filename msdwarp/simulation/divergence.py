@@ -1,9 +1,9 @@
 """What is said when a run cannot go on: where, when and why."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies import System
+from .stepping import Trouble
 
 
 class SimulationDiverged(RuntimeError):
@@ -36,16 +36,24 @@ class SimulationDiverged(RuntimeError):
 
 
 def describe(
-    system: System,
-    position: NDArray,
-    time: float,
-    dt: float,
-    substep: int,
-    substeps: int,
-    particle: int,
-    needed: int,
+    system: System, trouble: Trouble, time: float, dt: float, substeps: int, needed: int
 ) -> SimulationDiverged:
-    """Return the exception for a frame that began at `time` and was last good at `position`."""
+    """Return the exception for a frame that began at `time` [s], in which trouble was found.
+
+    Parameters
+    ----------
+    system
+        The system as it was when the frame began.
+    trouble
+        What was found.
+    time
+        When the frame began [s].
+    dt, substeps
+        Length of a substep [s], and their number in a frame.
+    needed
+        How many would have been stable when the frame began; 0 where none are.
+    """
+    position, substep, particle = trouble
     connection, strain, stretched = None, float("nan"), ""
     mine = np.flatnonzero((system.connections == particle).any(axis=1))
     if len(mine):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_strain
-from .simulation import RECORDING, Simulation
+from .simulation import Simulation
+from .stepping import RECORDING
 
 
 class Readback:
@@ -40,8 +41,8 @@ class Readback:
         self._simulation, self._strain = simulation, strain
         device = simulation.model.device
         self._stream = wp.Stream(device) if device.is_cuda else None
-        self._order: NDArray | None = None
         self._place: wp.array | None = None
+        self._placed: Model | None = None
         # What was released last is taken first: on the CPU, memory that is never touched is never there.
         self._free: queue.LifoQueue[_Room] = queue.LifoQueue()
         for _ in range(depth):
@@ -50,27 +51,24 @@ class Readback:
     def take(self) -> "Taken":
         """Return the present frame, which is on its way; wait while `depth` others have not been released."""
         room = self._free.get()
-        # Whatever changes a simulation may give it new arrays.
-        model, state = self._simulation.model, self._simulation.state
+        stepping = self._simulation.stepping  # anew each time: what changes a simulation replaces it
+        state = stepping.state
         wp.copy(room.here["position"], state.x)
-        wp.copy(room.here["velocity"], self._simulation._velocity())
-        if model.compensated:
+        wp.copy(room.here["velocity"], stepping.velocity())
+        if stepping.model.compensated:
             wp.copy(room.here["position_lost"], state.lost.x)
             wp.copy(room.here["velocity_lost"], state.lost.v)
         if self._strain:
-            place = self._place_of(model)
-            write_strain(model, state, place, room.here["strain"])
+            write_strain(stepping.model, state, self._place_in(stepping.model), room.here["strain"])
         if self._stream is not None:
             room.send(self._stream)
         return Taken(self._simulation.time, room, self._free)
 
-    def _place_of(self, model: Model) -> wp.array | None:
+    def _place_in(self, model: Model) -> wp.array | None:
         """Return, for each connection on the device, its number in the system; None where it is the same."""
-        if model._order is not self._order:
-            self._order = model._order
-            self._place = None
-            if self._order is not None:
-                self._place = wp.array(self._order, dtype=int, device=model.device)
+        if model is not self._placed:
+            self._placed, order = model, model.order
+            self._place = None if order is None else wp.array(order, dtype=int, device=model.device)
         return self._place
 
 

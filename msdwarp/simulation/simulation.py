@@ -1,18 +1,14 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
-import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
-from typing import Any
+from typing import Any, Self
 
-import numpy as np
-import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, Frame, System, stored
-from ..engine import Backup, Dynamics, Measures, Model, Rates, State, Stepper, Watch, measure, rate_bounds
+from ..bodies import Frame, System
+from ..engine import Blocks, Dynamics, Measures, Model, Rates, State, check_blocks, measure, rate_bounds
 from ..integrators import (
     MOST_SUBSTEPS,
     SAFETY,
@@ -23,11 +19,11 @@ from ..integrators import (
     choose_forced,
     choose_substeps,
 )
-from ..world import Change, Collider
+from ..world import Change, Collider, Scene
+from . import checkpoint
 from .divergence import SimulationDiverged, describe
+from .stepping import Stepping
 
-RECORDING = threading.Lock()
-"""Held while a graph is recorded: no thread may wait for a device meanwhile."""
 MOST_FRAMES = 10**9
 """Frames of the longest run."""
 
@@ -83,6 +79,9 @@ class Simulation:
     route
         How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
         "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
+    blocks
+        How many blocks of threads, and threads in each, take all substeps of a frame in one launch, which is a
+        matter of speed alone: a pair, None for a launch for each stage of each substep, or "auto".
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
 
@@ -111,30 +110,20 @@ class Simulation:
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
+        blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
     ) -> None:
         self.fps = checks.positive("fps", fps)
-        integrator = SymplecticEuler() if integrator is None else integrator
-        if not isinstance(integrator, Integrator):
+        self._method = SymplecticEuler() if integrator is None else integrator
+        if not isinstance(self._method, Integrator):
             raise ValueError(f"integrator is {integrator!r}; it must be an instance of one, such as RK4()")
         if not isinstance(colliders, Iterable):
             raise ValueError(f"colliders is {colliders!r}; it must be a sequence of colliders")
-        if isinstance(substeps, str) and substeps != "auto":
-            raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
-        self._forced = None if isinstance(substeps, str) else checks.count("substeps", substeps, 1)
-        if self._forced is not None and self._forced > MOST_SUBSTEPS:
-            raise ValueError(f"substeps is {substeps}; it must be at most {MOST_SUBSTEPS}")
+        self._forced = _forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        if not isinstance(schedule, Iterable):
-            raise ValueError(f"schedule is {schedule!r}; it must be a sequence of changes made by at(...)")
-        for k, change in enumerate(schedule):
-            if not isinstance(change, Change):
-                raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
-            change.applied_to(system)  # what is wrong with it is said before anything runs
-        self._schedule = sorted(schedule, key=lambda change: change.time)
-        self._method = integrator
+        self._schedule = _in_order(schedule, system)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": tuple(colliders),
@@ -143,8 +132,35 @@ class Simulation:
             "precision": precision,
             "route": route,
         }
+        self._blocks: Blocks = blocks
         self._initial = system
         self.reset()
+
+    @classmethod
+    def of(cls, scene: Scene, **options: Any) -> Self:
+        """Return the simulation of a scene: of all but its look.
+
+        Parameters
+        ----------
+        scene
+            The system, its colliders, gravity and schedule.
+        options
+            Other arguments of `Simulation`.
+        """
+        around = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
+        return cls(scene.system, **around, **options)
+
+    def __repr__(self) -> str:
+        """Say in a few lines what is simulated, how, and how far it is."""
+        system, model = self.system, self.model
+        parts = f"{system.particle_count} particles, {system.connection_count} connections"
+        around = "".join(f", {type(one).__name__}" for one in self._surroundings["colliders"][:4])
+        return (
+            f"<Simulation of {parts}{around}\n"
+            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
+            f"  {model.precision} by {model.route} on {self.device}\n"
+            f"  at {self.time:.4g} s, frame {self.frame_index}>"
+        )
 
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
@@ -155,11 +171,11 @@ class Simulation:
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
+        check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = State.of(system, model, self._method.carried)
         choice = choice or self._choose(rate_bounds(system, model, state))
-        self.model, self.state, self.system = model, state, system
-        self._dynamics = Dynamics(model)
-        self._start(choice)
+        how = {"energy_limit": self._energy_limit, "blocks": self._blocks}
+        self.stepping = Stepping(Dynamics(model), state, self._method, choice, **how)
 
     def _choose(self, rates: Rates) -> StepChoice:
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
@@ -173,18 +189,30 @@ class Simulation:
             )
         return choice
 
-    def _start(self, choice: StepChoice) -> None:
-        """Begin to step with these substeps, from velocities at the instant of the positions."""
-        self.choice = choice
-        self.integrator = self._method.fitted(choice.rates, self.dt)
-        self._dynamics.begin(self.substeps, self.dt)
-        self._work = self.integrator.workspace(self.state)
-        self._backup = Backup(self.state)
-        self._watch = Watch(self.model, self.state, self._energy_limit * choice.energy_swing)
-        self._graph: Any = None
-        substep = partial(self.integrator.step, self._dynamics, self.state, self._work, self.dt)
-        self._stepper = Stepper(self._dynamics, self.state, substep, one_kernel=self.integrator.one_kernel)
-        self.integrator.start(self._dynamics, self.state, self._work, self.dt)
+    @property
+    def system(self) -> System:
+        """The system as it was when it was last uploaded: at the start, or by the last change."""
+        return self.stepping.model.system
+
+    @property
+    def model(self) -> Model:
+        """The system on its device."""
+        return self.stepping.model
+
+    @property
+    def state(self) -> State:
+        """What moves, on the device; velocities are at the integrator's own instants."""
+        return self.stepping.state
+
+    @property
+    def integrator(self) -> Integrator:
+        """The time-stepping method as it is used with the present substeps."""
+        return self.stepping.integrator
+
+    @property
+    def choice(self) -> StepChoice:
+        """The substeps of a frame, and why."""
+        return self.stepping.choice
 
     @property
     def substeps(self) -> int:
@@ -216,15 +244,11 @@ class Simulation:
             is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
-            while self._due and self._due[0].time * self.fps < self.frame_index + 1e-6:  # times may be rounded up
+            while self._due and self._due[0].is_due(self.frame_index, self.fps):
                 self._change_as_due()
             if self._refresh:
                 self._choose_anew()
-            if self._graph is None:
-                self._graph = self._record_frame()
-            self.model.surroundings.place(self.time)
-            wp.capture_launch(self._graph)
-            if self._watch.finds_trouble():
+            if not self.stepping.advance(self.time):
                 raise self._divergence()
             self.frame_index += 1
 
@@ -240,61 +264,28 @@ class Simulation:
         """Change the number of substeps if the system as it is now asks for another one."""
         choice = self._choose(rate_bounds(self.system, self.model, self.state))
         if choice.substeps != self.substeps:
-            wp.copy(self.state.v, self._velocity())
-            self._start(choice)
-
-    def _record_frame(self) -> Any:
-        """Record the substeps of a frame, and the watch after them, as one graph."""
-        with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-            self._backup.save()
-            self._stepper.take(self.substeps)
-            self._watch.look()
-        return capture.graph
+            self.stepping = self.stepping.with_choice(choice)
 
     def _divergence(self) -> SimulationDiverged:
-        """Find out what went wrong in the frame just simulated, and go back to its start.
-
-        The frame is simulated once more, looking after every substep.
-        """
-        self._backup.restore()
-        good = _to_host(self.state.x)
-        substep = 0
-        while True:
-            substep += 1
-            self._stepper.take(1, substep - 1)
-            self._watch.look()
-            if self._watch.finds_trouble() or substep == self.substeps:
-                break
-            good = _to_host(self.state.x)
-        particle = self._watch.culprit()
-        self._backup.restore()
+        """Find out what went wrong in the frame just simulated, and go back to its start."""
+        trouble = self.stepping.find_trouble()
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
-        system = self.system.replace(**self._yielded())
-        return describe(system, good, self.time, self.dt, substep, self.substeps, particle, needed)
+        system = self.system.replace(**self.stepping.changed_fields())
+        return describe(system, trouble, self.time, self.dt, self.substeps, needed)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
-        return measure(self.model, self.state, self._velocity(), self.state.lost.x)
-
-    def _velocity(self) -> wp.array:
-        """Return the velocities at the instant of the positions, on the device."""
-        return self.integrator.velocity(self._dynamics, self.state, self._work, self.dt)
+        return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)
 
     @property
     def rest_length(self) -> NDArray:
         """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
-        if not self.model.yields:
-            return self.system.rest_length
-        return self.model.in_system_order(_to_host(self.model.rest_length))
+        return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
 
     def frame(self) -> Frame:
         """Return the present positions and velocities."""
-        position, velocity = _to_host(self.state.x), _to_host(self._velocity())
-        if self.model.compensated:  # what sums have lost belongs to them
-            position = position.astype(np.float64) - self.state.lost.x.numpy()
-            velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
-        return Frame(self.time, position, velocity)
+        return self.stepping.frame(self.time)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the present frame and every frame of the next `duration` seconds.
@@ -318,28 +309,13 @@ class Simulation:
     def snapshot(self) -> System:
         """Return the system as it is now: present positions and velocities, present parameters."""
         _, position, velocity = self.frame()
-        return self.system.replace(position=position, velocity=velocity, **self._yielded())
-
-    def _yielded(self) -> dict[str, Any]:
-        """Return the fields of the system that yielding has changed."""
-        if not self.model.yields:
-            return {}
-        return {"rest_length": self.rest_length, "original_length": self.system.original_length}
+        return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
-        arrays = {name: np.array(array.numpy()) for name, array in self._moving().items()}
-        if self.model.yields:  # in an order that is the same on any device
-            arrays["rest_length"] = self.rest_length
-        for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
-            values = getattr(self.system, name)
-            arrays[f"system.{name}"] = np.array(stored(values))
-        choice = self.choice
-        numbers = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
-        numbers |= {"fps": self.fps, "integrator": repr(self._method)}
-        numbers |= {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
-        numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
-        return arrays, numbers
+        arrays, numbers = checkpoint.saved(self.stepping)
+        own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
+        return arrays, own | {"fps": self.fps, "integrator": repr(self._method)} | numbers
 
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
         """Go back, or forward, to a checkpoint of a simulation made with the same arguments.
@@ -354,35 +330,13 @@ class Simulation:
                 raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {own}")
         frame_index = checks.count("frame_index", checks.member("checkpoint", numbers, "frame_index"), 0)
         changes = checks.count("changes", checks.member("checkpoint", numbers, "changes"), 0)
-        particles, connections = self._initial.particle_count, self._initial.connection_count
-        fields = {}
-        for names, count in ((PARTICLE_FIELDS, particles), (CONNECTION_FIELDS, connections)):
-            for name in names:
-                values = checks.member("checkpoint", arrays, f"system.{name}")
-                if len(values) not in (1, count):
-                    raise ValueError(f"checkpoint is of another system: its {name} has {len(values)} entries")
-                fields[name] = values[0] if len(values) < count else values
-        rates = Rates(*(float(checks.member("checkpoint", numbers, f"rates.{name}")) for name in Rates._fields))
-        limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
-        choice = StepChoice(rates, float(limit), int(least), int(substeps), self.fps)
-        moving = self._moving()
-        for name, array in moving.items():
-            found = checks.member("checkpoint", arrays, name)
-            if (found.shape, found.dtype) != (array.numpy().shape, array.numpy().dtype):
-                raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
-        self._load(self._initial.replace(**fields), choice)
+        system = checkpoint.restored_system(self._initial, arrays)
+        choice = checkpoint.restored_choice(numbers, self.fps)
+        checkpoint.check_arrays(self.stepping, arrays)
+        self._load(system, choice)
         self.frame_index = frame_index
         self._due = self._schedule[changes:]
-        for name, array in self._moving().items():
-            array.assign(self.model.ordered(arrays[name]) if name == "rest_length" else arrays[name])
-
-    def _moving(self) -> dict[str, wp.array]:
-        """Return what a substep leaves to the next, by name."""
-        now, model = self.state.here, self.model
-        arrays = {"x": now.x, "v": now.v} | {f"carried.{k}": array for k, array in enumerate(now.carried)}
-        if model.compensated:
-            arrays |= {"lost.x": now.lost.x, "lost.v": now.lost.v}
-        return arrays | ({"rest_length": model.rest_length} if model.yields else {})
+        checkpoint.take_back(self.stepping, arrays)
 
     def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
@@ -406,6 +360,24 @@ class Simulation:
         self._load(change.applied_to(self.snapshot()))
 
 
-def _to_host(array: wp.array) -> NDArray:
-    """Copy to the host; on the CPU `numpy()` alone would show the array as it goes on changing."""
-    return np.array(array.numpy())
+def _forced(substeps: int | str) -> int | None:
+    """Return the number of substeps asked for, None if they are chosen; raise ValueError if it is none."""
+    if isinstance(substeps, str):
+        if substeps != "auto":
+            raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
+        return None
+    if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
+        raise ValueError(f"substeps is {substeps}; it must be at most {MOST_SUBSTEPS}")
+    return int(substeps)
+
+
+def _in_order(schedule: Sequence[Change], system: System) -> list[Change]:
+    """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
+    if not isinstance(schedule, Iterable):
+        raise ValueError(f"schedule is {schedule!r}; it must be a sequence of changes made by at(...)")
+    changes = list(schedule)
+    for k, change in enumerate(changes):
+        if not isinstance(change, Change):
+            raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
+        change.applied_to(system)  # what is wrong with it is said before anything runs
+    return sorted(changes, key=lambda change: change.time)

@@ -1,6 +1,6 @@
 """What is asked of runs: accuracy, energies over time, comparisons."""
 
-from .accuracy import cheapest, simulation_of, tune
+from .accuracy import cheapest, tune
 from .comparison import compare
 from .energy_log import EnergyLog
 from .frames import particle_energies, system_in
@@ -12,7 +12,6 @@ __all__ = [
     "compare",
     "particle_energies",
     "plot_history",
-    "simulation_of",
     "system_in",
     "tune",
     "write_history",

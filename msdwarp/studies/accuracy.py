@@ -46,15 +46,9 @@ class Reference(NamedTuple):
     """Largest extent of the system at the start [m]."""
 
 
-def simulation_of(scene: Scene, **options: Any) -> Simulation:
-    """Return the simulation of a scene: all but its look, with options of `Simulation`."""
-    surroundings = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
-    return Simulation(scene.system, **surroundings, **options)
-
-
 def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:
     """Return a simulation and the positions of all its frames, shape [frame_count, particle_count, d]."""
-    simulation = simulation_of(scene, **options)
+    simulation = Simulation.of(scene, **options)
     return simulation, np.array([frame.position for frame in simulation.frames(duration)], dtype=np.float64)
 
 
@@ -188,7 +182,7 @@ def _timed(scene: Scene, found: list[Measurement], device: str | None, rounds: i
     """Fill in the times: medians of several rounds, in which the methods take turns."""
     simulations = []
     for one in found:
-        simulation = simulation_of(
+        simulation = Simulation.of(
             scene,
             integrator=METHODS[one.method],
             substeps=one.substeps,

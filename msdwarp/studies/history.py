@@ -72,7 +72,7 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
         system, changes = system_in(trajectory, k, schedule), len(changes_made(trajectory, k, schedule))
         if model is None or changes > made:
             model, made = Model(system, gravity=gravity, device="cpu", precision="float64"), changes
-        elif model.yields:
+        elif model.lengths_change:
             model.rest_length.assign(model.ordered(system.rest_length))
         state = State.of(system, model, 0)
         height, centre = system.position[:, -1], system.centre_of_mass

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msdwarp import Trajectory
+from msdwarp import Simulation, Trajectory
 from msdwarp.cli import app as cli
 from msdwarp.cli.options import Options
-from msdwarp.studies.accuracy import simulation_of
 
 ROOT = Path(__file__).parents[2]
 SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
@@ -45,7 +44,7 @@ def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
     path = tmp_path / "out" / "cube" / "trajectory.vtkhdf"
     assert "wrote out/cube/trajectory.vtkhdf" in out
     scene = cli.find_scene("cube")._replace(parameters={"size": 3}).scene()
-    simulation = simulation_of(scene, device="cpu")
+    simulation = Simulation.of(scene, device="cpu")
     with Trajectory(path) as trajectory:
         for k, frame in enumerate(simulation.frames(0.1)):
             np.testing.assert_array_equal(trajectory.frame(k).position, frame.position)

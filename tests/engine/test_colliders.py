@@ -22,8 +22,7 @@ from msdwarp import (
     System,
     box,
 )
-from msdwarp.engine import stepper
-from msdwarp.engine.contact import Contact
+from msdwarp.engine.model import Model
 from msdwarp.kernels.basis import kernel, vector
 from msdwarp.kernels.contact.distance import KINDS, signed_distance, solids
 from msdwarp.world.colliders import Collider
@@ -114,7 +113,8 @@ def on_surface(collider: Collider, dim: int, rng: np.random.Generator) -> np.nda
 def distances(colliders, x: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (normals, distances) of points from collider p, as kernels compute them on the CPU."""
     dim = x.shape[1]
-    around = Contact(colliders, "coulomb", dim=dim, scalar=wp.float64, device=wp.get_device("cpu"))
+    model = Model(System(position=x[:1]), colliders=colliders, device="cpu", precision="float64")
+    (around,) = model.effects
     kinds = tuple(sorted({type(one).__name__ for one in colliders}, key=KINDS.index))
     distance, V = signed_distance(dim, wp.float64, kinds), vector(dim, wp.float64)
     Solids, Result = solids(dim, wp.float64), wp.types.vector(dim + 1, wp.float64)
@@ -673,35 +673,33 @@ def test_a_motion_is_known_from_time_zero_on(device, substeps):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS[:5], ids=str)
-def test_one_launch_is_as_many(device, monkeypatch, integrator):
-    def shaken() -> Simulation:
+def test_one_launch_is_as_many(device, integrator):
+    def shaken(**options) -> Simulation:
         floor = Plane(
             friction=0.3, motion=lambda t: ((0.2 * t * t, 0, 0.05 * math.sin(9 * t)), (0, 0.1 * t * t, 0))
         )
         block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).translate((0, 0, 0.2))
-        simulation = simulate(block, floor, device, h=1 / 1000, substeps=25, integrator=integrator)
+        simulation = simulate(block, floor, device, h=1 / 1000, substeps=25, integrator=integrator, **options)
         simulation.step(20)
         return simulation
 
     one = shaken().frame()
-    monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    many = shaken().frame()
+    many = shaken(blocks=None).frame()
     # 500 substeps with roundings of 1 m and of 1 m/s, which hits and swings make a hundred times more.
     np.testing.assert_allclose(many.position, one.position, rtol=0, atol=100 * 500 * EPS64)
     np.testing.assert_allclose(many.velocity, one.velocity, rtol=0, atol=100 * 500 * 30 * EPS64)
 
 
 @pytest.mark.parametrize("stays", [True, False], ids=["one launch", "launches"])
-def test_a_frame_may_be_taken_in_parts(device, monkeypatch, stays):
+def test_a_frame_may_be_taken_in_parts(device, stays):
     # As what looks for the substep of a divergence does: colliders are where they are then.
-    if not stays:
-        monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
+    options = {} if stays else {"blocks": None}
     floor = Plane(motion=lambda t: (0, 0, 4.0 * t * t))
-    whole, parts = (simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=8) for _ in range(2))
+    whole, parts = (simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=8, **options) for _ in range(2))
     whole.step()
-    parts.model.surroundings.place(0.0)
+    parts.stepping.dynamics.begin_frame(0.0)
     for count, first in ((3, 0), (1, 3), (4, 4)):
-        parts._stepper.take(count, first)
+        parts.stepping.stepper.take(count, first)
     np.testing.assert_array_equal(parts.frame().position, whole.frame().position)
     assert whole.frame().position[0, 2] == pytest.approx(4.0 * 0.08**2, rel=1e-12)
 

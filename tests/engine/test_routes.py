@@ -26,7 +26,7 @@ from msdwarp import (
     sheet,
     stability_limit,
 )
-from msdwarp.engine import dynamics, forces, routes, stepper
+from msdwarp.engine import dynamics, forces, routes
 from msdwarp.engine.dynamics import Dynamics
 from msdwarp.engine.lattice_search import find_lattice
 from msdwarp.engine.model import Model
@@ -241,7 +241,7 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
 def test_lattices_without_layers_have_no_columns(in_columns, name):
     assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
     made = Dynamics(Model(lattices(2.0)[name], device="cpu", route="stencil"))
-    assert made.motion.route.column_forces is None or made._columns == 0
+    assert made.composition.route.column_forces is None or made._columns == 0
 
 
 @every_route
@@ -383,11 +383,10 @@ def test_routes_move_a_scene_alike(plain_device, name, method, route):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
 @pytest.mark.parametrize("name", SCENES)
-def test_columns_move_a_scene_alike(monkeypatch, plain_device, in_columns, name, method):
-    monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    found = course(moment(name), method, plain_device, route="stencil")
+def test_columns_move_a_scene_alike(plain_device, in_columns, name, method):
+    found = course(moment(name), method, plain_device, route="stencil", blocks=None)
     assert_course_is_plain(name, method, found, 1e-12)
-    assert_same(course(moment(name), method, plain_device, route="stencil"), found)
+    assert_same(course(moment(name), method, plain_device, route="stencil", blocks=None), found)
 
 
 GROUND = Plane(offset=-2.6, restitution=0.5, friction=0.3)
@@ -477,34 +476,31 @@ def test_what_is_gathered_is_repeatable(plain_device, precision, route):
 @every_route
 @pytest.mark.parametrize("substeps", [1, 2, 5, 8])
 @every_method
-def test_a_launch_for_a_frame_equals_one_for_each_stage(monkeypatch, method, substeps, route):
+def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, route):
     scene = moment("cube")
     options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
     stayed = course(scene, method, "cpu", **options)
-    monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    assert_alike(course(scene, method, "cpu", **options), stayed, scene, method)
+    assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
 
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
-def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(monkeypatch, substeps, route):
+def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(substeps, route):
     scene, method = IRREGULAR["two unlike boxes"], SymplecticEuler()
     options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
     stayed = course(scene, method, "cpu", **options)
-    monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    assert_alike(course(scene, method, "cpu", **options), stayed, scene, method)
+    assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
 
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
-def test_a_launch_for_a_frame_keeps_what_positions_lose(monkeypatch, substeps, route):
+def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, route):
     cube = moment("cube")
     scene = Scene(system=cube.system.translate((1000.0, 0, 0)), colliders=cube.colliders)
     fps = 1 / (substeps * half_the_limit(scene, SymplecticEuler()))
     options = {"route": route, "substeps": substeps, "fps": fps, "precision": "float32-compensated"}
     stayed = course(scene, SymplecticEuler(), "cpu", **options)
-    monkeypatch.setattr(stepper, "staying_blocks", lambda model: None)
-    x, v = course(scene, SymplecticEuler(), "cpu", **options)
+    x, v = course(scene, SymplecticEuler(), "cpu", **options, blocks=None)
     # The kernels may round otherwise, as above: by a few ε of a speed of 5 m/s in each of 16 substeps, by which a
     # place may be rounded to the next number. Measured without what is lost: 600 and 6 times as much.
     np.testing.assert_allclose(v, stayed[1], rtol=0, atol=16 * 4 * 5 * problems.EPS32)
@@ -540,23 +536,21 @@ def clusters() -> list[tuple[int, int]]:
 @pytest.mark.gpu
 @gathering
 @every_method
-def test_blocks_that_stay_equal_launches(monkeypatch, method, route):
+def test_blocks_that_stay_equal_launches(method, route):
     body = box((8, 8, 8), 0.1, mass=0.02, stiffness=600.0, damping=5.0).with_velocity((0.3, 0, -2.0))
     scene = Scene(system=body.rotate(0.3, (1, 2, 0)).translate((0, 0, 0.6)), colliders=moment("cube").colliders)
     courses = []
     for blocks in (None, (1, 128), (1, 512), *clusters()):
-        monkeypatch.setattr(stepper, "staying_blocks", lambda model, blocks=blocks: blocks)
-        courses.append(course(scene, method, "cuda:0", route=route))
+        courses.append(course(scene, method, "cuda:0", route=route, blocks=blocks))
     for other in courses[1:]:
         assert_same(other, courses[0])
 
 
 @pytest.mark.gpu
-def test_blocks_that_stay_scatter_as_launches_do(monkeypatch):
+def test_blocks_that_stay_scatter_as_launches_do():
     # Atomics add in any order: equal to roundings, as above.
     for blocks in (None, (1, 128), *clusters()):
-        monkeypatch.setattr(stepper, "staying_blocks", lambda model, blocks=blocks: blocks)
-        found = course(moment("cube"), SymplecticEuler(), "cuda:0", route="scatter")
+        found = course(moment("cube"), SymplecticEuler(), "cuda:0", route="scatter", blocks=blocks)
         assert_course_is_plain("cube", SymplecticEuler(), found, 1e-12)
 
 

@@ -86,7 +86,7 @@ def test_connections_that_the_device_has_in_another_order(plain_device):
     on = {"device": model.device}
     model.connections = wp.array(simulation.system.connections[order], dtype=wp.vec2i, **on)
     model.rest_length = wp.array(simulation.system.rest_length[order], dtype=model.scalar, **on)
-    model._order = order
+    model.order = order
     assert_present(Readback(simulation), simulation)
 
 

@@ -306,7 +306,7 @@ def test_divergence_names_time_particle_and_substeps(device, precision):
     assert 0 <= error.particle < 27
     assert f"particle {error.particle}," in str(error)
     assert f"{error.time:.4g} s" in str(error)
-    SymplecticEuler().step(simulation._dynamics, simulation.state, (), simulation.dt)
+    SymplecticEuler().step(simulation.stepping.dynamics, simulation.state, (), simulation.dt)
     x, v = simulation.state.x.numpy(), simulation.state.v.numpy()
     finite = np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1)
     assert error.particle == np.argmin(finite)  # the first that is not finite

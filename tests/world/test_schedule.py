@@ -9,7 +9,6 @@ import pytest
 from problems import EPS64
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, UnstableStep, at, box, chain
-from msdwarp.studies.accuracy import simulation_of
 from msdwarp.world.scene import Scene
 
 M, K, STRETCH = 0.5, 40.0, 0.2
@@ -77,6 +76,17 @@ def test_a_change_comes_with_the_first_frame_from_its_time_on(device, time, fram
         assert simulation.frame_index == k
         simulation.step()
         assert (simulation.system.stiffness[0] == 2 * K) == (k >= frame)
+
+
+@pytest.mark.parametrize("fps", [10, 24, 60, 1000 / 3])
+@pytest.mark.parametrize("k", [0, 1, 3, 7, 10**6, 10**9])
+def test_due_is_the_first_frame_from_its_time_on(k, fps):
+    for time in (k / fps, k * (1 / fps)):  # rounded differently
+        assert at(time).is_due(k, fps)
+        assert not at(time).is_due(k - 1, fps)
+    # What is later by more than a millionth of a frame is the next frame's.
+    assert not at((k + 1e-5) / fps).is_due(k, fps)
+    assert at((k + 1e-5) / fps).is_due(k + 1, fps)
 
 
 @pytest.mark.parametrize("fps", [24, 30, 60, 1000 / 3, 1 / 0.0007])
@@ -269,7 +279,7 @@ def test_a_yielding_body_keeps_its_history_elsewhere(device):
 
 def test_a_scene_brings_its_schedule():
     scene = Scene(system=swing(3), gravity=0.0, schedule=[at(0.1, stiffness=7.0)])
-    simulation = simulation_of(scene, device="cpu")
+    simulation = Simulation.of(scene, device="cpu")
     simulation.step(7)
     assert simulation.system.stiffness[0] == 7.0
     simulation.reset()

@@ -1,0 +1,21 @@
+"""What an effect adds to the kernels of a scene: a scene without it compiles none of this."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+
+class Piece(NamedTuple):
+    """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
+
+    Its functions are composed for the struct of what acts on particles, `World`, in which the effect's data lie:
+    each entry below is a function of that type which returns the `wp.func`, or None where there is nothing to do.
+    """
+
+    field: str
+    """The name of the effect's data in the world."""
+    Data: Any
+    """Struct type of the data."""
+    begin: Callable[[Any], Any] | None = None
+    """wp.func (world, lost, x, c): what happens to connection c when a substep begins."""
+    force: Callable[[Any], Any] | None = None
+    """wp.func (world, lost, x, v, i) -> force on particle i [N], beside those of its connections."""

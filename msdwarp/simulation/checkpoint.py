@@ -1,0 +1,83 @@
+"""Checkpoints: what a simulation needs to go on from a frame, to the last bit."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
+from ..engine import Rates
+from ..integrators import StepChoice
+from .stepping import Stepping
+
+Arrays = Mapping[str, NDArray]
+Numbers = Mapping[str, Any]
+
+
+def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Return the arrays of a system that moves, and the numbers of its substeps."""
+    arrays = {name: np.array(array.numpy()) for name, array in _moving(stepping).items()}
+    for effect in stepping.model.effects:
+        arrays |= effect.checkpoint()
+    for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+        arrays[f"system.{name}"] = np.array(stored(getattr(stepping.model.system, name)))
+    choice = stepping.choice
+    numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
+    numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
+    return arrays, numbers
+
+
+def restored_system(start: System, arrays: Arrays) -> System:
+    """Return the system whose fields a checkpoint holds; its connections and surface are those of `start`.
+
+    Raises
+    ------
+    ValueError
+        If the checkpoint is of another system.
+    """
+    fields = {}
+    for names, count in ((PARTICLE_FIELDS, start.particle_count), (CONNECTION_FIELDS, start.connection_count)):
+        for name in names:
+            values = checks.member("checkpoint", arrays, f"system.{name}")
+            if len(values) not in (1, count):
+                raise ValueError(f"checkpoint is of another system: its {name} has {len(values)} entries")
+            fields[name] = values[0] if len(values) < count else values
+    return start.replace(**fields)
+
+
+def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
+    """Return the substeps that a checkpoint holds; raise ValueError if it lacks a number."""
+    rates = Rates(*(float(checks.member("checkpoint", numbers, f"rates.{name}")) for name in Rates._fields))
+    limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
+    return StepChoice(rates, float(limit), int(least), int(substeps), fps)
+
+
+def check_arrays(stepping: Stepping, arrays: Arrays) -> None:
+    """Raise ValueError unless `take_back` can take the arrays of a checkpoint back."""
+    own = {name: array.numpy() for name, array in _moving(stepping).items()}
+    for effect in stepping.model.effects:
+        own |= effect.checkpoint()
+    for name, values in own.items():
+        found = checks.member("checkpoint", arrays, name)
+        if (found.shape, found.dtype) != (values.shape, values.dtype):
+            raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
+
+
+def take_back(stepping: Stepping, arrays: Arrays) -> None:
+    """Let a system move on from the arrays of a checkpoint."""
+    for name, array in _moving(stepping).items():
+        array.assign(arrays[name])
+    for effect in stepping.model.effects:
+        effect.restore(arrays)
+
+
+def _moving(stepping: Stepping) -> dict[str, wp.array]:
+    """Return what a substep leaves to the next, by name."""
+    now = stepping.state.here
+    arrays = {"x": now.x, "v": now.v} | {f"carried.{k}": array for k, array in enumerate(now.carried)}
+    if stepping.model.compensated:
+        arrays |= {"lost.x": now.lost.x, "lost.v": now.lost.v}
+    return arrays

@@ -1,0 +1,141 @@
+"""Stepping: a system on a device, and how it is advanced by one frame after the other."""
+
+import threading
+from functools import partial
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import Frame
+from ..engine import Backup, Blocks, Dynamics, State, Stepper, Watch
+from ..integrators import Integrator, StepChoice
+
+RECORDING = threading.Lock()
+"""Held while a graph is recorded: no thread may wait for a device meanwhile."""
+
+
+class Trouble(NamedTuple):
+    """What was found out about a frame that went wrong."""
+
+    position: NDArray
+    """Positions after the last substep that went well [m], shape [particle_count, d]."""
+    substep: int
+    """The substep that went wrong, from 1."""
+    particle: int
+    """The first particle concerned."""
+
+
+class Stepping:
+    """A system on a device, and how it is advanced: by which method, with how many substeps a frame.
+
+    It is replaced as a whole when anything of that changes: who holds one never sees half of a change.
+
+    Parameters
+    ----------
+    dynamics
+        The equation of motion of the system on its device.
+    state
+        What moves, with velocities at the instant of the positions.
+    method
+        The time-stepping method.
+    choice
+        The substeps of a frame.
+    energy_limit
+        See `Simulation`.
+    blocks
+        See `Simulation`.
+
+    Attributes
+    ----------
+    model, state, dynamics, stepper, watch, backup
+        The parts of `msdwarp.engine` that it is made of.
+    integrator
+        The method as it is best used with these substeps.
+    """
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        state: State,
+        method: Integrator,
+        choice: StepChoice,
+        *,
+        energy_limit: float,
+        blocks: Blocks,
+    ) -> None:
+        self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
+        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
+        self.integrator = method.fitted(choice.rates, choice.step)
+        dynamics.begin(choice.substeps, choice.step)
+        self._work = self.integrator.workspace(state)
+        self.backup = Backup(state)
+        self.watch = Watch(self.model, state, energy_limit * choice.energy_swing)
+        substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
+        self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
+        self._graph: Any = None
+        self.integrator.start(dynamics, state, self._work, choice.step)
+
+    def with_choice(self, choice: StepChoice) -> Self:
+        """Return what goes on from the present state with other substeps; this one is not used any longer."""
+        wp.copy(self.state.v, self.velocity())
+        return type(self)(self.dynamics, self.state, choice=choice, **self._how)
+
+    def advance(self, time: float) -> bool:
+        """Advance by the frame that begins at `time` [s]; return whether all went well."""
+        if self._graph is None:
+            self._graph = self._recorded_frame()
+        self.dynamics.begin_frame(time)
+        wp.capture_launch(self._graph)
+        return not self.watch.finds_trouble()
+
+    def _recorded_frame(self) -> Any:
+        """Record the substeps of a frame, and the watch after them, as one graph."""
+        with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
+            self.backup.save()
+            self.stepper.take(self.choice.substeps)
+            self.watch.look()
+        return capture.graph
+
+    def find_trouble(self) -> Trouble:
+        """Find out what went wrong in the frame just simulated, and go back to its start.
+
+        The frame is simulated once more, looking after every substep.
+        """
+        self.backup.restore()
+        good, substep = to_host(self.state.x), 0
+        while True:
+            substep += 1
+            self.stepper.take(1, substep - 1)
+            self.watch.look()
+            if self.watch.finds_trouble() or substep == self.choice.substeps:
+                break
+            good = to_host(self.state.x)
+        particle = self.watch.culprit()
+        self.backup.restore()
+        return Trouble(good, substep, particle)
+
+    def velocity(self) -> wp.array:
+        """Return the velocities at the instant of the positions [m/s], on the device."""
+        return self.integrator.velocity(self.dynamics, self.state, self._work, self.choice.step)
+
+    def frame(self, time: float) -> Frame:
+        """Return the present positions and velocities."""
+        position, velocity = to_host(self.state.x), to_host(self.velocity())
+        if self.model.compensated:  # what sums have lost belongs to them
+            position = position.astype(np.float64) - self.state.lost.x.numpy()
+            velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
+        return Frame(time, position, velocity)
+
+    def changed_fields(self) -> dict[str, NDArray]:
+        """Return the fields of the system that substeps have changed, but for positions and velocities."""
+        changed = {}
+        for effect in self.model.effects:
+            changed |= effect.changed_fields()
+        return changed
+
+
+def to_host(array: wp.array) -> NDArray:
+    """Copy to the host; on the CPU `numpy()` alone would show the array as it goes on changing."""
+    return np.array(array.numpy())

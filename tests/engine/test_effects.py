@@ -1,0 +1,172 @@
+"""The seam by which effects come into a scene: one that this file makes up is stepped, bounded and measured."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+from problems import EPS64
+
+from msdwarp import RK4, Leapfrog, LinearlyImplicitEuler, Plane, Simulation, System, box, chain
+from msdwarp.engine import effects
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.effect import Effect
+from msdwarp.engine.model import Model
+from msdwarp.engine.rates import rate_bounds
+from msdwarp.kernels.basis import vector
+from msdwarp.kernels.compensation import compensation
+from msdwarp.kernels.effect import Piece
+
+K = 36.0
+"""Stiffness of the anchors [N/m]."""
+
+
+@functools.cache
+def anchored(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return the device side of anchors: a spring from every particle to a place of its own."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+
+    @wp.struct
+    class Anchors:
+        stiffness: scalar
+        place: wp.array(dtype=V)
+
+    def force(World):
+        @wp.func
+        def pull(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return world.anchors.stiffness * (world.anchors.place[i] - x[i])
+
+        return pull
+
+    return Piece("anchors", Anchors, force=force)
+
+
+class Anchors(Effect):
+    """Holds every particle at the origin, by a spring."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self.piece = anchored(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        self.data.stiffness = K
+        self.data.place = wp.zeros(model.particle_count, dtype=model.vector, device=model.device)
+        self.told: list = []
+
+    def begin(self, substeps: int, dt: float) -> None:
+        self.told.append(("begin", substeps, dt))
+
+    def begin_frame(self, time: float) -> None:
+        self.told.append(("frame", time))
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        blocks = stiffness.numpy() + K * np.eye(self._model.dim)
+        stiffness.assign(blocks)
+
+    def energy(self, x: wp.array) -> float:
+        return 0.5 * K * float((x.numpy().astype(float) ** 2).sum())
+
+
+@pytest.fixture
+def with_anchors(monkeypatch):
+    """Have every scene anchored."""
+    monkeypatch.setattr(effects, "EFFECTS", [*effects.EFFECTS, lambda model, around: Anchors(model)])
+
+
+def start(dim: int) -> System:
+    """Return particles of two masses, apart from where they are held, at rest."""
+    position = np.arange(1.0, 1.0 + 3 * dim).reshape(3, dim)
+    return System(position=position, mass=[1.0, 4.0, 1.0], connections=[(0, 1)], stiffness=0.0)
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("method", [RK4(), Leapfrog()], ids=str)
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_its_force_acts(with_anchors, device, dim, method, blocks):
+    # Every coordinate swings as x cos(ωt) with ω² = k/m: 6 and 3 rad/s. RK4 at hω = 0.01 errs by (hω)⁴ ωt / 120 of
+    # the amplitude of 9 m, leapfrog by (hω)² ωt / 24; its velocities, means over two substeps, by (hω)²/8 more.
+    options = {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 60, "blocks": blocks}
+    simulation = Simulation(start(dim), integrator=method, device=device, **options)
+    simulation.step(10)
+    omega = np.sqrt(K / simulation.system.mass)[:, None]
+    error, mean = (9 * 6 * 0.01**4 / 120, 0.0) if method == RK4() else (9 * 6 * 0.01**2 / 24, 9 * 0.01**2 / 8)
+    frame = simulation.frame()
+    np.testing.assert_allclose(frame.position, start(dim).position * np.cos(omega), rtol=0, atol=error + 1e-12)
+    np.testing.assert_allclose(
+        frame.velocity, -omega * start(dim).position * np.sin(omega), rtol=0, atol=6 * (error + mean) + 1e-11
+    )
+
+
+def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
+    from msdwarp.engine import dynamics
+
+    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(
+        dynamics,
+        "columns",
+        lambda model: -(-model.particle_count // (2 * model.lattice.stride)) * model.lattice.stride,
+    )
+    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=20.0)
+    options = {"gravity": 0.0, "precision": "float64", "fps": 1000.0, "substeps": 2, "device": plain_device}
+    frames = []
+    for route in ("stencil", "scatter"):
+        simulation = Simulation(body, route=route, blocks=None, **options)
+        simulation.step(20)
+        frames.append(simulation.frame().position)
+    # Sums in another order: 40 substeps of a few roundings of forces, which are small beside the positions.
+    np.testing.assert_allclose(frames[0], frames[1], rtol=0, atol=40 * 4 * EPS64)
+    assert np.abs(frames[0] - body.position).max() > 0.01
+
+
+def test_an_implicit_method_feels_it(with_anchors, device):
+    # Explicitly, as every force but springs: first order, (hω)/2 · ωt of 9 m.
+    options = {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 600}
+    simulation = Simulation(start(1), integrator=LinearlyImplicitEuler(), device=device, **options)
+    simulation.step(10)
+    expected = start(1).position * np.cos(np.sqrt(K / simulation.system.mass))[:, None]
+    np.testing.assert_allclose(simulation.frame().position, expected, rtol=0, atol=9 * 6 * 6 / 6000)
+
+
+def test_energy_counts_what_it_stores(with_anchors, device):
+    simulation = Simulation(
+        start(2), integrator=RK4(), gravity=0.0, device=device, precision="float64", substeps=20
+    )
+    before = simulation.measure()
+    assert before.effect_energy == pytest.approx(0.5 * K * (start(2).position ** 2).sum(), rel=4 * EPS64)
+    simulation.step(30)
+    after = simulation.measure()
+    assert after.kinetic_energy > 0.05 * after.energy
+    # RK4 loses (hω)⁶/72 of the energy in each of 600 substeps: hω = 6/1200.
+    assert after.energy == pytest.approx(before.energy, rel=600 * 0.005**6 / 72 + 600 * 4 * EPS64)
+
+
+def test_the_step_bears_it(with_anchors, device):
+    # k/m of the light particles is 36 s⁻²; the bound may be twice that.
+    model = Model(start(3), device=device, precision="float64")
+    assert K <= rate_bounds(start(3), model).stiffness <= 2 * K * (1 + 4 * EPS64)
+
+
+def test_it_is_told_what_begins(with_anchors):
+    simulation = Simulation(start(1), device="cpu", substeps=3, fps=50.0)
+    simulation.step(2)
+    told = simulation.model.effects[-1].told
+    assert told == [("begin", 3, pytest.approx(1 / 150)), ("frame", 0.0), ("frame", pytest.approx(0.02))]
+
+
+def test_effects_act_side_by_side(with_anchors, device):
+    # A chain that yields, lies on a floor, and is anchored: each does what it does alone.
+    body = chain(4, 0.5, mass=1.0, stiffness=900.0, damping=5.0).replace(yield_strain=0.01, relaxation_time=0.0)
+    body = body.translate((0.75, 0, 0.0))
+    simulation = Simulation(body, colliders=[Plane(offset=-0.1)], device=device, precision="float64")
+    assert [type(effect).__name__ for effect in simulation.model.effects] == ["Contact", "Yielding", "Anchors"]
+    simulation.step(60)
+    assert simulation.rest_length.max() < 0.49  # pulled together, they gave way
+    assert simulation.frame().position[:, 2].min() >= -0.1 - 4 * EPS64
+
+
+def test_a_scene_without_it_has_nothing_of_it():
+    plain = Dynamics(Model(chain(3), device="cpu"))
+    assert plain.composition.pieces == ()
+    assert "anchors" not in {name for name, *_ in plain.world._cls.vars.items()}
+    assert math.isfinite(rate_bounds(chain(3)).stiffness)
