@@ -1,6 +1,6 @@
 """How many connections a second, by which route? And how far is that from what the machine could do.
 
-    python benchmarks/throughput.py [--device D] [--quick] [--plot-only]
+    python -m benchmarks.speed.throughput [--device D] [--quick] [--plot-only]
 
 Every body is simulated with 48 substeps a frame, gravity and one plane that nothing touches, with random
 velocities (±0.5 m/s) and steps of 2 µs, so that every connection works and nothing moves much. A connection update
@@ -45,15 +45,16 @@ from typing import NamedTuple
 
 import numpy as np
 import warp as wp
-from common import METHODS, arguments, machine, read_csv, table, write_csv
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
-from throughput_plots import draw
 
 from msdwarp import RKC2, Plane, Simulation, System, box, sheet
 from msdwarp.engine.routes import ROUTES, choose_route
 from msdwarp.kernels.basis import kernel
 from msdwarp.kernels.records import records
+
+from ..common import METHODS, arguments, machine, read_csv, table, write_csv
+from .throughput_plots import draw
 
 SUBSTEPS = 48
 FPS = 1e4

@@ -1,6 +1,6 @@
 """Every figure of the 2014 report again, simulated or drawn, and the numbers that docs/report.md quotes.
 
-    python benchmarks/report_figures.py [--device D] [--quick] [--plot-only]
+    python -m benchmarks.report.figures [--device D] [--quick] [--plot-only]
 
 writes docs/images/report_*.png and results/<device>/report_figures.csv; the figures show runs, which are simulated
 again each time: --plot-only leaves the CSV alone, and --quick writes to a temporary folder.
@@ -12,9 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import common
 import numpy as np
-from common import COLOURS, arguments, machine, pyplot, table, write_csv
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
@@ -35,11 +33,13 @@ from msdwarp import (
     box,
     sheet,
 )
+from msdwarp.pictures import timelapse
 from msdwarp.pictures.legend import STOPS
-from msdwarp.pictures.timelapse import timelapse
 from msdwarp.scenes import block2d, chain, mattress, soft_cube
 from msdwarp.shapes.grid import lattice_directions
 from msdwarp.studies.accuracy import simulate
+
+from ..common import COLOURS, IMAGES, arguments, machine, pyplot, table, write_csv
 
 INK, PALE, GROUND = "#333a40", "#9aa3ab", "#dfe4e8"
 FIVE = ("#0072b2", "#e69f00", "#009e73", "#c8352b", "#7b5ea7")
@@ -570,7 +570,7 @@ def row(figure: str, quantity: str, value: float, unit: str = "") -> dict:
 def main() -> None:
     """Simulate, draw, and write the numbers."""
     options = arguments(__doc__.splitlines()[0])
-    folder = options.folder if options.quick else common.IMAGES
+    folder = options.folder if options.quick else IMAGES
     rows = drawings(folder)
     for make in (shearing, contact, five_masses, block, pictures):
         rows += make(options, folder)
