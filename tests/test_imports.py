@@ -193,7 +193,6 @@ def test_faces_say_what_they_show(name):
 
 LONGEST, MEDIAN = 400, 150
 TOO_LONG: set[str] = {
-    "benchmarks/report/figures.py",
     "msdwarp/simulation/simulation.py",
     "tests/bodies/test_materials.py",
     "tests/bodies/test_system.py",
