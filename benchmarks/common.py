@@ -42,9 +42,9 @@ COLOURS = {
 MARKERS = dict(zip(COLOURS, "xo^vsDd", strict=True))
 
 
-def arguments(description: str) -> argparse.Namespace:
-    """Read the flags that every script has."""
-    parser = argparse.ArgumentParser(description=description)
+def arguments(description: str, *own: argparse.ArgumentParser) -> argparse.Namespace:
+    """Read the flags that every script has, and a script's own, of parsers without `--help`."""
+    parser = argparse.ArgumentParser(description=description, parents=own)
     parser.add_argument("--device", help="a Warp device; by default the first CUDA device, else the CPU")
     parser.add_argument("--quick", action="store_true", help="fewer scenes and steps, to see that it works")
     parser.add_argument("--plot-only", action="store_true", help="redraw the charts from the CSV files")

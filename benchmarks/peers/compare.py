@@ -259,12 +259,11 @@ def main() -> None:
     """Measure, write and print."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--peers", default=",".join(PEERS), help="some of them, separated by commas")
-    own, sys.argv[1:] = parser.parse_known_args()
-    codes = [code.strip() for code in own.peers.split(",")]
+    options = arguments(__doc__.splitlines()[0], parser)
+    codes = [code.strip() for code in options.peers.split(",")]
     unknown = sorted(set(codes) - set(PEERS))
     if unknown:
         raise SystemExit(f"no peer is called {', '.join(unknown)}; there is: {', '.join(PEERS)}")
-    options = arguments(__doc__.splitlines()[0])
     path = options.folder / "peers.csv"
     if not options.plot_only:
         measure(options, path, codes)

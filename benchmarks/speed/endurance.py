@@ -13,7 +13,7 @@ import numpy as np
 from msdwarp import SimulationDiverged
 from msdwarp.studies import simulation_of
 
-from ..common import arguments, machine, scene_scripts, table, write_csv
+from ..common import arguments, machine, read_csv, scene_scripts, table, write_csv
 
 SECONDS = 30.0
 
@@ -46,11 +46,15 @@ def endure(name: str, script: ModuleType, device: str, seconds: float) -> dict:
 
 
 def main() -> None:
-    """Run every scene and write benchmarks/results/<device>/endurance.csv."""
+    """Measure, write and print."""
     options = arguments(__doc__.splitlines()[0])
     seconds = 2.0 if options.quick else SECONDS
-    rows = [endure(name, script, options.device, seconds) for name, script in scene_scripts().items()]
-    write_csv(options.folder / "endurance.csv", rows, machine(options.device))
+    path = options.folder / "endurance.csv"
+    if not options.plot_only:
+        rows = [endure(name, script, options.device, seconds) for name, script in scene_scripts().items()]
+        write_csv(path, rows, machine(options.device))
+    line, rows = read_csv(path)
+    print(line)
     table(f"{seconds:g} s of every scene on {options.device}", list(rows[0]), [list(row.values()) for row in rows])
 
 
