@@ -2,19 +2,22 @@
 
 import argparse
 import csv
+import importlib
 import math
 import os
+import pkgutil
 import platform
 import re
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import scipy
 import warp as wp
 
-from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, Simulation, SimulationDiverged, SymplecticEuler
+from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, Simulation, SimulationDiverged, SymplecticEuler, scenes
 
 RESULTS = Path(__file__).parent / "results"
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
@@ -39,9 +42,9 @@ COLOURS = {
 MARKERS = dict(zip(COLOURS, "xo^vsDd", strict=True))
 
 
-def arguments(description: str) -> argparse.Namespace:
-    """Read the flags that every script has."""
-    parser = argparse.ArgumentParser(description=description)
+def arguments(description: str, *own: argparse.ArgumentParser) -> argparse.Namespace:
+    """Read the flags that every script has, and a script's own, of parsers without `--help`."""
+    parser = argparse.ArgumentParser(description=description, parents=own)
     parser.add_argument("--device", help="a Warp device; by default the first CUDA device, else the CPU")
     parser.add_argument("--quick", action="store_true", help="fewer scenes and steps, to see that it works")
     parser.add_argument("--plot-only", action="store_true", help="redraw the charts from the CSV files")
@@ -71,6 +74,12 @@ def _read(path: str) -> str:
         return Path(path).read_text()
     except OSError:
         return ""
+
+
+def scene_scripts() -> dict[str, ModuleType]:
+    """Return the scripts of the scenes that come with msdwarp, by name."""
+    names = sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
+    return {name: importlib.import_module(f"{scenes.__name__}.{name}") for name in names}
 
 
 def frames_and_substeps(steps: float, per_frame: int = 32) -> tuple[int, int]:

@@ -193,9 +193,6 @@ def test_faces_say_what_they_show(name):
 
 LONGEST, MEDIAN = 400, 150
 TOO_LONG: set[str] = {
-    "benchmarks/report_figures.py",
-    "benchmarks/throughput.py",
-    "msdwarp/simulation/simulation.py",
     "tests/bodies/test_materials.py",
     "tests/bodies/test_system.py",
     "tests/cli/test_runs.py",

@@ -51,34 +51,32 @@ class Stepper:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
         if blocks == "auto":
             blocks = persistent_blocks(dynamics.model)
-        if not one_kernel:
-            blocks = None
-        self._persists = blocks is not None
-        if blocks is None:
+        self.blocks: tuple[int, int] | None = blocks if one_kernel else None
+        """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
+        if self.blocks is None:
             return
         # Each substep flips the state: the third is the first again.
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
         (method, _), device = stages[0], dynamics.model.device
         self._per_substep = len(stages) // 2
-        self._kernel, self._blocks = persistent(dynamics.composition, method, blocks[0]), blocks
+        self._kernel = persistent(dynamics.composition, method, self.blocks[0])
         self._kept = [step for _, step in stages]
         self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=device)
 
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
-        if not self._persists:
+        if self.blocks is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
                 self._take_substep()
         else:
-            self._persist(substeps * self._per_substep, first)
+            self._persist(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2:
                 self._state.flip()
         self._state.settle()
 
-    def _persist(self, stages: int, first: int) -> None:
-        model, (blocks, threads) = self._dynamics.model, self._blocks
-        everyone = blocks * threads
+    def _persist(self, blocks: int, threads: int, stages: int, first: int) -> None:
+        model, everyone = self._dynamics.model, blocks * threads
         self._dynamics.go_to(first)
         wp.launch(
             self._kernel,

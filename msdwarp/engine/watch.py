@@ -70,7 +70,7 @@ class Backup:
 
     def __init__(self, state: State) -> None:
         self._state = state
-        self._kept = state.empty_vectors(len(self._live()))
+        self.kept = state.empty_vectors(len(self._live()))
         changing = (array for effect in state.model.effects for array in effect.changing)
         self._changing = [(live, wp.clone(live)) for live in changing]
 
@@ -80,14 +80,14 @@ class Backup:
 
     def save(self) -> None:
         """Keep the present state."""
-        for live, kept in zip(self._live(), self._kept, strict=True):
+        for live, kept in zip(self._live(), self.kept, strict=True):
             copy_vectors(kept, live)
         for live, kept in self._changing:
             wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
-        for live, kept in zip(self._live(), self._kept, strict=True):
+        for live, kept in zip(self._live(), self.kept, strict=True):
             copy_vectors(live, kept)
         for live, kept in self._changing:
             wp.copy(live, kept)

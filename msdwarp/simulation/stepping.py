@@ -53,6 +53,8 @@ class Stepping:
         The parts of `msdwarp.engine` that it is made of.
     integrator
         The method as it is best used with these substeps.
+    graph
+        A frame as it was recorded with the first one; None before.
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class Stepping:
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
-        self._graph: Any = None
+        self.graph: Any = None
         self.integrator.start(dynamics, state, self._work, choice.step)
 
     def with_choice(self, choice: StepChoice) -> Self:
@@ -84,10 +86,10 @@ class Stepping:
 
     def advance(self, time: float) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well."""
-        if self._graph is None:
-            self._graph = self._recorded_frame()
+        if self.graph is None:
+            self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
-        wp.capture_launch(self._graph)
+        wp.capture_launch(self.graph)
         return not self.watch.finds_trouble()
 
     def _recorded_frame(self) -> Any:

@@ -1,8 +1,8 @@
 """How long does a simulated second take at an error of a hundredth, and of a thousandth? msdwarp beside newton.
 
-    python benchmarks/equal_error.py [--device D] [--quick]
+    python -m benchmarks.peers.equal_error [--device D] [--quick]
 
-The cases `cloth` and `jelly` of `scenes`, without contact, all codes in float32. Error: `scenes.relative_error` at
+The cases `cloth` and `jelly` of `cases`, without contact, all codes in float32. Error: `cases.relative_error` at
 the end of the case against SciPy's DOP853. For every method the fewest steps that reach the error are searched by
 doubling, then by bisection to 5 %; then as many steps are timed, as replays of a graph of about 128 (VBD: 16)
 steps on CUDA, the median of three. msdwarp's time includes its watch over divergence, once a graph.
@@ -29,13 +29,14 @@ from statistics import median
 
 import numpy as np
 import warp as wp
-from common import METHODS, arguments, frames_and_substeps, machine, read_csv, table, write_csv
 from numpy.typing import NDArray
-from peer_codes import newton_model
-from peers import attempt
 
 from msdwarp import Simulation, SimulationDiverged
-from scenes import CASES, Case, reference, relative_error
+
+from ..cases import CASES, Case, reference, relative_error
+from ..common import METHODS, arguments, frames_and_substeps, machine, read_csv, table, write_csv
+from .codes import newton_model
+from .compare import attempt
 
 TARGETS = (1e-2, 1e-3)
 MSDWARP = ("symplectic Euler", "leapfrog", "leapfrog θ=½", "RK4")

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import eigsh
 
-from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, SymplecticEuler, System
-from msdwarp.integrators.base import Integrator
+from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEuler, System
 from msdwarp.integrators.rkc2 import coefficients
 
 

@@ -1,4 +1,4 @@
-"""The CUDA C++ of `peer_cuda`; the numbers in capitals are defined when it is compiled for a body."""
+"""The CUDA C++ of `cuda`; the numbers in capitals are defined when it is compiled for a body."""
 
 COMMON = r"""
 const float RESTITUTION = 0.5f, FRICTION = 0.5f, REST_SPEED = 0.01f;  // msdwarp.Plane's defaults

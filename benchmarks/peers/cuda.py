@@ -19,7 +19,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from peer_kernels import COMMON, LATTICE, ONE_BLOCK, SCATTER
+
+from .cuda_kernels import COMMON, LATTICE, ONE_BLOCK, SCATTER
 
 DEPTHS = (1, 2, 4, 8, 16)
 LEAST_THREADS = 16_384

@@ -1,5 +1,7 @@
 """The report's tables 2 and 3: the largest stable stiffness, and what each method's steps are worth in accuracy.
 
+    python -m benchmarks.report.tables [--device D] [--quick] [--plot-only]
+
 A body of 1 kg particles 1 m apart with b = 20 N s/m is dropped on a floor with the report's contact rule: from
 1 m and, as the report names no height but in its prestudy, from the 15 m of that. It is stable if 20 s pass with
 finite numbers and an energy below ten times the scene's scale; bisection to 0.2 %. The linear limit of
@@ -12,13 +14,13 @@ import sys
 import time
 from collections.abc import Callable
 
-from common import METHODS, arguments, machine, read_csv, run, table, write_csv
-from theory import stable_step, top_mode
-
 from msdwarp import Plane, Simulation, SimulationDiverged, System, box
-from msdwarp.engine.rates import rate_bounds
-from msdwarp.integrators.stability import choose_forced
-from scenes import mattress_case, reference, relative_error
+from msdwarp.engine import rate_bounds
+from msdwarp.integrators import choose_forced
+
+from ..accuracy.theory import stable_step, top_mode
+from ..cases import mattress_case, reference, relative_error
+from ..common import METHODS, arguments, machine, read_csv, run, table, write_csv
 
 DAMPING, FPS = 20.0, 60.0
 HEIGHTS = (1.0, 15.0)

@@ -1,25 +1,26 @@
 """A contact sheet of all scenes: each simulated to its best moment, drawn, and laid out as a grid.
 
-Run `python benchmarks/contact_sheet.py`; it writes docs/images/scenes.png. `--scenes cube worm` draws those only.
+    python -m benchmarks.report.contact_sheet [--scenes NAME ...] [--width PIXELS] [--out FILE]
+
+writes docs/images/scenes.png; `--scenes cube worm` draws those only.
 """
 
 import argparse
-import ast
-import importlib.util
 import math
-import pkgutil
 import textwrap
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from msdwarp import Renderer, Simulation, scenes
-from msdwarp.cli.scene_files import find_scene
+from msdwarp import Renderer, Simulation
 
-TARGET = Path(__file__).parents[1] / "docs" / "images" / "scenes.png"
+from ..common import IMAGES, scene_scripts
+
+TARGET = IMAGES / "scenes.png"
 
 BEST = {
     "block2d": 1.1,
@@ -40,26 +41,17 @@ ASPECT = 1.6
 PAPER, FRAME, INK, PALE = (255, 255, 255), (222, 226, 230), (38, 44, 50), (128, 136, 144)
 
 
-def names() -> list[str]:
-    """Return the names of the scenes that come with msdwarp."""
-    return sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
-
-
-def picture(name: str, size: tuple[int, int]) -> NDArray[np.uint8]:
+def picture(name: str, script: ModuleType, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Return a scene at its best moment, simulated on the CPU."""
-    scene = find_scene(name).scene()
+    scene = script.build()
     moment = BEST.get(name, DEFAULT * scene.duration)
     *_, last = Simulation.of(scene, device="cpu").frames(moment)
     return Renderer(scene, last.position, resolution=size).image(last.position, last.time)
 
 
-def caption(name: str) -> str:
+def caption(script: ModuleType) -> str:
     """Return the first line of a scene's docstring."""
-    spec = importlib.util.find_spec(f"{scenes.__name__}.{name}")
-    assert spec is not None
-    assert spec.origin is not None
-    source = Path(spec.origin).read_text(encoding="utf-8")
-    line = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+    line = (script.__doc__ or "").partition("\n")[0]
     return line.replace("×", "x")  # which Pillow's font lacks
 
 
@@ -104,7 +96,8 @@ def sheet(pictures: list[tuple[str, NDArray[np.uint8], str]], width: int) -> Ima
 def main() -> None:
     """Draw the scenes that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", choices=names(), default=names(), help="by default all")
+    scripts = scene_scripts()
+    parser.add_argument("--scenes", nargs="+", choices=scripts, default=list(scripts), help="by default all")
     parser.add_argument("--width", type=int, default=480, help="of each picture, in pixels")
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
@@ -113,7 +106,7 @@ def main() -> None:
     pictures = []
     for name in options.scenes:
         print(name, flush=True)
-        pictures.append((name, picture(name, size), caption(name)))
+        pictures.append((name, picture(name, scripts[name], size), caption(scripts[name])))
     sheet(pictures, options.width).save(options.out, optimize=True)
     print(options.out)
 

@@ -1,6 +1,6 @@
 """Ten million particles: how long until they move, and how much memory that takes.
 
-    python benchmarks/large.py [--device D] [--quick]
+    python -m benchmarks.speed.large [--device D] [--quick]
 
 Builds a box of 215 × 215 × 216 particles, joined by 130 million connections, simulates two frames of 20 substeps
 each, and writes what every stage took: building on the host, uploading (creating the Simulation, which also bounds
@@ -16,9 +16,10 @@ import time
 
 import numpy as np
 import warp as wp
-from common import arguments, machine, read_csv, table, write_csv
 
 from msdwarp import Plane, Simulation, box
+
+from ..common import arguments, machine, read_csv, table, write_csv
 
 SHAPE, QUICK_SHAPE = (215, 215, 216), (60, 60, 60)
 SUBSTEPS = 20

@@ -1,24 +1,25 @@
 """Half a minute of every scene with automatic substeps: does it hold, how fast, how quiet is it at the end.
 
-Run: python benchmarks/endurance.py [--device cpu] [--quick]
+    python -m benchmarks.speed.endurance [--device D] [--quick]
+
+writes results/<device>/endurance.csv.
 """
 
-import importlib
-import pkgutil
 import time
+from types import ModuleType
 
 import numpy as np
-from common import arguments, machine, table, write_csv
 
-from msdwarp import Simulation, SimulationDiverged, scenes
+from msdwarp import Simulation, SimulationDiverged
+
+from ..common import arguments, machine, read_csv, scene_scripts, table, write_csv
 
 SECONDS = 30.0
 
 
-def endure(name: str, device: str, seconds: float) -> dict:
+def endure(name: str, script: ModuleType, device: str, seconds: float) -> dict:
     """Simulate a scene and say what became of it."""
-    scene = importlib.import_module(f"{scenes.__name__}.{name}").build()
-    simulation = Simulation.of(scene, device=device)
+    simulation = Simulation.of(script.build(), device=device)
     simulation.step()  # compiles
     frames = round(seconds * simulation.fps) - 1
     began, held = time.perf_counter(), seconds
@@ -44,12 +45,15 @@ def endure(name: str, device: str, seconds: float) -> dict:
 
 
 def main() -> None:
-    """Run every scene and write benchmarks/results/<device>/endurance.csv."""
+    """Measure, write and print."""
     options = arguments(__doc__.splitlines()[0])
-    names = sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
     seconds = 2.0 if options.quick else SECONDS
-    rows = [endure(name, options.device, seconds) for name in names]
-    write_csv(options.folder / "endurance.csv", rows, machine(options.device))
+    path = options.folder / "endurance.csv"
+    if not options.plot_only:
+        rows = [endure(name, script, options.device, seconds) for name, script in scene_scripts().items()]
+        write_csv(path, rows, machine(options.device))
+    line, rows = read_csv(path)
+    print(line)
     table(f"{seconds:g} s of every scene on {options.device}", list(rows[0]), [list(row.values()) for row in rows])
 
 

@@ -1,6 +1,6 @@
 """What it costs to keep every frame: time, room on the disk, and how much slower a run is.
 
-    python benchmarks/output.py [--device D] [--quick] [--plot-only]
+    python -m benchmarks.speed.output [--device D] [--quick] [--plot-only]
 
 All on a cube of 26 neighbours that falls, spinning, so that every number moves.
 
@@ -36,12 +36,11 @@ from statistics import median
 import h5py
 import numpy as np
 import warp as wp
-from common import arguments, machine, read_csv, table, write_csv
 
-from msdwarp import Plane, Simulation, System, box
-from msdwarp.bodies.frame import Frame
-from msdwarp.files.writer import TrajectoryWriter
-from msdwarp.simulation.readback import Readback
+from msdwarp import Frame, Plane, Simulation, System, TrajectoryWriter, box
+from msdwarp.simulation import Readback
+
+from ..common import arguments, machine, read_csv, table, write_csv
 
 FPS, SUBSTEPS = 60.0, 20
 SIZES = {"cpu": 46, "cuda": 100}

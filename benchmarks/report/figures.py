@@ -1,102 +1,38 @@
 """Every figure of the 2014 report again, simulated or drawn, and the numbers that docs/report.md quotes.
 
-    python benchmarks/report_figures.py [--device D] [--quick] [--plot-only]
+    python -m benchmarks.report.figures [--device D] [--quick] [--plot-only]
 
 writes docs/images/report_*.png and results/<device>/report_figures.csv; the figures show runs, which are simulated
-again each time: --plot-only leaves the CSV alone, and --quick writes to a temporary folder.
+again each time: --plot-only leaves the CSV alone, and --quick writes to a temporary folder. What shows no run is
+drawn in `drawings`; `memory` counts the bytes of table 1.
 """
 
-import itertools
 import math
 import sys
 from pathlib import Path
 from typing import Any
 
-import common
 import numpy as np
-from common import COLOURS, arguments, machine, pyplot, table, write_csv
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.linalg import expm
 
-from msdwarp import (
-    RK4,
-    Leapfrog,
-    Plane,
-    Renderer,
-    Scene,
-    Simulation,
-    SymplecticEuler,
-    System,
-    box,
-    sheet,
-)
+from msdwarp import RK4, Leapfrog, Plane, Renderer, Scene, Simulation, SymplecticEuler, System, sheet
+from msdwarp.pictures import timelapse
 from msdwarp.pictures.legend import STOPS
-from msdwarp.pictures.timelapse import timelapse
 from msdwarp.scenes import block2d, chain, mattress, soft_cube
-from msdwarp.shapes.grid import lattice_directions
 from msdwarp.studies.accuracy import simulate
 
-INK, PALE, GROUND = "#333a40", "#9aa3ab", "#dfe4e8"
+from ..common import COLOURS, IMAGES, arguments, machine, pyplot, table, write_csv
+from .drawings import drawings
+from .memory import stored
+from .panels import FULL_STRAIN, INK, PALE, arrow, bare, draw_body, row, save, strain_scale, strains
+
 FIVE = ("#0072b2", "#e69f00", "#009e73", "#c8352b", "#7b5ea7")
 """Colours of five masses; distinguishable to all eyes."""
-STRAIN = LinearSegmentedColormap.from_list("strain", [tuple(stop) for stop in STOPS])
-FULL_STRAIN = 0.2
-"""Strain from which a connection is red: the report's."""
 SPEED, FRICTION, FACTOR = 3.0, 0.5, 0.9
 """Of the sliding mass: speed at the start [m/s], Coulomb's coefficient, and the share that a touch leaves it."""
-
-
-def save(figure: Any, name: str, folder: Path) -> None:
-    """Save a figure."""
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / name, dpi=118, bbox_inches="tight", pad_inches=0.08, pil_kwargs={"optimize": True})
-    print(f"wrote {name} ({(folder / name).stat().st_size / 1e3:.0f} kB)")
-
-
-def strains(system: System, positions: NDArray) -> NDArray:
-    """Return the strain of every connection in every frame, shape [frame_count, connection_count]."""
-    i, j = system.connections.T
-    return np.linalg.norm(positions[:, i] - positions[:, j], axis=2) / system.rest_length - 1
-
-
-def draw_body(axis: Any, system: System, position: NDArray, strain: NDArray, width: float = 1.6) -> None:
-    """Draw connections in the colours of their strain, the most strained on top, and particles."""
-    order = np.argsort(np.abs(strain))
-    lines = LineCollection(
-        position[system.connections[order]],
-        cmap=STRAIN,
-        norm=Normalize(0, FULL_STRAIN),
-        linewidths=width,
-        capstyle="round",
-    )
-    lines.set_array(np.abs(strain[order]))
-    axis.add_collection(lines)
-    axis.plot(*position.T, "o", color=INK, markersize=2.6 * width / 1.6)
-
-
-def bare(axis: Any, left: float, right: float, top: float, *, below: float = 0.35) -> None:
-    """Make a panel of the plane, at scale, with the ground."""
-    axis.set(xlim=(left, right), ylim=(-below, top), aspect="equal", xticks=[], yticks=[])
-    axis.grid(False)
-    for spine in axis.spines.values():
-        spine.set_visible(False)
-    axis.add_patch(Rectangle((left, -below), right - left, below, color=GROUND, linewidth=0))
-    axis.axhline(0, color=PALE, linewidth=1)
-
-
-def strain_scale(figure: Any, axes: Any, **place: Any) -> None:
-    """Add the scale of strain colours."""
-    from matplotlib.cm import ScalarMappable
-
-    bar = figure.colorbar(ScalarMappable(Normalize(0, FULL_STRAIN), STRAIN), ax=axes, ticks=(0, 0.1, 0.2), **place)
-    bar.ax.set_yticklabels(["0", "0.1", "0.2\nor more"])
-    bar.set_label("|length / rest length − 1|")
-    bar.outline.set_visible(False)
 
 
 # Figures 7 and 8 -------------------------------------------------------------------------------------------------
@@ -182,7 +118,7 @@ def contact(options: Any, folder: Path) -> list[dict]:
     for k, shade, name, aside in ((hit - 1, INK, "before", 0.12), (hit, "#c8352b", "after", -0.06)):
         velocity = 0.17 * frames[k].velocity[0]
         tail = way[hit] - velocity if k < hit else way[hit]
-        _arrow(left, tail, tail + velocity, shade, 2.0)
+        arrow(left, tail, tail + velocity, shade, 2.0)
         place = {"ha": "right" if aside < 0 else "left", "va": "center", "color": shade}
         left.text(*(tail + (velocity if k >= hit else 0) + (aside, 0.12)), name, **place)
     left.set_title("A bounce: restitution 0.6, friction 0.2", pad=2)
@@ -368,209 +304,10 @@ def pictures(options: Any, folder: Path) -> list[dict]:
     return rows
 
 
-# Table 1 ---------------------------------------------------------------------------------------------------------
-
-
-def stored(options: Any) -> list[dict]:
-    """Count the bytes that the mattress of 20 × 7 × 2 takes on the device, by route, in float32 (table 1)."""
-    rows, body = [], box((20, 7, 2), stiffness=5000.0, damping=20.0)
-    n, m = body.particle_count, body.connection_count
-    for route in ("scatter", "gather", "stencil"):
-        simulation = Simulation(body, route=route, device=options.device)
-        model, forces = simulation.model, simulation._dynamics.world.forces
-        instants = (simulation.state.here, simulation.state.there)
-        of_forces = {
-            name: getattr(forces, name) for name in ("f", "mask", "first", "other") if hasattr(forces, name)
-        }
-        constants = getattr(forces, "constants", None)
-        kind = getattr(constants, "kind", None)
-        moving = sum(array._ref.capacity for instant in instants for array in (instant.x, instant.v))
-        moving -= 4 * 2 * model.margin * 16  # what a stencil may read beyond either end
-        force = of_forces["f"]._ref.capacity if "f" in of_forces else 0
-        mask = of_forces["mask"].capacity if "mask" in of_forces else 0
-        pairs = {
-            "scatter": model.connections.capacity,
-            "gather": sum(of_forces[name].capacity for name in ("first", "other") if name in of_forces),
-            "stencil": 0,
-        }[route]
-        backup = sum(array._ref.capacity for array in simulation._backup._kept) - 4 * model.margin * 16
-        found = {
-            "position and velocity, twice, per particle": moving / n,
-            "force, per particle": force / n,
-            "bits of neighbours, per particle": mask / n,
-            "1 / mass, in all": model.inverse_mass._ref.capacity,
-            "who is joined, per connection": pairs / m,
-            "which constants, per connection": (kind.capacity if kind is not None else 0) / m,
-            "stiffness, in all": model.stiffness._ref.capacity,
-            "damping, in all": model.damping._ref.capacity,
-            "kept beside a substep, per connection": (
-                model.rest_length.capacity + (0 if route == "scatter" else model.connections.capacity)
-            )
-            / m,
-            "kept beside a substep, per particle": backup / n,
-            "arrays of a substep, in all": moving
-            + force
-            + mask
-            + pairs
-            + (kind.capacity if kind is not None else 0),
-        }
-        rows += [row("table 1", f"{route}: {name}", value, "bytes") for name, value in found.items()]
-    rows.append(row("table 1", "report: per particle", 4 * 13, "bytes"))
-    rows.append(row("table 1", "report: per connection", 4 * 5, "bytes"))
-    rows.append(row("table 1", "report: in all", 4 * 13 * n + 4 * 5 * m, "bytes"))
-    rows.append(row("table 1", "mattress: particles", n))
-    rows.append(row("table 1", "mattress: connections", m))
-    return rows
-
-
-# Drawings --------------------------------------------------------------------------------------------------------
-
-
-def _view(axis: Any, middle: tuple[float, float], height: float) -> None:
-    """Show what is around a point, all panels in the same proportions."""
-    x, y, width = *middle, 1.65 * height
-    axis.set(xlim=(x - width / 2, x + width / 2), ylim=(y - height / 2, y + height / 2), aspect="equal")
-
-
-def _ball(axis: Any, place: Any, text: str = "", radius: float = 0.13, colour: str = "#0072b2") -> None:
-    axis.add_patch(Circle(place, radius, facecolor=colour, edgecolor="white", linewidth=1.2, zorder=4))
-    axis.text(*place, text, color="white", ha="center", va="center", zorder=5, fontsize=10, style="italic")
-
-
-def _arrow(axis: Any, start: Any, end: Any, colour: str, width: float = 1.8, **style: Any) -> None:
-    shape = {"arrowstyle": "-|>", "mutation_scale": 7 + 3 * width, "shrinkA": 0, "shrinkB": 0}
-    axis.add_patch(FancyArrowPatch(start, end, color=colour, linewidth=width, zorder=3, **(shape | style)))
-
-
-def _law(axis: Any) -> None:
-    """Draw a spring and a damper between two particles, and the forces on one (figures 1 to 4)."""
-    _view(axis, (2.35, -0.15), 3.3)
-    for x in (0.3, 2.7):
-        axis.plot((x, x), (-0.42, 0.42), color=INK, linewidth=1.4)
-    axis.plot((0, 0.3), (0, 0), color=INK, linewidth=1.4)
-    axis.plot((2.7, 3.0), (0, 0), color=INK, linewidth=1.4)
-    wave = np.linspace(0, 1, 17)
-    spring = 0.42 + 0.17 * np.array([0, 0, *[(-1) ** k for k in range(13)], 0, 0])
-    axis.plot(0.3 + 2.4 * wave, spring, color="#009e73", linewidth=1.8)
-    for x, y in (
-        ((0.3, 1.35), (-0.42, -0.42)),
-        ((1.85, 1.35, 1.35, 1.85), (-0.26, -0.26, -0.58, -0.58)),
-        ((1.62, 1.62), (-0.54, -0.30)),
-        ((1.62, 2.7), (-0.42, -0.42)),
-    ):
-        axis.plot(x, y, color="#e69f00", linewidth=1.8)
-    axis.text(1.5, 0.72, "spring  $k,\\ l_0$", color="#007a58", ha="center", va="bottom")
-    axis.text(1.5, -0.72, "damper  $b$", color="#a87400", ha="center", va="top")
-    _ball(axis, (0, 0), "j", 0.2)
-    _ball(axis, (3, 0), "i", 0.2)
-    _arrow(axis, (3, 0), (3.95, 0.95), INK)
-    axis.plot((3.95, 3.95), (0.95, 0), color=PALE, linewidth=1, linestyle=":")
-    axis.plot((3.0, 4.1), (0, 0), color=PALE, linewidth=1, linestyle=":")
-    axis.text(3.98, 1.0, "$\\Delta v$", color=INK)
-    axis.text(4.02, 0.05, "$\\Delta v\\cdot\\Delta\\hat{x}$", color=INK, va="bottom")
-    _arrow(axis, (0, -1.18), (3, -1.18), INK, 1.2)
-    axis.text(1.5, -1.22, "$\\Delta x = x_i - x_j$", ha="center", va="top", color=INK)
-    _arrow(axis, (3, 0.0), (2.15, 0.0), "#c8352b", 2.2)
-    axis.text(2.12, 0.02, "$F_i$", color="#c8352b", ha="right", va="center")
-    axis.set_title("The force of a connection (report, figures 1 to 4)")
-
-
-def _rules(axis: Any) -> None:
-    """Draw four neighbours, and eight (figure 6)."""
-    _view(axis, (1.85, -0.2), 3.8)
-    for middle, diagonals in ((0.0, False), (3.7, True)):
-        for x, y in itertools.product((-1, 0, 1), repeat=2):
-            if (x or y) and (diagonals or not x * y):
-                colour = "#e69f00" if x * y else "#0072b2"
-                axis.plot((middle, middle + x), (0, y), color=colour, linewidth=2)
-            _ball(axis, (middle + x, y), colour="#0072b2" if (x, y) == (0, 0) else "#8a949c")
-        label = "8 neighbours: it holds" if diagonals else "4 neighbours: it shears"
-        axis.text(middle, -1.38, label, ha="center", va="top", color=INK)
-    axis.set_title("Connection rules in the plane (figure 6)")
-
-
-def _directions(axis: Any) -> None:
-    """Draw the thirteen directions of the rule of 26 neighbours."""
-    view = np.array([[1.0, -0.13], [0.55, 0.22], [0.0, 1.0]])
-
-    def flat(point: Any) -> NDArray:
-        return np.array(point) @ view
-
-    _view(axis, (1.05, 0.0), 3.5)
-    corners = list(itertools.product((-1, 0, 1), repeat=3))
-    for a, b in itertools.combinations(corners, 2):
-        if sum(abs(p - q) for p, q in zip(a, b, strict=True)) == 1:
-            axis.plot(*np.array([flat(a), flat(b)]).T, color="#e3e7ea", linewidth=0.8, zorder=0)
-    colours = {1: "#0072b2", 2: "#e69f00", 3: "#c8352b"}
-    for step in lattice_directions(3, diagonals=True).values():
-        n = sum(map(abs, step))
-        _arrow(axis, flat((0, 0, 0)), 0.93 * flat(step), colours[n], 2.0 if n == 1 else 1.6)
-        axis.plot(*np.array([flat((0, 0, 0)), -flat(step)]).T, color=colours[n], linewidth=0.9, alpha=0.35)
-    for corner in sorted(corners, key=lambda c: -c[1]):
-        _ball(axis, flat(corner), radius=0.06, colour=INK if corner == (0, 0, 0) else "#8a949c")
-    names = {1: "3 axes, length 1", 2: "6 face diagonals, √2", 3: "4 space diagonals, √3"}
-    for k, (n, name) in enumerate(names.items()):
-        axis.text(1.75, 0.55 - 0.36 * k, name, color=colours[n], va="center", fontsize=9.5)
-    axis.set_title("26 neighbours in space: 13 directions and back")
-
-
-def _routes(axis: Any) -> None:
-    """Draw four particles, all joined, by connection and by particle (figure 10)."""
-    _view(axis, (2.55, 0.5), 3.6)
-    corners = np.array([[0, 0], [1.8, 0], [1.8, 1.8], [0, 1.8]])
-    shown = (
-        (0.0, "by connection (algorithm 3):\n6 forces, each added at two ends"),
-        (3.3, "by particle (algorithm 2):\n12 forces, each added at one end"),
-    )
-    for shift, label in shown:
-        at = corners + np.array([shift, 0.0])
-        for a, b in itertools.combinations(range(4), 2):
-            axis.plot(*at[[a, b]].T, color="#d5dade", linewidth=1.2, zorder=0)
-            diagonal = abs(a - b) == 2
-            # The diagonals cross in the middle; the point of one is moved aside.
-            place = (0.62 if (a, b) == (0, 2) else 0.38) if diagonal else 0.5
-            for start, end, share in ((a, b, 1 - place), (b, a, place)):
-                along = at[end] - at[start]
-                unit = along / np.linalg.norm(along)
-                if shift:  # a force computed near each end, for that end alone
-                    source = at[end] - 0.72 * unit
-                    axis.plot(*source, "o", color="#c8352b", markersize=4.5)
-                    _arrow(axis, source, at[end] - 0.2 * unit, "#c8352b", 1.3)
-                else:
-                    source = at[start] + (1 - share) * along
-                    _arrow(axis, source, at[end] - 0.2 * unit, "#009e73", 1.3)
-                    axis.plot(*source, "o", color="#009e73", markersize=5.5, zorder=4)
-        for k, place in enumerate(at):
-            _ball(axis, place, str(k + 1), 0.17)
-        axis.text(shift + 0.9, -0.34, label, ha="center", va="top", fontsize=9.5, color=INK)
-    axis.set_title("Two routes to the same sum (figure 10)")
-
-
-def drawings(folder: Path) -> list[dict]:
-    """Draw the force law, the connection rules and the routes in one picture; return what is counted of them."""
-    plt = pyplot()
-    figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), layout="constrained")
-    for axis, draw in zip(axes.ravel(), (_law, _rules, _directions, _routes), strict=True):
-        axis.axis("off")
-        draw(axis)
-    save(figure, "report_drawings.png", folder)
-    square = sheet((2, 2), dim=2)
-    return [
-        row("figure 10", "four particles: connections", square.connection_count),
-        row("figure 10", "four particles: neighbours", 2 * square.connection_count),
-        row("section 2.1.5", "directions of 26 neighbours", len(lattice_directions(3, diagonals=True))),
-    ]
-
-
-def row(figure: str, quantity: str, value: float, unit: str = "") -> dict:
-    """Return a row of the CSV."""
-    return {"figure": figure, "quantity": quantity, "value": float(value), "unit": unit}
-
-
 def main() -> None:
     """Simulate, draw, and write the numbers."""
     options = arguments(__doc__.splitlines()[0])
-    folder = options.folder if options.quick else common.IMAGES
+    folder = options.folder if options.quick else IMAGES
     rows = drawings(folder)
     for make in (shearing, contact, five_masses, block, pictures):
         rows += make(options, folder)

@@ -1,11 +1,11 @@
 """How fast is msdwarp beside other codes? The same body, law, step and number of steps in each.
 
-    python benchmarks/peers.py [--device D] [--quick] [--peers msdwarp,newton,...]
+    python -m benchmarks.peers.compare [--device D] [--quick] [--peers msdwarp,newton,...]
 
 Law: F_i = Σ_j (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂, gravity 9.82 m/s², 1 kg a particle, semi-implicit Euler
 (v += h a(x, v), then x += h v), float32. Velocities are random (±0.5 m/s) at the start, so that every connection
 works. The floor lies 1 km below and is never touched: msdwarp and the CUDA kernels test every particle against
-it in every step; newton, Taichi, Numba and NumPy have no contact here. See `peer_codes` and `peer_cuda` for what
+it in every step; newton, Taichi, Numba and NumPy have no contact here. See `codes` and `cuda` for what
 each peer does, reads and lacks. Mind when reading: msdwarp and newton are simulators, in which every connection
 may have its own numbers; the others are programs for this one task, and the lattice kernels know of the lattice.
 
@@ -26,28 +26,28 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-import peer_codes
-import peer_cuda
-from common import arguments, machine, read_csv, table, write_csv
 from numpy.typing import NDArray
-from peer_cuda import Unsuitable
 
 from msdwarp import SymplecticEuler, System, box, stability_limit
-from scenes import Case, acceleration, cloth_case, incidence
+
+from ..cases import Case, acceleration, cloth_case, incidence
+from ..common import arguments, machine, read_csv, table, write_csv
+from .codes import Msdwarp, Newton, Numba, Numpy, OnTheHost, Taichi, steps_in
+from .cuda import Marching, OneBlock, Scatter, Unsuitable
 
 PEERS = {
-    "msdwarp": peer_codes.Msdwarp,
-    "msdwarp scatter": partial(peer_codes.Msdwarp, route="scatter"),
-    "msdwarp gather": partial(peer_codes.Msdwarp, route="gather"),
-    "msdwarp stencil": partial(peer_codes.Msdwarp, route="stencil"),
-    "newton": peer_codes.Newton,
-    "newton by particle": partial(peer_codes.Newton, by_particle=True),
-    "Taichi": peer_codes.Taichi,
-    "CUDA lattice": peer_cuda.Marching,
-    "CUDA one block": peer_cuda.OneBlock,
-    "CUDA scatter": peer_cuda.Scatter,
-    "Numba": peer_codes.Numba,
-    "NumPy": peer_codes.Numpy,
+    "msdwarp": Msdwarp,
+    "msdwarp scatter": partial(Msdwarp, route="scatter"),
+    "msdwarp gather": partial(Msdwarp, route="gather"),
+    "msdwarp stencil": partial(Msdwarp, route="stencil"),
+    "newton": Newton,
+    "newton by particle": partial(Newton, by_particle=True),
+    "Taichi": Taichi,
+    "CUDA lattice": Marching,
+    "CUDA one block": OneBlock,
+    "CUDA scatter": Scatter,
+    "Numba": Numba,
+    "NumPy": Numpy,
 }
 SIZES_GPU = (3, 10, 32, 64, 100, 160)
 SIZES_CPU = (10, 20, 40)
@@ -182,8 +182,8 @@ def timed(peer, steps: int) -> float:
 
 def warm_up(peer, steps: int) -> int:
     """Take a round's steps once, which may compile and record; return how many steps a round shall have."""
-    if isinstance(peer, peer_codes.OnTheHost):
-        steps = peer_codes.steps_in(peer, 0.1, steps)
+    if isinstance(peer, OnTheHost):
+        steps = steps_in(peer, 0.1, steps)
     peer.advance(steps)
     return steps
 
@@ -259,12 +259,11 @@ def main() -> None:
     """Measure, write and print."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--peers", default=",".join(PEERS), help="some of them, separated by commas")
-    own, sys.argv[1:] = parser.parse_known_args()
-    codes = [code.strip() for code in own.peers.split(",")]
+    options = arguments(__doc__.splitlines()[0], parser)
+    codes = [code.strip() for code in options.peers.split(",")]
     unknown = sorted(set(codes) - set(PEERS))
     if unknown:
         raise SystemExit(f"no peer is called {', '.join(unknown)}; there is: {', '.join(PEERS)}")
-    options = arguments(__doc__.splitlines()[0])
     path = options.folder / "peers.csv"
     if not options.plot_only:
         measure(options, path, codes)

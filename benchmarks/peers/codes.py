@@ -1,6 +1,6 @@
 """The peers that run anywhere: msdwarp itself, newton, Taichi, Numba and NumPy, behind one small interface.
 
-A peer is built from a body (`peers.Body`) and a device; `advance(steps)` takes so many steps, perhaps
+A peer is built from a body (`compare.Body`) and a device; `advance(steps)` takes so many steps, perhaps
 asynchronously; `synchronise()` waits for them; `position()` returns what they led to. What each does and lacks
 is in its docstring. All are float32 and all have gravity and pinned particles.
 """
@@ -13,9 +13,10 @@ import time
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from peer_cuda import Unsuitable
 
 from msdwarp import Plane, Simulation
+
+from .cuda import Unsuitable
 
 NUMPY_MOST = 1_000_000
 """Connections of the largest body for NumPy: a step of 64³ particles would take a second."""

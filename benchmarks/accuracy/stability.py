@@ -1,5 +1,7 @@
 """Where do the methods fail? Stability limits, measured and predicted, and the bound that a simulation uses.
 
+    python -m benchmarks.accuracy.stability [--device D] [--quick] [--plot-only]
+
 For each scene's body at rest, without gravity: its fastest mode and a random displacement, of 1e-8 m together,
 are released, the mode with a speed of 1e-8 m a step, and the displacement in the last quarter of a run is compared
 with that in the second, unless a hundredfold growth is seen before. Bisection on the step finds where it begins
@@ -12,11 +14,12 @@ import math
 import sys
 
 import numpy as np
-from common import COLOURS, MARKERS, METHODS, arguments, machine, pyplot, read_csv, save, table, write_csv
-from theory import amplification, stable_step, top_mode
 
 from msdwarp import RKC2, Simulation, SimulationDiverged, System, stability_limit
-from scenes import CASES
+
+from ..cases import CASES
+from ..common import COLOURS, MARKERS, METHODS, arguments, machine, pyplot, read_csv, save, table, write_csv
+from .theory import amplification, stable_step, top_mode
 
 AMPLITUDE = 1e-8
 

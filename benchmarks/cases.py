@@ -1,4 +1,4 @@
-"""The scenes of the benchmarks, and references for them that share no code with the package.
+"""The cases that errors are measured on, and references for them that share no code with the package.
 
 Spacing 1 m, 1 kg a particle, damping 20 N s/m and gravity 9.82 m/s² unless given. Spans end while the
 problem is still well posed: a thin body that buckles multiplies every perturbation, and past some time no

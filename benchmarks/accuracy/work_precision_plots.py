@@ -1,7 +1,8 @@
 """Draws the charts of work_precision.py from its CSV rows."""
 
-from common import COLOURS, MARKERS, pyplot, save
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from ..common import COLOURS, MARKERS, pyplot, save
 
 LINES = {"float64": "-", "float32": ":", "float32-compensated": "--"}
 FOUND = {"xlabel": "force evaluations", "ylabel": "relative position error"}

@@ -1,9 +1,9 @@
-"""Draws the charts of throughput.py from its CSV rows and, where they are there, those of peers.py."""
+"""Draws the charts of throughput.py from its CSV rows and, where they are there, those of peers.csv."""
 
 import math
 from pathlib import Path
 
-from common import pyplot, read_csv, save
+from ..common import pyplot, read_csv, save
 
 COLOURS = {"scatter": "#c8352b", "gather": "#e69f00", "stencil": "#0072b2"}
 ROUTES = (

@@ -1,5 +1,7 @@
 """How much work buys how much accuracy? Position error against force evaluations and against time.
 
+    python -m benchmarks.accuracy.work_precision [--device D] [--quick] [--plot-only]
+
 Error: RMS distance from a reference at the end of a scene's span over the RMS way of its particles. Before contact
 the reference is exact (chain) or SciPy's DOP853 on a NumPy right-hand side of its own, whose error is taken from a
 hundredfold looser tolerance; points within 100 times that error are left out. After contact it is leapfrog in
@@ -15,13 +17,14 @@ import time
 from statistics import median
 
 import warp as wp
-from common import METHODS, arguments, machine, read_csv, run, table, write_csv
-from stability import body_at_rest
-from theory import stable_step, top_mode
-from work_precision_plots import draw, draw_time
 
 from msdwarp import RKC2, Simulation, stability_limit
-from scenes import CASES, CONTACT_CASES, Case, reference, relative_error
+
+from ..cases import CASES, CONTACT_CASES, Case, reference, relative_error
+from ..common import METHODS, arguments, machine, read_csv, run, table, write_csv
+from .stability import body_at_rest
+from .theory import stable_step, top_mode
+from .work_precision_plots import draw, draw_time
 
 FINER = (1.02, 1.2, 1.5, 2, 3, 4, 6, 8, 11, 16, 22, 32, 64, 128, 256)
 FINEST = {"chain": 256, "jelly": 32, "soft_cube": 8}

@@ -1,0 +1,1 @@
+"""How accurate the methods are, for how much work, and where they fail."""
