@@ -15,7 +15,7 @@ def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> 
     fps = trajectory.attributes.get("options", {}).get("fps", trajectory.fps)  # a file may hold every n-th frame
     before = round(trajectory.times[k] * fps) - 1
     ordered = sorted(schedule, key=lambda change: change.time)
-    return [change for change in ordered if change.time * fps < before + 1e-6]  # as Simulation.step has it
+    return [change for change in ordered if change.is_due(before, fps)]
 
 
 def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:

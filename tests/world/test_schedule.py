@@ -79,6 +79,17 @@ def test_a_change_comes_with_the_first_frame_from_its_time_on(device, time, fram
         assert (simulation.system.stiffness[0] == 2 * K) == (k >= frame)
 
 
+@pytest.mark.parametrize("fps", [10, 24, 60, 1000 / 3])
+@pytest.mark.parametrize("k", [0, 1, 3, 7, 10**6, 10**9])
+def test_due_is_the_first_frame_from_its_time_on(k, fps):
+    for time in (k / fps, k * (1 / fps)):  # rounded differently
+        assert at(time).is_due(k, fps)
+        assert not at(time).is_due(k - 1, fps)
+    # What is later by more than a millionth of a frame is the next frame's.
+    assert not at((k + 1e-5) / fps).is_due(k, fps)
+    assert at((k + 1e-5) / fps).is_due(k + 1, fps)
+
+
 @pytest.mark.parametrize("fps", [24, 30, 60, 1000 / 3, 1 / 0.0007])
 def test_every_frame_can_be_meant(fps):
     # A time that is computed as a multiple of the frame's length comes with that frame, whatever it rounds to.
