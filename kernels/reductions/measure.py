@@ -46,11 +46,11 @@ def sum_particles(dim: int, scalar: type):
                     momentum[k] = mass * wp.float64(v[i][k])
                     fall += wp.float64(gravity[k]) * position[k]
                 turn = wp.cross(position, momentum)
-                shares[share, 0] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
-                shares[share, 1] -= mass * fall
+                shares[share, wp.static(KINETIC)] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                shares[share, wp.static(POTENTIAL)] -= mass * fall
                 for k in range(3):
-                    shares[share, 2 + k] += momentum[k]
-                    shares[share, 5 + k] += turn[k]
+                    shares[share, wp.static(MOMENTUM) + k] += momentum[k]
+                    shares[share, wp.static(ANGULAR_MOMENTUM) + k] += turn[k]
             i += shares.shape[0]
 
     return sum_over_particles
@@ -103,11 +103,11 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
                 closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
             length = wp.length(dx)
             stretch = length - rest
-            shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
+            shares[share, wp.static(ELASTIC)] += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
-                shares[share, 1] += resistance(rate, wp.float64(damping[c])) * rate
-            shares[share, 2] = wp.max(shares[share, 2], wp.abs(stretch) / rest)
+                shares[share, wp.static(DISSIPATED)] += resistance(rate, wp.float64(damping[c])) * rate
+            shares[share, wp.static(STRAIN)] = wp.max(shares[share, wp.static(STRAIN)], wp.abs(stretch) / rest)
             c += shares.shape[0]
 
     return sum_over_connections
