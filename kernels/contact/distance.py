@@ -23,11 +23,12 @@ def solids(dim: int, scalar: type):
 
     @wp.struct
     class Solids:
-        kind: wp.array(dtype=int)
-        a: wp.array(dtype=V)
-        b: wp.array(dtype=V)
-        radius: wp.array(dtype=scalar)
-        axes: wp.array(dtype=Axes)
+        # Each of shape [solid_count]:
+        kind: wp.array(dtype=int)  # its place in KINDS
+        a: wp.array(dtype=V)  # [m]; of a plane a unit vector
+        b: wp.array(dtype=V)  # [m]
+        radius: wp.array(dtype=scalar)  # [m]
+        axes: wp.array(dtype=Axes)  # orthonormal
 
     return Solids
 

@@ -12,10 +12,10 @@ from ..basis import kernel, vector
 from ..forces import Law, damper_force
 
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
-"""Columns of what `sum_particles` gives: one, one, three and three."""
+"""Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
 PARTICLE_COLUMNS = 8
 ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
-"""Columns of what `sum_connections` gives; the strain is the largest, not a sum."""
+"""Columns of what `sum_connections` gives: [J], [W] and a strain, which is the largest, not a sum."""
 CONNECTION_COLUMNS = 3
 
 
@@ -26,11 +26,14 @@ def sum_particles(dim: int, scalar: type):
 
     @kernel
     def sum_over_particles(
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        shares: wp.array2d(dtype=wp.float64),
+        # Model:
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        gravity: V,  # [m/s²]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        # Out:
+        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, PARTICLE_COLUMNS]
     ):
         share = wp.tid()
         i = share
@@ -81,14 +84,17 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
 
     @kernel
     def sum_over_connections(
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        stiffness: wp.array(dtype=scalar),
-        damping: wp.array(dtype=scalar),
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        x_lost: wp.array(dtype=V),
-        shares: wp.array2d(dtype=wp.float64),
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b in the units of the law, shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        # Out:
+        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, CONNECTION_COLUMNS]
     ):
         share = wp.tid()
         c = share
@@ -125,12 +131,15 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
 
     @kernel
     def strain_of_each(
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        place: wp.array(dtype=int),
-        x: wp.array(dtype=V),
-        x_lost: wp.array(dtype=V),
-        strain: wp.array(dtype=scalar),
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        place: wp.array(dtype=int),  # where the strain of each goes, shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        # Out:
+        strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):
         c = wp.tid()
         length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))
