@@ -22,7 +22,7 @@ def add_linearised(dim: int, scalar: type):
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
         stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
-        damping: wp.array(dtype=scalar),  # b [N s/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [connection_count]
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
@@ -74,7 +74,7 @@ def add_blocks(dim: int, scalar: type):
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
         stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
-        damping: wp.array(dtype=scalar),  # b [N s/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         # Out:
