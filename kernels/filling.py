@@ -6,7 +6,13 @@ from .basis import kernel
 
 
 @kernel
-def find_inside(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, inside: wp.array(dtype=wp.bool)):
+def find_inside(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),  # in the units of the mesh, shape [point_count]
+    reach: float,
+    # Out:
+    inside: wp.array(dtype=wp.bool),  # shape [point_count]
+):
     """Find whether the surface winds around each point.
 
     The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0

@@ -104,32 +104,6 @@ def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) ->
     return np.round(below + share[..., None] * (above.astype(float) - below)).astype(np.uint8)
 
 
-def weave(warp: str, weft: str, *, count: int = 48, over: int = 2, size: int = 1024) -> NDArray[np.uint8]:
-    """Return cloth seen close: threads both ways, in turn over and under each other.
-
-    Parameters
-    ----------
-    warp, weft
-        Colours of the threads along v and along u, "#rrggbb".
-    count
-        Threads either way; a multiple of twice `over` repeats without a seam.
-    over
-        How many threads each lies on before it dives: 1 for plain weave, 2 for twill with its slanting ribs.
-    size
-        Pixels along an edge.
-    """
-    checks.count("count", count, 1)
-    checks.count("over", over, 1)
-    u, v = _grid(size)
-    place = (np.floor(count * u) + np.floor(count * v)) % (2 * over)
-    warp_above = place < over
-    # A thread is round across, and bends down at the ends of where it is seen.
-    across = 2 * (np.where(warp_above, count * u, count * v) % 1.0) - 1
-    along = 2 * ((place % over + np.where(warp_above, count * v, count * u) % 1.0) / over) - 1
-    light = np.sqrt(1 - 0.8 * across**2) * (1.08 - 0.38 * along**4)
-    return _shaded(_mix(np.where(warp_above, 0.0, 1.0), warp, weft), light)
-
-
 def waffle(
     colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
 ) -> NDArray[np.uint8]:

@@ -8,6 +8,8 @@ from ..basis import vector
 
 KINDS = ("Plane", "Sphere", "Box", "Capsule", "Cone")
 """The solids, by the names of their classes in `msdwarp.world.colliders`."""
+PLANE, SPHERE, BOX, CAPSULE, CONE = range(len(KINDS))
+"""Their places in KINDS, which `Solids.kind` holds."""
 
 
 @functools.cache
@@ -21,11 +23,12 @@ def solids(dim: int, scalar: type):
 
     @wp.struct
     class Solids:
-        kind: wp.array(dtype=int)
-        a: wp.array(dtype=V)
-        b: wp.array(dtype=V)
-        radius: wp.array(dtype=scalar)
-        axes: wp.array(dtype=Axes)
+        # Each of shape [solid_count]:
+        kind: wp.array(dtype=int)  # its place in KINDS
+        a: wp.array(dtype=V)  # [m]; of a plane a unit vector
+        b: wp.array(dtype=V)  # [m]
+        radius: wp.array(dtype=scalar)  # [m]
+        axes: wp.array(dtype=Axes)  # orthonormal
 
     return Solids
 
@@ -133,22 +136,21 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
     shapes = {"Plane": plane, "Sphere": sphere, "Box": box, "Capsule": capsule, "Cone": cone}
     if not several:
         return shapes[kinds[0]]
-    has = [kind in kinds for kind in KINDS]
 
     @wp.func
     def distance(s: Solids, p: int, x: V) -> Result:
         kind = s.kind[p]
-        if wp.static(has[1]):
-            if kind == 1:
+        if wp.static("Sphere" in kinds):
+            if kind == wp.static(SPHERE):
                 return sphere(s, p, x)
-        if wp.static(has[2]):
-            if kind == 2:
+        if wp.static("Box" in kinds):
+            if kind == wp.static(BOX):
                 return box(s, p, x)
-        if wp.static(has[3]):
-            if kind == 3:
+        if wp.static("Capsule" in kinds):
+            if kind == wp.static(CAPSULE):
                 return capsule(s, p, x)
-        if wp.static(has[4]):
-            if kind == 4:
+        if wp.static("Cone" in kinds):
+            if kind == wp.static(CONE):
                 return cone(s, p, x)
         return plane(s, p, x)
 

@@ -39,8 +39,8 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
     @wp.struct
     class Obstacles:
         count: int
-        solids: Solids
-        surface: Surface
+        solids: Solids  # their shapes
+        surface: Surface  # their coefficients
 
     @wp.func
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
@@ -70,14 +70,15 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
     @wp.struct
     class MovingObstacles:
         count: int
-        solids: Solids
-        surface: Surface
-        turn: wp.array2d(dtype=Turn)
-        shift: wp.array2d(dtype=V)
-        turning: wp.array2d(dtype=Turn)
-        speed: wp.array2d(dtype=V)
-        substep: int
-        inverse_mass: wp.array(dtype=scalar)
+        solids: Solids  # their shapes
+        surface: Surface  # their coefficients
+        # Poses in a frame, each of shape [substeps + 1, count]:
+        turn: wp.array2d(dtype=Turn)  # orthogonal
+        shift: wp.array2d(dtype=V)  # [m]
+        turning: wp.array2d(dtype=Turn)  # [1/s]
+        speed: wp.array2d(dtype=V)  # [m/s]
+        substep: int  # n, from 0 on
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
 
     @wp.func
     def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):

@@ -27,13 +27,15 @@ def contact_response(dim: int, scalar: type, rule: str):
 
     @wp.func
     def respond(
-        v: V,
-        v_old: V,
+        # State in:
+        v: V,  # [m/s]
+        v_old: V,  # [m/s]
+        # The obstacle:
         normal: V,
         restitution: scalar,
         friction: scalar,
         tangential_factor: scalar,
-        rest_speed: scalar,
+        rest_speed: scalar,  # [m/s]
     ):
         v_n = wp.dot(v, normal)
         v_t = v - v_n * normal
@@ -96,9 +98,10 @@ def surface(scalar: type):
 
     @wp.struct
     class Surface:
-        restitution: wp.array(dtype=scalar)
-        friction: wp.array(dtype=scalar)
-        tangential_factor: wp.array(dtype=scalar)
-        rest_speed: wp.array(dtype=scalar)
+        # Each of shape [obstacle_count]:
+        restitution: wp.array(dtype=scalar)  # e
+        friction: wp.array(dtype=scalar)  # μ
+        tangential_factor: wp.array(dtype=scalar)  # f
+        rest_speed: wp.array(dtype=scalar)  # what approaches more slowly does not bounce [m/s]
 
     return Surface

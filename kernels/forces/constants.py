@@ -37,7 +37,7 @@ def constants(scalar: type, storage: str):
 
         @wp.struct
         class OneForAll:
-            all: Three
+            all: Three  # in the order of CONSTANTS
 
         @wp.func
         def take_one(constants: OneForAll, c: int) -> Three:
@@ -48,7 +48,7 @@ def constants(scalar: type, storage: str):
 
         @wp.struct
         class Table:
-            table: wp.array(dtype=Three)
+            table: wp.array(dtype=Three)  # in the order of CONSTANTS, shape [kind_count]
 
         @wp.func
         def take_listed(constants: Table, kind: int) -> Three:
@@ -62,8 +62,8 @@ def constants(scalar: type, storage: str):
 
         @wp.struct
         class Kinds:
-            kind: wp.array(dtype=wp.uint8)
-            table: wp.array(dtype=Three)
+            kind: wp.array(dtype=wp.uint8)  # shape [connection_count], or [slot_count]
+            table: wp.array(dtype=Three)  # in the order of CONSTANTS, shape [kind_count]
 
         @wp.func
         def take_kind(constants: Kinds, c: int) -> Three:
@@ -78,10 +78,11 @@ def constants(scalar: type, storage: str):
 
         @wp.struct
         class Listed:
-            connection: wp.array(dtype=int)
-            rest_length: wp.array(dtype=scalar)
-            stiffness: wp.array(dtype=scalar)
-            damping: wp.array(dtype=scalar)
+            connection: wp.array(dtype=int)  # −1 where a slot pads, shape [slot_count]
+            # Each of shape [connection_count]:
+            rest_length: wp.array(dtype=scalar)  # l0 [m]
+            stiffness: wp.array(dtype=scalar)  # k [N/m]
+            damping: wp.array(dtype=scalar)  # b in the units of the law
 
         @wp.func
         def take_named(constants: Listed, slot: int) -> Three:
@@ -92,9 +93,10 @@ def constants(scalar: type, storage: str):
 
     @wp.struct
     class Own:
-        rest_length: wp.array(dtype=scalar)
-        stiffness: wp.array(dtype=scalar)
-        damping: wp.array(dtype=scalar)
+        # Each of shape [connection_count], or [slot_count]:
+        rest_length: wp.array(dtype=scalar)  # l0 [m]
+        stiffness: wp.array(dtype=scalar)  # k [N/m]
+        damping: wp.array(dtype=scalar)  # b in the units of the law
 
     @wp.func
     def take_own(constants: Own, c: int) -> Three:

@@ -1,4 +1,9 @@
-"""The route by particles: each sums the forces of its connections, found in a table of neighbours."""
+"""The route by particles: each sums the forces of its connections, found in a table of neighbours.
+
+The table is a sparse matrix, a row for each particle and an entry in it for each neighbour, in the format sliced
+ELLPACK (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
+architectures").
+"""
 
 import functools
 
@@ -52,9 +57,9 @@ def gather(dim: int, scalar: type, damper: Law | None, compensated: bool, storag
 
     @wp.struct
     class Gathered:
-        first: wp.array(dtype=int)
-        other: wp.array(dtype=int)
-        constants: Constants
+        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
+        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count], and a chunk behind
+        constants: Constants  # of slots
 
     @wp.func
     def force_at(forces: Gathered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:

@@ -19,19 +19,20 @@ def add_linearised(dim: int, scalar: type):
     @kernel
     def add_linearised_product(
         # Model:
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        stiffness: wp.array(dtype=scalar),
-        damping: wp.array(dtype=scalar),
-        inverse_mass: wp.array(dtype=scalar),
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [connection_count]
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
         # State in:
-        x: wp.array(dtype=V),
-        p: wp.array(dtype=V),
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        # The product:
+        p: wp.array(dtype=V),  # shape [particle_count]
         spring: scalar,
         damper: scalar,
         scale: scalar,
-        # State out:
-        z: wp.array(dtype=V),
+        # Out:
+        z: wp.array(dtype=V),  # shape [particle_count]
     ):
         c = wp.tid()
         i = connections[c][0]
@@ -69,13 +70,16 @@ def add_blocks(dim: int, scalar: type):
 
     @kernel
     def add_connection_blocks(
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        stiffness: wp.array(dtype=scalar),
-        damping: wp.array(dtype=scalar),
-        x: wp.array(dtype=V),
-        stiffness_block: wp.array(dtype=Block),
-        damping_block: wp.array(dtype=Block),
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        # Out:
+        stiffness_block: wp.array(dtype=Block),  # A_i, 0 before [N/m], shape [particle_count]
+        damping_block: wp.array(dtype=Block),  # B_i, 0 before [N s/m], shape [particle_count]
     ):
         c = wp.tid()
         i = connections[c][0]

@@ -29,9 +29,9 @@ def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, stora
 
     @wp.struct
     class Scattered:
-        f: wp.array(dtype=V)
-        connections: wp.array(dtype=wp.vec2i)
-        constants: Constants
+        f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
+        connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
+        constants: Constants  # of connections
 
     @wp.func
     def evaluate(forces: Scattered, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int):

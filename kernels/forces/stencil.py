@@ -71,21 +71,23 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
 
     @wp.struct
     class Lattice:
-        mask: wp.array(dtype=wp.uint32)
-        shift: Shifts
-        stride: int
-        rest_length: Constants
-        stiffness: Constants
-        damping: Constants
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        shift: Shifts  # how far off each row of neighbours lies, in particles
+        stride: int  # how far off the next layer lies, in particles; 0 where layers do not lie evenly
+        # Of each direction:
+        rest_length: Constants  # [m]
+        stiffness: Constants  # [N/m]
+        damping: Constants  # b in the units of the law
 
     @wp.struct
     class Lattices:
-        mask: wp.array(dtype=wp.uint32)
-        shift: wp.array2d(dtype=int)
-        kind: wp.array(dtype=int)
-        rest_length: wp.array2d(dtype=scalar)
-        stiffness: wp.array2d(dtype=scalar)
-        damping: wp.array2d(dtype=scalar)
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
+        kind: wp.array(dtype=int)  # which constants are the particle's, shape [particle_count]
+        # Of each kind and direction, shape [kind_count, direction_count]:
+        rest_length: wp.array2d(dtype=scalar)  # [m]
+        stiffness: wp.array2d(dtype=scalar)  # [N/m]
+        damping: wp.array2d(dtype=scalar)  # b in the units of the law
 
     Forces = Lattice if uniform else Lattices
 

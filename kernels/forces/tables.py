@@ -1,4 +1,7 @@
-"""Builds the table of neighbours that the gathering route reads (see `forces.gather`)."""
+"""Builds the table of neighbours that the gathering route reads (see `forces.gather`).
+
+A connection has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
+"""
 
 import functools
 
@@ -10,7 +13,12 @@ from .gather import CHUNK, SLICE
 
 
 @kernel
-def list_ends(connections: wp.array(dtype=wp.vec2i), particle: wp.array(dtype=int), end: wp.array(dtype=int)):
+def list_ends(
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    # Out:
+    particle: wp.array(dtype=int),  # shape [end_count], twice as many as connections
+    end: wp.array(dtype=int),  # shape [end_count]
+):
     """List both ends of each connection c: their particles, and their numbers 2c and 2c + 1."""
     c = wp.tid()
     for side in range(2):
@@ -19,13 +27,21 @@ def list_ends(connections: wp.array(dtype=wp.vec2i), particle: wp.array(dtype=in
 
 
 @kernel
-def count_ends(particle: wp.array(dtype=int), count: wp.array(dtype=int)):
+def count_ends(
+    particle: wp.array(dtype=int),  # of each end, shape [end_count]
+    # Out:
+    count: wp.array(dtype=int),  # 0 before; shape [particle_count]
+):
     """Count the ends at each particle."""
     wp.atomic_add(count, particle[wp.tid()], 1)
 
 
 @kernel
-def measure_slices(count: wp.array(dtype=int), length: wp.array(dtype=int)):
+def measure_slices(
+    count: wp.array(dtype=int),  # ends at each particle, shape [particle_count]
+    # Out:
+    length: wp.array(dtype=int),  # in slots, shape [slice_count]
+):
     """Write the length of each slice: as many slots as its fullest particle has, for all, in whole chunks."""
     part = wp.tid()
     most = int(0)
@@ -37,7 +53,12 @@ def measure_slices(count: wp.array(dtype=int), length: wp.array(dtype=int)):
 
 
 @kernel
-def name_itself(first: wp.array(dtype=int), other: wp.array(dtype=int), particle_count: int):
+def name_itself(
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    particle_count: int,
+    # Out:
+    other: wp.array(dtype=int),  # shape [slot_count]
+):
     """Fill every slot with its own particle, which exerts no force on itself."""
     part = wp.tid()
     for slot in range(first[part], first[part + 1]):
@@ -46,13 +67,17 @@ def name_itself(first: wp.array(dtype=int), other: wp.array(dtype=int), particle
 
 @kernel
 def fill_slots(
-    particle: wp.array(dtype=int),
-    end: wp.array(dtype=int),
-    start: wp.array(dtype=int),
-    first: wp.array(dtype=int),
-    connections: wp.array(dtype=wp.vec2i),
-    other: wp.array(dtype=int),
-    connection: wp.array(dtype=int),
+    # The ends, sorted by particle:
+    particle: wp.array(dtype=int),  # shape [end_count]
+    end: wp.array(dtype=int),  # their numbers, shape [end_count]
+    start: wp.array(dtype=int),  # the first end of each particle, shape [particle_count]
+    # The table as it is laid out:
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    # Model:
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    # Out:
+    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
+    connection: wp.array(dtype=int),  # the connection with it, shape [slot_count]
 ):
     """Enter each end, in the order of particles, into its particle's next slot."""
     e = wp.tid()
@@ -64,7 +89,12 @@ def fill_slots(
 
 
 @kernel
-def pack_kinds(connection: wp.array(dtype=int), kind: wp.array(dtype=wp.uint8), other: wp.array(dtype=int)):
+def pack_kinds(
+    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+    kind: wp.array(dtype=wp.uint8),  # of each connection, shape [connection_count]
+    # In and out:
+    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
+):
     """Write each connection's kind above the number of the neighbour."""
     slot = wp.tid()
     if connection[slot] >= 0:
@@ -76,7 +106,12 @@ def take(dtype: type):
     """Compose the kernel, over slots, that takes each connection's value into its slots."""
 
     @kernel
-    def take_values(connection: wp.array(dtype=int), values: wp.array(dtype=dtype), slots: wp.array(dtype=dtype)):
+    def take_values(
+        connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+        values: wp.array(dtype=dtype),  # shape [connection_count]
+        # Out:
+        slots: wp.array(dtype=dtype),  # shape [slot_count]
+    ):
         slot = wp.tid()
         if connection[slot] >= 0:
             slots[slot] = values[connection[slot]]

@@ -25,7 +25,12 @@ alike. The darkest is light enough for shading to show the shape of a body at re
 
 
 @kernel
-def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), points: wp.array(dtype=wp.vec3)):
+def place_vertices(
+    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    particle: wp.array(dtype=int),  # of each vertex, shape [vertex_count]
+    # Out:
+    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
+):
     """Put every surface vertex where its particle is."""
     i = wp.tid()
     points[i] = x[particle[i]]
@@ -33,10 +38,11 @@ def place_vertices(x: wp.array(dtype=wp.vec3), particle: wp.array(dtype=int), po
 
 @kernel
 def place_mixtures(
-    x: wp.array(dtype=wp.vec3),
-    particle: wp.array2d(dtype=int),
-    weights: wp.array2d(dtype=float),
-    points: wp.array(dtype=wp.vec3),
+    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
+    weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
+    # Out:
+    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
 ):
     """Put every surface vertex at the weighted sum of its particles."""
     i = wp.tid()
@@ -48,10 +54,11 @@ def place_mixtures(
 
 @kernel
 def add_face_normals(
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    normal_of: wp.array(dtype=int),
-    sums: wp.array(dtype=wp.vec3),
+    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
+    triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
+    normal_of: wp.array(dtype=int),  # the vertex whose normal each takes, shape [vertex_count]
+    # Out:
+    sums: wp.array(dtype=wp.vec3),  # 0 before; twice an area [m²], shape [vertex_count]
 ):
     """Add each triangle's normal, weighted by its area, at the vertices whose normals its corners take."""
     t = wp.tid()
@@ -65,7 +72,12 @@ def add_face_normals(
 
 
 @kernel
-def take_normals(sums: wp.array(dtype=wp.vec3), normal_of: wp.array(dtype=int), normals: wp.array(dtype=wp.vec3)):
+def take_normals(
+    sums: wp.array(dtype=wp.vec3),  # of the normals of triangles, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # the vertex whose normal each takes, shape [vertex_count]
+    # Out:
+    normals: wp.array(dtype=wp.vec3),  # of unit length, shape [vertex_count]
+):
     """Give every vertex the unit normal of the vertex that it shares it with."""
     i = wp.tid()
     normals[i] = wp.normalize(sums[normal_of[i]])
@@ -73,7 +85,11 @@ def take_normals(sums: wp.array(dtype=wp.vec3), normal_of: wp.array(dtype=int), 
 
 @kernel
 def place_balls(
-    x: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), radius: float, points: wp.array(dtype=wp.vec3)
+    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    directions: wp.array(dtype=wp.vec3),  # of unit length, shape [corner_count]
+    radius: float,  # [m]
+    # Out:
+    points: wp.array(dtype=wp.vec3),  # [m], shape [particle_count · corner_count]
 ):
     """Put a ball, given by the directions from its middle to its vertices, at every particle."""
     p, k = wp.tid()
@@ -82,12 +98,13 @@ def place_balls(
 
 @kernel
 def place_rigid(
-    given_points: wp.array(dtype=wp.vec3),
-    given_normals: wp.array(dtype=wp.vec3),
+    given_points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
+    given_normals: wp.array(dtype=wp.vec3),  # shape [vertex_count]
     turn: wp.mat33,
-    shift: wp.vec3,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    shift: wp.vec3,  # [m]
+    # Out:
+    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
+    normals: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
     """Turn and shift a mesh as one."""
     i = wp.tid()
@@ -97,11 +114,12 @@ def place_rigid(
 
 @kernel
 def place_tubes(
-    x: wp.array(dtype=wp.vec3),
-    connections: wp.array(dtype=wp.vec2i),
-    radius: float,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    radius: float,  # [m]
+    # Out:
+    points: wp.array(dtype=wp.vec3),  # [m], shape [6 · connection_count]
+    normals: wp.array(dtype=wp.vec3),  # of unit length, shape [6 · connection_count]
 ):
     """Lay a three-sided tube along every connection: six vertices each, at its start and its end in turn."""
     c = wp.tid()
@@ -134,12 +152,13 @@ def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
 
 @kernel
 def colour_by_strain(
-    x: wp.array(dtype=wp.vec3),
-    connections: wp.array(dtype=wp.vec2i),
-    rest_length: wp.array(dtype=float),
+    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    rest_length: wp.array(dtype=float),  # [m], shape [connection_count]
     full_strain: float,
-    stops: wp.array(dtype=wp.vec3),
-    colours: wp.array(dtype=wp.vec3),
+    stops: wp.array(dtype=wp.vec3),  # colours of the scale, shape [stop_count]
+    # Out:
+    colours: wp.array(dtype=wp.vec3),  # shape [6 · connection_count]
 ):
     """Colour the six vertices of every connection's tube by its strain / full_strain, in either direction."""
     c = wp.tid()
@@ -151,11 +170,12 @@ def colour_by_strain(
 
 @kernel
 def colour_by_value(
-    shares: wp.array(dtype=float),
-    particle: wp.array2d(dtype=int),
-    weights: wp.array2d(dtype=float),
-    stops: wp.array(dtype=wp.vec3),
-    colours: wp.array(dtype=wp.vec3),
+    shares: wp.array(dtype=float),  # shape [particle_count]
+    particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
+    weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
+    stops: wp.array(dtype=wp.vec3),  # colours of the scale, shape [stop_count]
+    # Out:
+    colours: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
     """Colour every vertex by the mixture of its particles' values, given as shares of the full one."""
     i = wp.tid()
@@ -173,10 +193,11 @@ def byte(pixel: wp.uint32, k: int) -> int:
 
 @kernel
 def halve_over(
-    fine: wp.array2d(dtype=wp.uint32),
+    fine: wp.array2d(dtype=wp.uint32),  # shape [2 · height, 2 · width]
     first_row: int,
     first_column: int,
-    pixels: wp.array2d(dtype=wp.uint32),
+    # In and out:
+    pixels: wp.array2d(dtype=wp.uint32),  # shape [height, width]
 ):
     """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over what is there.
 

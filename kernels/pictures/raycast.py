@@ -10,12 +10,13 @@ class Body:
     """The triangles that are drawn."""
 
     mesh: wp.uint64
-    normals: wp.array(dtype=wp.vec3)
-    colours: wp.array(dtype=wp.vec3)
-    uv: wp.array(dtype=wp.vec2)
-    texture: wp.array2d(dtype=wp.vec3)
-    textured: int
-    gloss: float
+    # Of vertices, each of shape [vertex_count]:
+    normals: wp.array(dtype=wp.vec3)  # of unit length
+    colours: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
+    uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
+    texture: wp.array2d(dtype=wp.vec3)  # in 0 … 1, shape [height, width]
+    textured: int  # 1 if the texture is what is seen, 0 if the colours are
+    gloss: float  # strength of highlights
 
 
 @wp.struct
@@ -23,6 +24,7 @@ class Surroundings:
     """Camera, light and ground."""
 
     eye: wp.vec3
+    """Where the camera is [m]."""
     corner: wp.vec3
     """Direction through the upper left corner of the picture."""
     across: wp.vec3
@@ -35,19 +37,26 @@ class Surroundings:
     towards_viewer: wp.vec3
     """Unit vector against the direction of view: towards the second light."""
     background: wp.vec3
+    """Colour where nothing is met, in 0 … 1."""
+    # Strengths of what lights the body: from everywhere, from the key light and from the viewer.
     ambient: float
     key: float
     head: float
     shadow: float
+    """What is left of the ground's colour in the shadow, 0 … 1."""
     has_ground: int
     below: float
     """What is further below the ground is not seen [m]."""
     ground: wp.array2d(dtype=wp.vec3)
+    """Its texture in 0 … 1, shape [height, width]."""
     ground_centre: wp.vec3
+    """Its middle [m]."""
     ground_normal: wp.vec3
+    """Unit vector upwards."""
     ground_u: wp.vec3
-    """u = (p − centre)·ground_u + 1/2 is the texture coordinate of a point p of the ground."""
+    """u = (p − centre)·ground_u + 1/2 is the texture coordinate of a point p of the ground [1/m]."""
     ground_v: wp.vec3
+    """The same for v [1/m]."""
 
 
 @wp.func
@@ -127,14 +136,25 @@ def seen(body: Body, view: Surroundings, column: float, row: float) -> wp.vec3:
 
 
 @kernel
-def cast(body: Body, view: Surroundings, image: wp.array2d(dtype=wp.vec3)):
+def cast(
+    body: Body,
+    view: Surroundings,
+    # Out:
+    image: wp.array2d(dtype=wp.vec3),  # red, green and blue, 1 being full, shape [height, width]
+):
     """Draw the picture with one ray through the middle of each pixel."""
     row, column = wp.tid()
     image[row, column] = seen(body, view, float(column) + 0.5, float(row) + 0.5)
 
 
 @kernel
-def refine(body: Body, view: Surroundings, image: wp.array2d(dtype=wp.vec3), pixels: wp.array2d(dtype=wp.vec3ub)):
+def refine(
+    body: Body,
+    view: Surroundings,
+    image: wp.array2d(dtype=wp.vec3),  # as `cast` draws it, shape [height, width]
+    # Out:
+    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+):
     """Smooth the outlines, with four rays where neighbouring pixels differ much; then turn to bytes."""
     row, column = wp.tid()
     left = image[row, wp.max(column - 1, 0)]

@@ -21,12 +21,15 @@ def look_over(dim: int, scalar: type):
 
     @kernel
     def look_over_particles(
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        first: wp.array(dtype=int),
-        energies: wp.array2d(dtype=wp.float64),
+        # Model:
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        gravity: V,  # [m/s²]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        # Out:
+        first: wp.array(dtype=int),  # particle_count before; shape [1]
+        energies: wp.array2d(dtype=wp.float64),  # [J], shape [thread_count, 2]
     ):
         share = wp.tid()
         i = share

@@ -12,10 +12,10 @@ from ..basis import kernel, vector
 from ..forces import Law, damper_force
 
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
-"""Columns of what `sum_particles` gives: one, one, three and three."""
+"""Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
 PARTICLE_COLUMNS = 8
 ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
-"""Columns of what `sum_connections` gives; the strain is the largest, not a sum."""
+"""Columns of what `sum_connections` gives: [J], [W] and a strain, which is the largest, not a sum."""
 CONNECTION_COLUMNS = 3
 
 
@@ -26,11 +26,14 @@ def sum_particles(dim: int, scalar: type):
 
     @kernel
     def sum_over_particles(
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        shares: wp.array2d(dtype=wp.float64),
+        # Model:
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        gravity: V,  # [m/s²]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        # Out:
+        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, PARTICLE_COLUMNS]
     ):
         share = wp.tid()
         i = share
@@ -46,11 +49,11 @@ def sum_particles(dim: int, scalar: type):
                     momentum[k] = mass * wp.float64(v[i][k])
                     fall += wp.float64(gravity[k]) * position[k]
                 turn = wp.cross(position, momentum)
-                shares[share, 0] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
-                shares[share, 1] -= mass * fall
+                shares[share, wp.static(KINETIC)] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                shares[share, wp.static(POTENTIAL)] -= mass * fall
                 for k in range(3):
-                    shares[share, 2 + k] += momentum[k]
-                    shares[share, 5 + k] += turn[k]
+                    shares[share, wp.static(MOMENTUM) + k] += momentum[k]
+                    shares[share, wp.static(ANGULAR_MOMENTUM) + k] += turn[k]
             i += shares.shape[0]
 
     return sum_over_particles
@@ -81,14 +84,17 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
 
     @kernel
     def sum_over_connections(
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        stiffness: wp.array(dtype=scalar),
-        damping: wp.array(dtype=scalar),
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        x_lost: wp.array(dtype=V),
-        shares: wp.array2d(dtype=wp.float64),
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
+        damping: wp.array(dtype=scalar),  # b in the units of the law, shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        # Out:
+        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, CONNECTION_COLUMNS]
     ):
         share = wp.tid()
         c = share
@@ -103,11 +109,11 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
                 closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
             length = wp.length(dx)
             stretch = length - rest
-            shares[share, 0] += half * wp.float64(stiffness[c]) * stretch * stretch
+            shares[share, wp.static(ELASTIC)] += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
-                shares[share, 1] += resistance(rate, wp.float64(damping[c])) * rate
-            shares[share, 2] = wp.max(shares[share, 2], wp.abs(stretch) / rest)
+                shares[share, wp.static(DISSIPATED)] += resistance(rate, wp.float64(damping[c])) * rate
+            shares[share, wp.static(STRAIN)] = wp.max(shares[share, wp.static(STRAIN)], wp.abs(stretch) / rest)
             c += shares.shape[0]
 
     return sum_over_connections
@@ -125,12 +131,15 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
 
     @kernel
     def strain_of_each(
-        connections: wp.array(dtype=wp.vec2i),
-        rest_length: wp.array(dtype=scalar),
-        place: wp.array(dtype=int),
-        x: wp.array(dtype=V),
-        x_lost: wp.array(dtype=V),
-        strain: wp.array(dtype=scalar),
+        # Model:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
+        place: wp.array(dtype=int),  # where the strain of each goes, shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        # Out:
+        strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):
         c = wp.tid()
         length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))

@@ -38,10 +38,13 @@ def largest_rate(dim: int, scalar: type):
 
     @kernel
     def raise_bounds(
-        inverse_mass: wp.array(dtype=scalar),
-        stiffness_block: wp.array(dtype=Block),
-        damping_block: wp.array(dtype=Block),
-        bounds: wp.array(dtype=wp.float64),
+        # Model:
+        inverse_mass: wp.array(dtype=scalar),  # 1/m_i [1/kg], 0 where pinned, shape [particle_count]
+        # Linearised at a state:
+        stiffness_block: wp.array(dtype=Block),  # A_i [N/m], shape [particle_count]
+        damping_block: wp.array(dtype=Block),  # B_i [N s/m], shape [particle_count]
+        # Out:
+        bounds: wp.array(dtype=wp.float64),  # 0 before; [1/s²] and [1/s], shape [2]
     ):
         i = wp.tid()
         twice = wp.float64(2.0) * wp.float64(inverse_mass[i])

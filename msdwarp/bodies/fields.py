@@ -1,9 +1,14 @@
 """The fields of a system: their names, limits and defaults, and the checks of each."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .dampers import Damper
+from .uniform import is_uniform
 
 _FINITE = (np.isfinite, "finite")
 LIMITS = {
@@ -38,6 +43,76 @@ DEFAULTS = {
 }
 LIMITS["original_length"] = LIMITS["rest_length"]
 _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
+
+
+def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return all fields of a system: those given, checked and copied, and the others as they are known.
+
+    Known fields are valid together, and nobody writes to their arrays: they are shared. Only what has to fit a
+    given field is checked anew; a uniform array fits any number of particles or connections.
+    """
+    known = known or {}
+    fields = {**known, **given}
+    new = {name for name, value in given.items() if name not in known or value is not known[name]}
+    if "position" in new:
+        fields["position"] = positions(fields["position"])
+    particle_count = len(fields["position"])
+    if known and particle_count != len(known["position"]):
+        new |= {"connections", "surface", "groups"}  # which hold indices of particles
+
+    for name, shape in (("velocity", fields["position"].shape), ("mass", (particle_count,))):
+        fields[name] = numbers(name, fields[name], shape, valid=name not in new)
+    if new & {"velocity", "mass"}:
+        check_pinned_still(fields["velocity"], fields["mass"])
+
+    if "connections" in new:
+        fields["connections"] = pairs(fields["connections"], particle_count)
+    fields |= _of_connections(fields, new)
+
+    if not isinstance(fields["damper"], Damper):
+        raise ValueError(f"damper is {fields['damper']!r}; it must be a law of damping, such as CoulombDamper()")
+    if "surface" in new and fields["surface"] is not None:
+        checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
+    if "groups" in new:
+        groups = fields["groups"] or {}
+        fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
+    return fields
+
+
+def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:
+    """Return the arrays with an entry for each connection, those that are `new` checked."""
+    values = {name: fields[name] for name in CONNECTION_FIELDS}
+    if values["rest_length"] is None:
+        values["rest_length"] = lengths(fields["position"], fields["connections"])
+    never_yielded = values["original_length"] is None or values["original_length"] is values["rest_length"]
+    if never_yielded:
+        del values["original_length"]
+    shape = fields["connections"].shape[:1]
+    result = {name: numbers(name, value, shape, valid=name not in new) for name, value in values.items()}
+    return {"original_length": result["rest_length"]} | result  # one array, if the two are alike
+
+
+def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool = False) -> NDArray[np.float64]:
+    """Return `value` as a read-only array of this shape, its entries within the limits of the field.
+
+    A `valid` array is returned as it is if it has that shape.
+    """
+    if valid:
+        assert isinstance(value, np.ndarray)
+        if value.shape == shape:
+            return value
+        value = value[0] if is_uniform(value) else value
+    values = checks.broadcast(name, value, shape)
+    checks.within(name, values, *LIMITS[name])
+    return values
+
+
+def check_pinned_still(velocity: NDArray[np.float64], mass: NDArray[np.float64]) -> None:
+    """Check that pinned particles do not move."""
+    pinned = np.isinf(mass)
+    if pinned.any():
+        still = ~pinned | (velocity == 0).all(axis=1)
+        checks.every("velocity", velocity, np.broadcast_to(still[:, None], velocity.shape), "0: it is pinned")
 
 
 def positions(value: ArrayLike) -> NDArray[np.float64]:

@@ -1,6 +1,5 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
-import dataclasses
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .dampers import LINEAR, Damper
-from .fields import CONNECTION_FIELDS, DEFAULTS, LIMITS, PARTICLE_FIELDS, group_of, lengths, pairs, positions
+from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, checked, lengths
 from .space import rotation_matrix
 from .surface import Surface
-from .uniform import is_uniform, joined, stored, uniform
+from .uniform import joined, stored, uniform
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -101,65 +100,47 @@ class System:
         surface: Surface | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
         groups: Mapping[str, ArrayLike] | None = None,
-        _known: "System | None" = None,
     ) -> None:
-        # An array of `_known` itself is valid and nobody writes to it: it is shared, as long as it fits.
-        known: dict[str, Any] = {} if _known is None else vars(_known)
-
-        def is_known(name: str, value: Any) -> bool:
-            return name in known and value is known[name]
-
-        def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-            if is_known(name, value) and known[name].shape == shape:
-                return known[name]
-            if is_known(name, value) and is_uniform(known[name]):
-                value = known[name][0]  # whatever their number
-            values = checks.broadcast(name, value, shape)
-            checks.within(name, values, *LIMITS[name])
-            return values
-
-        x = known["position"] if is_known("position", position) else positions(position)
-        v, m = numbers("velocity", velocity, x.shape), numbers("mass", mass, x.shape[:1])
-        pinned = np.isinf(m)
-        if pinned.any():
-            still = ~pinned | (v == 0).all(axis=1)
-            checks.every("velocity", v, np.broadcast_to(still[:, None], v.shape), "0: it is pinned")
-
-        fits = is_known("connections", connections) and len(x) == len(known["position"])
-        joined = known["connections"] if fits else pairs(connections, len(x))
-        if rest_length is None:
-            rest_length = lengths(x, joined)
-        fields: dict[str, Any] = {"position": x, "velocity": v, "mass": m, "connections": joined}
-        of_connections = (
-            *(rest_length, stiffness, damping, yield_strain, relaxation_time, largest_plastic_strain),
-            rest_length if original_length is None else original_length,
-        )
-        for name, value in zip(CONNECTION_FIELDS, of_connections, strict=True):
-            same = name == "original_length" and value is rest_length
-            fields[name] = fields["rest_length"] if same else numbers(name, value, joined.shape[:1])
-        if not isinstance(damper, Damper):
-            raise ValueError(f"damper is {damper!r}; it must be a law of damping, such as CoulombDamper()")
-        if surface is not None:
-            checks.within("surface.particle", surface.particle, checks.index_below(len(x)))
-
-        if groups is None or not (is_known("groups", groups) and len(x) == len(known["position"])):
-            groups = {name: group_of(name, particles, len(x)) for name, particles in (groups or {}).items()}
-        fields |= {"damper": damper, "surface": surface, "directions": directions, "groups": groups}
-        for name, value in fields.items():
+        given = {
+            "position": position,
+            "velocity": velocity,
+            "mass": mass,
+            "connections": connections,
+            "rest_length": rest_length,
+            "stiffness": stiffness,
+            "damping": damping,
+            "damper": damper,
+            "yield_strain": yield_strain,
+            "relaxation_time": relaxation_time,
+            "largest_plastic_strain": largest_plastic_strain,
+            "original_length": original_length,
+            "surface": surface,
+            "directions": directions,
+            "groups": groups,
+        }
+        for name, value in checked(given).items():
             object.__setattr__(self, name, value)
 
     @classmethod
-    def _of_own(cls, **fields: Any) -> Self:
-        """Return a system of valid fields whose arrays nobody else holds: nothing is checked or copied.
+    def trusted(cls, **fields: Any) -> Self:
+        """Return a system of fields that are valid as they are made: nothing is checked, copied or broadcast.
 
-        What is left out is as it is by default.
+        For large bodies, which checking and copying could take longer than making them.
+
+        Parameters
+        ----------
+        fields
+            As the class documents them, in their full shapes and as float64 or int32. Nobody may write to
+            the arrays any more; they become read-only. position, connections and rest_length are needed; the
+            others are by default as those of the class.
         """
         system = cls.__new__(cls)
         count = len(fields["connections"])
-        missing = {name: uniform(value, count) for name, value in DEFAULTS.items()}
+        missing: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
         missing |= {"velocity": np.broadcast_to(0.0, fields["position"].shape)}
         missing |= {"mass": uniform(1.0, len(fields["position"]))}
-        missing |= {"original_length": fields["rest_length"], "damper": LINEAR, "surface": None, "groups": {}}
+        missing |= {"original_length": fields["rest_length"], "damper": LINEAR, "surface": None}
+        missing |= {"directions": ({},), "groups": {}}
         for name, value in (missing | fields).items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -221,13 +202,25 @@ class System:
         return self.directions[body][name]
 
     def replace(self, **changes: Any) -> Self:
-        """Return this system with some of its fields changed and validated; the others are shared.
+        """Return this system with some of its fields changed; the others are shared.
 
-        A new rest length is the original one too, unless that is given.
+        What is changed is checked, and of the others what has to fit it. A new rest length is the original one
+        too, unless that is given.
+
+        Raises
+        ------
+        TypeError
+            If a system has no such field.
+        ValueError
+            As the class does.
         """
+        known = vars(self)
+        for name in changes:
+            if name not in known:
+                raise TypeError(f"System.replace() got an unexpected keyword argument {name!r}")
         if "rest_length" in changes:
             changes.setdefault("original_length", None)
-        return dataclasses.replace(self, _known=self, **changes)
+        return self.trusted(**checked(changes, known))
 
     def translate(self, displacement: ArrayLike) -> Self:
         """Return this system moved by `displacement` [m], shape [d]."""
@@ -354,7 +347,7 @@ class System:
         }
         if self.original_length is self.rest_length and other.original_length is other.rest_length:
             fields["original_length"] = fields["rest_length"]
-        return self._of_own(
+        return self.trusted(
             **fields,
             connections=connections,
             damper=self.damper if self.damping.any() else other.damper,

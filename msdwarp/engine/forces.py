@@ -137,7 +137,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     slots = int(first[slices:].numpy()[0])
     other = integers(slots + SLICE * CHUNK)  # a chunk more is read, and not used
     connection = wp.full(slots, -1, dtype=int, device=device)
-    launch(tables.name_itself, slices, [first], [other, n])
+    launch(tables.name_itself, slices, [first, n], [other])
     launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
     return first, other, connection
 

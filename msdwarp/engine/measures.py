@@ -64,7 +64,7 @@ def measure(
         kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
         _launch(kernel, inputs, shares, model)
         parts = shares.numpy()
-        connections = np.append(parts[:, :2].sum(axis=0), parts[:, columns.STRAIN].max())
+        connections = np.append(parts[:, : columns.STRAIN].sum(axis=0), parts[:, columns.STRAIN].max())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
         float(particles[columns.KINETIC]),

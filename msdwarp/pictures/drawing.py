@@ -1,6 +1,6 @@
 """What moves in pictures: the triangles that follow the particles and the colliders, and their colours."""
 
-import itertools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
-from .parts import Balls, BodyPart, Obstacle, Paint, Part, Skin, StrainPaint, Tubes, ValuePaint
+from .parts import Balls, BodyPart, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
 from .stage import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 
 COLOURINGS = ("texture", "strain")
@@ -28,6 +28,24 @@ class Scale(NamedTuple):
     """What is shown, with its unit: "speed [m/s]"."""
     full: float
     """The value at the end of the scale, above 0: values from 0 on are told apart, and more is drawn as this."""
+
+
+class PlacedPart(NamedTuple):
+    """A part of a drawing, and its own vertices: a slice of each of the drawing's arrays, on the device."""
+
+    part: Part
+    vertices: slice
+    """Which vertices of the drawing are its own."""
+    points: wp.array
+    """Where they are [m], vec3."""
+    normals: wp.array
+    """Unit vectors, vec3."""
+    colours: wp.array
+    """Red, green and blue in 0 … 1, vec3."""
+
+    def follow(self, x: wp.array, time: float) -> None:
+        """Move to where the part is when the particles are at x and it is `time` [s]."""
+        self.part.place(x, time, self.points, self.normals)
 
 
 class Drawing:
@@ -50,35 +68,43 @@ class Drawing:
         self.device = device
         body = self._body_of(scene)
         colour = np.array(checks.colour("obstacle", look.obstacle))
-        obstacles = [(one, Obstacle(one, mesh, system.dim, colour, device)) for one, mesh in meshes(scene)]
-
-        parts = [*body, *(part for _, part in obstacles)]
+        obstacles = [Obstacle(one, mesh, system.dim, colour, device) for one, mesh in meshes(scene)]
+        parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
-        counts = [len(part.uv) for part in parts]
-        last = list(itertools.accumulate(counts))
-        first = [0, *last[:-1]]
-        self.triangles = np.concatenate(
-            [part.triangles + np.int32(n) for part, n in zip(parts, first, strict=True)]
-        )
+
+        vertex_count = sum(len(part.uv) for part in parts)
+        self.points = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
+        self.normals = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
+        self.colours = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
+        placed = self._placed(parts)
+        self.triangles = np.concatenate([one.part.triangles + np.int32(one.vertices.start) for one in placed])
         self.texture, uvs = self._textured(look, parts, len(body))
         self.uv = np.concatenate(uvs).astype(np.float32)
-        paint = [np.broadcast_to(part.colour, (n, 3)) for part, n in zip(parts, counts, strict=True)]
-        paint = np.ones((last[-1], 3)) if self.texture is not None else np.concatenate(paint)
+        paint = np.ones((vertex_count, 3))  # white shows a texture as it is
+        if self.texture is None:
+            for one in placed:
+                paint[one.vertices] = one.part.colour
+        self.colours.assign(paint)
+
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
-        self.points = wp.zeros(last[-1], dtype=wp.vec3, device=device)
-        self.normals = wp.zeros(last[-1], dtype=wp.vec3, device=device)
-        self.colours = wp.array(paint, dtype=wp.vec3, device=device)
-        arrays: list[Any] = [self.points, self.normals, self.colours]  # Warp's types say too little of slices
-        placed = [(part, [a[m:n] for a in arrays]) for part, m, n in zip(parts, first, last, strict=True)]
-        self._body = placed[: len(body)]
+        self._body, around = placed[: len(body)], placed[len(body) :]
         self._painted = list(zip(self._paints_of(scene, body), self._body, strict=False))
-        self._moving = [
-            place for (one, _), place in zip(obstacles, placed[len(body) :], strict=True) if one.motion is not None
-        ]
-        for part, own in placed[len(body) :]:
-            part.place(self._x, 0.0, *own[:2])
+        self._moving = [one for one, obstacle in zip(around, obstacles, strict=True) if obstacle.moves]
+        for one in around:
+            one.follow(self._x, 0.0)
+
+    def _placed(self, parts: Sequence[Part]) -> list[PlacedPart]:
+        """Return the parts with the vertices that are their own, one part's behind another's."""
+        arrays: list[Any] = [self.points, self.normals, self.colours]  # Warp's types say too little of slices
+        placed: list[PlacedPart] = []
+        first = 0
+        for part in parts:
+            own = slice(first, first + len(part.uv))
+            placed.append(PlacedPart(part, own, *(array[own] for array in arrays)))
+            first = own.stop
+        return placed
 
     def _scale_of(self, colouring: str | Scale, look: Look) -> Scale | None:
         """Return what the colours tell; raise ValueError if there is no such colouring."""
@@ -102,7 +128,8 @@ class Drawing:
         system, look = scene.system, scene.look
         if not self._shows_connections:
             assert system.surface is not None
-            return [Skin(system.surface, np.array(checks.colour("colour", look.colour)), look.smooth, self.device)]
+            colour = np.array(checks.colour("colour", look.colour))
+            return [SurfacePart(system.surface, colour, look.smooth, self.device)]
         body: list[BodyPart] = [Tubes(system, self.device)]
         few = system.particle_count <= MOST_BALLS
         if look.particles or (look.particles is None and few):
@@ -142,14 +169,14 @@ class Drawing:
         self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
             self._shares.assign((values / self.scale.full).astype(np.float32))
-        for part, own in (*self._body, *self._moving):
-            part.place(self._x, time, *own[:2])
-        for paint, (_, own) in self._painted:
-            paint.apply(self._x, self._shares, *own[2:])
+        for one in (*self._body, *self._moving):
+            one.follow(self._x, time)
+        for paint, one in self._painted:
+            paint.apply(self._x, self._shares, one.colours)
 
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
-        for _, (points, *_) in self._body:
-            points.fill_(wp.vec3(*out_of_sight))
-        for part, own in self._moving:
-            part.place(self._x, time, *own[:2])
+        for one in self._body:
+            one.points.fill_(wp.vec3(*out_of_sight))
+        for one in self._moving:
+            one.follow(self._x, time)

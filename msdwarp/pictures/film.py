@@ -87,7 +87,10 @@ def _with_frames(images: Iterable[NDArray[np.uint8]], folder: Path) -> Iterator[
 
 
 class _Reel(Image.Image):
-    """The pictures as one image of many frames, in Pillow's sense: each is fetched when it is sought."""
+    """The pictures as one image of many frames, in Pillow's sense: each is fetched when it is sought.
+
+    As `append_images` they would all be in memory at once: Pillow makes a list of those for WebP.
+    """
 
     def __init__(self, images: Iterator[NDArray[np.uint8]], count: int) -> None:
         super().__init__()
@@ -101,6 +104,8 @@ class _Reel(Image.Image):
             raise EOFError
         while self._at < frame:
             picture = Image.fromarray(next(self._images))
+            # A class of images has to set `_mode` and `_size` itself: `mode` and `size` can only be read (Pillow
+            # Handbook, "Writing your own image plugin").
             self.im, self._mode, self._size = picture.im, picture.mode, picture.size
             self._at += 1
 

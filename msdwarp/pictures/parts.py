@@ -47,7 +47,7 @@ class BodyPart(Part, Protocol):
         ...
 
 
-class Skin:
+class SurfacePart:
     """The surface of a system. Flat shading gives every triangle vertices of its own."""
 
     radius = 0.0
@@ -140,12 +140,13 @@ class Balls:
 
 
 class Obstacle:
-    """A solid collider; a moving one follows its pose."""
+    """A solid collider; one that `moves` follows its pose."""
 
     radius = 0.0
 
     def __init__(self, collider: Collider, mesh: Mesh, dim: int, colour: NDArray, device: str) -> None:
         self.uv, self.colour, self.triangles = mesh.uv, colour, mesh.triangles
+        self.moves = collider.motion is not None
         self._collider, self._dim = collider, dim
         self._points = wp.array(mesh.points, dtype=wp.vec3, device=device)
         self._normals = wp.array(mesh.normals, dtype=wp.vec3, device=device)

@@ -90,7 +90,7 @@ def _lattice(
     # What is made here is valid, but for a spacing so large that it overflows.
     for name, values in {"position": position, "rest_length": rest_length}.items():
         checks.within(name, values, (np.isfinite, "finite"))
-    lattice = System._of_own(
+    lattice = System.trusted(
         position=position,
         connections=connections,
         rest_length=rest_length,

@@ -13,7 +13,6 @@ ALL = {
     "gingham": lambda: textures.gingham("#2f6f9f", "#f4f1e8"),
     "rings": lambda: textures.rings("#c9687a", "#f0c4b8", 7),
     "pips": lambda: textures.pips("#f3ece0", "#1d2530"),
-    "weave": lambda: textures.weave("#3f6a8a", "#e9e4d6"),
     "waffle": lambda: textures.waffle("#dca350", "#b9742a"),
     "waffle, diagonal": lambda: textures.waffle("#dca350", "#b9742a", diagonal=True),
     "waffle_box": lambda: textures.waffle_box("#dca350", "#b9742a"),
@@ -90,12 +89,6 @@ def test_a_scoop_has_no_seam_and_follows_its_seed():
     assert (one != other).any()
 
 
-def test_a_weave_shows_both_threads_alike():
-    image = textures.weave("#ff0000", "#0000ff", count=16, over=2).astype(int)
-    red = image[..., 0] > image[..., 2]
-    assert red.mean() == pytest.approx(0.5, abs=0.01)
-
-
 @pytest.mark.parametrize("sizes", [[(4, 6), (9, 3)], [(1, 1), (8, 8)]])
 def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
     random = np.random.default_rng(1)
@@ -123,8 +116,6 @@ def test_an_image_of_one_colour_is_that_colour():
     ("paint", "message"),
     [
         (lambda: textures.pips("white", "#000000"), "colour is 'white'"),
-        (lambda: textures.weave("#000000", "#ffffff", count=0), "count is 0"),
-        (lambda: textures.weave("#000000", "#ffffff", over=0.5), "over is 0.5"),
         (lambda: textures.waffle("#000000", "#ffffff", counts=(5, 0)), r"counts\[1\] is 0"),
         (lambda: textures.ticking("#000000", "#ffffff", shape=(2, 0, 1)), r"shape\[1\] is 0"),
         (lambda: textures.ticking("#000000", "#ffffff", buttons=0), "buttons is 0"),
