@@ -242,8 +242,10 @@ def test_zoom_comes_nearer_to_the_same_target(scene, backend):
         msd.Renderer(scene, position, resolution=SIZE, colouring=SPEED, backend=backend, zoom=zoom)
         for zoom in (1.0, 1.25)
     )
-    np.testing.assert_array_equal(near.camera.target, far.camera.target)
-    np.testing.assert_allclose(near.camera.eye - near.camera.target, (far.camera.eye - far.camera.target) / 1.25)
+    np.testing.assert_array_equal(near.stage.camera.target, far.stage.camera.target)
+    np.testing.assert_allclose(
+        near.stage.camera.eye - near.stage.camera.target, (far.stage.camera.eye - far.stage.camera.target) / 1.25
+    )
     values = halves(scene.system)
     images = [one.bare(position, values=values) for one in (far, near)]
     for renderer, image in zip((far, near), images, strict=True):
