@@ -1,14 +1,14 @@
 """Fixtures that every test may use."""
 
+import contextlib
 import signal
 import sys
+from collections.abc import Iterator
 
 import pytest
 import warp as wp
 
-from msdwarp.bodies.system import System
 from msdwarp.engine import routes
-from msdwarp.engine.lattice_search import NotALattice, find_lattice
 
 wp.config.log_level = wp.LOG_ERROR
 
@@ -32,20 +32,6 @@ def not_in_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def always(route: str):
-    """Return an automatic choice of this route; of "gather" where that is a stencil and there is no lattice."""
-
-    def choose(system: System, *, on_gpu: bool):
-        if route == "stencil":
-            try:
-                return route, find_lattice(system)
-            except NotALattice:
-                return "gather", None
-        return route, None
-
-    return choose
-
-
 @pytest.fixture(
     params=[
         "cpu",  # by the route that is chosen there, which scatters
@@ -53,12 +39,11 @@ def always(route: str):
         *(pytest.param(f"cuda:0 {route}", marks=pytest.mark.gpu) for route in routes.ROUTES),
     ]
 )
-def device(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def device(request: pytest.FixtureRequest) -> Iterator[str]:
     """Each device in turn, by each route to the forces."""
     name, *route = request.param.split()
-    if route:
-        monkeypatch.setattr(routes, "automatic_route", always(*route))
-    return name
+    with routes.preferring(*route) if route else contextlib.nullcontext():
+        yield name
 
 
 @pytest.fixture

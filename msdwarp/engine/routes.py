@@ -3,6 +3,9 @@
 The choice is a matter of speed alone: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,13 +33,43 @@ def choose_route(system: System, route: str, *, on_gpu: bool) -> tuple[str, Latt
     """
     checks.one_of("route", route, (AUTO, *ROUTES))
     if route == AUTO:
-        return automatic_route(system, on_gpu=on_gpu)
+        return _preferred(system) or automatic_route(system, on_gpu=on_gpu)
     if route != "stencil":
         return route, None
     try:
         return route, find_lattice(system)
     except NotALattice as error:
         raise ValueError(f"route is 'stencil', which this system cannot take: {error}") from error
+
+
+_preference: list[str] = []
+"""What `preferring` asks for, the innermost last."""
+
+
+@contextmanager
+def preferring(route: str) -> Iterator[None]:
+    """Have "auto" take a route meanwhile, and gather in place of a stencil that there is none of.
+
+    So that whatever runs takes it, however deep the simulation is made: for tests and measurements of all routes.
+    """
+    checks.one_of("route", route, ROUTES)
+    _preference.append(route)
+    try:
+        yield
+    finally:
+        _preference.remove(route)
+
+
+def _preferred(system: System) -> tuple[str, Lattice | None] | None:
+    """Return the route that is preferred, if one is, and the system's lattice where that is a stencil."""
+    if not _preference:
+        return None
+    if _preference[-1] != "stencil":
+        return _preference[-1], None
+    try:
+        return "stencil", find_lattice(system)
+    except NotALattice:
+        return "gather", None
 
 
 def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
