@@ -1,6 +1,5 @@
 """The process: a quiet start, signals, exit codes, the lock on a folder."""
 
-import contextlib
 import importlib.util
 import os
 import signal
@@ -11,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-import warp as wp
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from .. import quiet
 from ..simulation import SimulationDiverged
 
 
@@ -125,21 +124,7 @@ def progress_on(console: Console) -> Progress:
 
 
 def start_warp(verbose: bool) -> None:
-    """Start Warp; keep off the terminal what is said then, some of it from C++, unless `verbose`."""
-    with contextlib.nullcontext() if verbose else _silence():
-        if not verbose:
-            wp.config.log_level = 30  # warnings; what is compiled and loaded is not of interest
-        wp.init()
-
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+    """Start Warp, and let it speak if `verbose`."""
+    if verbose:
+        quiet.verbose()
+    quiet.start_warp()
