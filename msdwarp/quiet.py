@@ -48,8 +48,8 @@ def start_warp() -> None:
 def _without(unwanted: bytes) -> Iterator[None]:
     """Leave out lines that begin in this way of what comes to standard error meanwhile, by whichever thread.
 
-    C++ writes to the file descriptor itself. What comes is kept in a file, and all else of it passed on at the end;
-    where that cannot be done nothing is left out.
+    C++ writes to the file descriptor itself. What comes is kept in a file, and all else of it is passed on at the
+    end; where that cannot be done nothing is left out.
     """
     try:
         if sys.__stderr__ is None:  # closed when Python started: 2 is nobody's, or another file's
