@@ -27,6 +27,7 @@ from .integrators import (
     stability_limit,
 )
 from .pictures import Renderer, Scale
+from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, lattice, sheet
 from .simulation import Simulation, SimulationDiverged
 from .world import Box, Capsule, Cone, Look, Plane, Scene, Sphere, at
@@ -78,4 +79,5 @@ __all__ = [
     "lattice",
     "sheet",
     "stability_limit",
+    "verbose",
 ]

@@ -31,11 +31,20 @@ def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
 
 
 def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
-    """Raise ValueError that names the first entry of `values` for which `holds` is False."""
+    """Raise ValueError that names the first entry of `values` for which `holds` is False.
+
+    What was given as a number, and is seen many times, is named as that number: it has no entries.
+    """
     if not np.all(holds):
         index = tuple(int(k) for k in np.argwhere(~holds)[0])
-        where = name + (f"[{', '.join(map(str, index))}]" if index else "")
-        raise ValueError(f"{where} is {values[index]}; it must be {allowed}")
+        value, given = values[index], []
+        for axis, k in enumerate(index):
+            along = tuple(slice(None) if other == axis else one for other, one in enumerate(index))
+            if values.strides[axis] or np.any(holds[along]):  # it has entries there, or this one alone is wrong
+                given.append(str(k))
+        where = f"{name}[{', '.join(given)}]" if given else name
+        said = value if given or values.dtype.kind != "f" else f"{value}".removesuffix(".0")
+        raise ValueError(f"{where} is {said}; it must be {allowed}")
 
 
 def within(name: str, values: NDArray, *limits: tuple[Callable[[NDArray], NDArray], str]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from rooms import MODULES, ROOT, TOP, arrows, imports, levels, room_of
 
 LAYERS = [
-    {"checks", "disk", "kernels", "scenes"},
+    {"checks", "disk", "kernels", "quiet", "scenes"},
     {"bodies", "textures"},
     {"shapes", "world", "files"},
     {"engine", "pictures"},

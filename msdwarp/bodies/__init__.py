@@ -1,6 +1,7 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
+from .description import counted, headline
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
@@ -26,6 +27,8 @@ __all__ = [
     "QuadraticDamper",
     "Surface",
     "System",
+    "counted",
+    "headline",
     "in_space",
     "is_uniform",
     "rotation",

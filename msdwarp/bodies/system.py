@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .dampers import LINEAR, Damper
+from .description import description
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, checked, lengths
 from .space import rotation_matrix
 from .surface import Surface
@@ -146,6 +147,9 @@ class System:
                 value.flags.writeable = False
             object.__setattr__(system, name, value)
         return system
+
+    def __repr__(self) -> str:
+        return description(self)
 
     @property
     def particle_count(self) -> int:

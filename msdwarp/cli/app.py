@@ -6,7 +6,7 @@ import sys
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 from cyclopts import App, Parameter
 
@@ -20,7 +20,7 @@ from .file_commands import (
     resume_command,
 )
 from .options import Options
-from .process import finish, start_warp
+from .process import finish, start_warp, understood
 from .run import run_scene
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .tune import TuneOptions, tune_scene
@@ -34,14 +34,14 @@ app = App(
 
 def main() -> NoReturn:
     """Run the `msdwarp` command."""
-    finish(lambda: app(sys.argv[1:], result_action="return_value"))
+    finish(lambda: understood(app, sys.argv[1:]))
 
 
 def scene_main(build: Build) -> NoReturn:
     """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
     origin = origin_of(build)
     scene_app = partial(_scene_app, origin, f"{origin.name}.py", Options, run_scene)
-    finish(lambda: scene_app()(sys.argv[1:], result_action="return_value"))
+    finish(lambda: understood(scene_app(), sys.argv[1:]))
 
 
 @app.command(name="list")
@@ -62,13 +62,18 @@ for _name, _command in (
     ("rerun", rerun_command),
 ):
     app.command(_command, name=_name)
+app.register_install_completion_command(help="Have the shell complete commands, flags and the names of scenes.")
 
 
 Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
+if TYPE_CHECKING:
+    Name = str
+else:  # a scene's name, which a shell completes, or anything else
+    Name = Annotated[Literal[tuple(scene_names())] | str, Parameter(allow_leading_hyphen=True, show_choices=False)]
 
 
 @app.command(help_flags=())
-def run(scene: Words, /, *flags: Words) -> None:
+def run(scene: Name, /, *flags: Words) -> None:
     """Simulate a scene and draw it.
 
     `msdwarp run SCENE --help` shows the flags of a scene.
@@ -84,7 +89,7 @@ def run(scene: Words, /, *flags: Words) -> None:
 
 
 @app.command(name="tune", help_flags=())
-def tune_command(scene: Words, /, *flags: Words) -> None:
+def tune_command(scene: Name, /, *flags: Words) -> None:
     """Find the cheapest method, precision and substeps that keep a scene's error under a tolerance.
 
     `msdwarp tune SCENE --help` shows the flags; `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
@@ -103,8 +108,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
     if scene in ("--help", "-h"):
         app.help_print([command])
         return
-    scene_app = _scene_app(find_scene(scene), f"msdwarp {command} {scene}", options_type, action)
-    scene_app(list(flags), result_action="return_value")
+    understood(_scene_app(find_scene(scene), f"msdwarp {command} {scene}", options_type, action), flags)
 
 
 def _scene_app(origin: Origin, command: str, options_type: type, action: Any) -> App:

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,8 @@ def draw(
     pictures: Pictures,
     progress: Progress,
     *,
-    zoom: float = 1.0,
+    shown: Sequence[int] | None = None,
+    fps: float | None = None,
 ) -> str:
     """Draw a trajectory into a folder; return a line that says so.
 
@@ -44,22 +46,27 @@ def draw(
         What is drawn.
     progress
         Where it is shown how far it is.
-    zoom
-        How much nearer the camera comes than where it sees all.
+    shown
+        The numbers of the frames that are drawn; by default all.
+    fps
+        Pictures per second of the film; by default as many as frames of a second.
     """
-    began, count = time.perf_counter(), len(trajectory)
-    colouring, values = _colouring(scene, trajectory, pictures.colour)
+    began = time.perf_counter()
+    shown = range(len(trajectory)) if shown is None else shown
+    fps, count = trajectory.fps if fps is None else fps, len(shown)
+    scene = replace(scene, look=pictures.turned(scene.look))
+    colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
     size = parse_resolution(pictures.resolution)
-    seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in range(count)]
-    renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=zoom)
+    seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
+    renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=pictures.zoom)
     if not renderer.uses_opengl:
         progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
     if not pictures.frames == pictures.video == "none":
-        shown = progress.track(range(count), count, description="drawing")
-        images = (renderer.image(positions[k], times[k], values and values(k)) for k in shown)
+        drawing = progress.track(shown, count, description="drawing")
+        images = (renderer.image(positions[k], times[k], values and values(k)) for k in drawing)
         formats = {"frames": pictures.frames, "video": pictures.video}
-        path = write_film(images, count, folder, name=name, fps=trajectory.fps, **formats)
+        path = write_film(images, count, folder, name=name, fps=fps, **formats)
         drawn.append(f"{count} frame{'s' if count > 1 else ''}")
         if pictures.frames == "png":
             others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
@@ -67,7 +74,7 @@ def draw(
         if path is not None:
             results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
     if pictures.overlay is not None:
-        chosen = np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))
+        chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
         path = overlay_path(folder, name)
         all_values = None if values is None else np.array([values(k) for k in chosen])
         Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
@@ -78,11 +85,12 @@ def draw(
 
 
 def _colouring(
-    scene: Scene, trajectory: Trajectory, colour: str | None
+    scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
 ) -> tuple[str | Scale | None, Values | None]:
     """Return how a body is coloured, and what gives the values of its particles in frame k, if any are shown.
 
-    The scale ends where, in the frame in which they are largest, all but a hundredth of the particles are below.
+    The scale ends where, of the frames shown in the one in which they are largest, all but a hundredth of the
+    particles are below.
     """
     if colour not in _SHOWN:
         return colour, None
@@ -91,7 +99,7 @@ def _colouring(
     def values(k: int) -> NDArray[np.float64]:
         return values_of(scene, trajectory, k)
 
-    largest = max(float(np.quantile(values(k), 0.99)) for k in range(len(trajectory)))
+    largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
     return Scale(label, _rounded_up(largest)), values
 
 

@@ -1,9 +1,9 @@
 """The commands that begin with a file of a run: to look at it, draw it, go on with it, make it again."""
 
-import shlex
+import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -13,19 +13,26 @@ from ..files import Trajectory, export
 from ..studies import plot_history, write_history
 from ..world import Scene
 from .draw import draw
+from .info import told
 from .options import Pictures
 from .process import progress_on, start_warp
 from .provenance import built_again
 from .rerun import rerun
-from .results import RESTART, TRAJECTORY, free_folder, pictures_in
+from .results import TRAJECTORY, free_folder, pictures_in
 from .resume import resume_run
 
 PICTURES = Pictures()
+_MOST_FPS = 60.0
+"""Pictures a second beyond which a film that is played faster leaves some out."""
 Flag = Annotated[bool, Parameter(negative=())]
 
 
 def trajectory_in(file: Path) -> Path:
-    """Return a trajectory, given by itself or by the folder of its run."""
+    """Return a trajectory, given by itself or by the folder of its run; raise OSError if there is none."""
+    if file.is_dir() and not (file / TRAJECTORY).exists():
+        raise FileNotFoundError(f"file is {file}, a folder without {TRAJECTORY}; it must be the folder of a run")
+    if not file.exists():
+        raise FileNotFoundError(f"file is {file}, which does not exist; it must be a trajectory or a run's folder")
     return file / TRAJECTORY if file.is_dir() else file
 
 
@@ -37,24 +44,8 @@ def info_command(file: Path, /) -> None:
     file
         A trajectory, *.vtkhdf, or the folder of a run.
     """
-    path = trajectory_in(file)
-    with Trajectory(path) as trajectory:
-        system, times = trajectory.system, trajectory.times
-        megabytes = path.stat().st_size / 1e6
-        print(f"{path}: {len(trajectory)} frames from {times[0]:.4g} to {times[-1]:.4g} s, {megabytes:.1f} MB")
-        particles = f"{system.particle_count} particles with {system.dim} coordinates"
-        print(f"{particles}, {system.connection_count} connections")
-        for name, value in trajectory.attributes.items():
-            print(f"{name}: {_words(value)}")
-    if path.with_name(RESTART).exists():
-        print(f"{path.with_name(RESTART)}: `msdwarp resume {shlex.quote(str(path.parent))}` goes on from it")
-
-
-def _words(value: Any) -> str:
-    """Return a value of JSON as it is read best."""
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_words(one)}" for name, one in value.items() if one is not None)
-    return " ".join(map(_words, value)) if isinstance(value, list) else str(value)
+    with Trajectory(trajectory_in(file)) as trajectory:
+        print(told(trajectory), end="")
 
 
 def export_command(
@@ -94,9 +85,10 @@ def render_command(
     /,
     *,
     pictures: Pictures = PICTURES,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    zoom: float = 1.0,
+    first: int = 0,
+    last: int = -1,
+    every: int = 1,
+    speed: float = 1.0,
     out: Path | None = None,
     force: Flag = False,
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
@@ -110,12 +102,16 @@ def render_command(
     ----------
     file
         A trajectory, *.vtkhdf, or the folder of a run.
-    azimuth
-        Direction from the body to the camera, anticlockwise from x seen from above [degrees].
-    elevation
-        The same above the horizon [degrees].
-    zoom
-        How much nearer the camera comes than where it sees all.
+    first
+        First frame to draw, counted from 0, or from the end if negative.
+    last
+        Last frame to draw, counted in the same way.
+    every
+        Draw every Nth frame, beginning with the first.
+    speed
+        Speed of the film over that of the simulated motion: 0.25 plays it in slow motion, at a quarter of real
+        time. Below 1 each picture is shown for longer; above 1 for a shorter time, and where that would make more
+        than 60 a second some are left out.
     out
         Folder for the pictures; by default `render` beside the trajectory, or render-2 ... where that is taken.
     force
@@ -129,13 +125,11 @@ def render_command(
     talk = Console(stderr=True, quiet=quiet_)
     path = trajectory_in(file)
     with Trajectory(path) as trajectory:
-        pictures.check(len(trajectory))
+        shown, fps = _shown(trajectory, first, last, every, speed)
+        pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk)
-        turned = {"azimuth": azimuth, "elevation": elevation}
-        turned = {key: value for key, value in turned.items() if value is not None}
-        scene = replace(scene, look=replace(scene.look, **turned))
         folder = out or (path.parent / "render" if force else free_folder(path.parent / "render"))
         there = pictures_in(folder, name)
         if there and not force:
@@ -144,9 +138,26 @@ def render_command(
         for picture in there:  # none of an earlier, longer film is left
             picture.unlink()
         with progress_on(talk) as progress:
-            line = draw(scene, trajectory, folder, name, pictures, progress, zoom=zoom)
+            line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
     if not quiet_:
         print(line)
+
+
+def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: float) -> tuple[range, float]:
+    """Return the numbers of the frames that are drawn, and how many of them the film shows in a second."""
+    count = len(trajectory)
+    for name, k in (("first", first), ("last", last)):
+        if not -count <= k < count:
+            raise ValueError(
+                f"{name} is {k}; the run has {count} frames, and it must be from {-count} to {count - 1}"
+            )
+    shown = range(first % count, last % count + 1, checks.count("every", every, 1))
+    if not shown:
+        raise ValueError(f"last is {last}; it must not be before first, which is {first}")
+    usual = trajectory.fps / every
+    fps = usual * checks.between("speed", speed, 0.01, 100)
+    step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
+    return shown[::step], fps / step
 
 
 def _scene_of(trajectory: Trajectory, talk: Console) -> tuple[str, Scene]:

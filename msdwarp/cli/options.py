@@ -1,8 +1,9 @@
 """Options: what can be said of every run, whatever its scene."""
 
+import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ from cyclopts import Parameter
 
 from .. import checks
 from ..pictures import check_formats
+from ..world import Look
 from .results import overlay_path
 
 
@@ -28,6 +30,13 @@ class Pictures:
         Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
     resolution
         Width and height of the pictures in pixels.
+    azimuth
+        Direction from the body to the camera, anticlockwise from x seen from above [degrees]; by default as the
+        scene has it.
+    elevation
+        The same above the horizon [degrees].
+    zoom
+        How many times nearer the camera comes than where it sees everything.
     colour
         The surface as it looks, connections from green (rest) to red (strained), or the body by the speed or the
         energy of its particles; by default as the scene looks best.
@@ -38,6 +47,9 @@ class Pictures:
     overlay: int | None = None
     resolution: str = "1280x720"
     colour: Literal["texture", "strain", "velocity", "energy"] | None = None
+    azimuth: float | None = None
+    elevation: float | None = None
+    zoom: float = 1.0
 
     @property
     def any(self) -> bool:
@@ -51,13 +63,23 @@ class Pictures:
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
         return all(path.exists() for path in wanted)
 
+    def turned(self, look: Look) -> Look:
+        """Return a look from where the camera is to stand."""
+        return replace(look, **self._turned())
+
+    def _turned(self) -> dict[str, Any]:
+        angles = {"azimuth": self.azimuth, "elevation": self.elevation}
+        return {name: angle for name, angle in angles.items() if angle is not None}
+
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
         check_formats(self.frames, self.video)
         parse_resolution(self.resolution)
+        checks.positive("zoom", self.zoom)
+        Look(**self._turned())  # which checks the angles
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
-                f"overlay is {self.overlay}; the run has {frame_count} frames, and it must be at most that"
+                f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
             )
 
 
@@ -104,14 +126,15 @@ class Options:
     trajectory
         Keep frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, and slower), or none.
     every
-        Keep, and draw, the first frame and each so many behind it.
+        Keep and draw every Nth frame, beginning with the first.
     strain
         Keep the strain of every connection too: in a lattice twice as many numbers as all else.
     restart
         Seconds of computing after which restart.h5 is written anew beside the trajectory; `msdwarp resume` goes on
         from it. It is written at the end too; 0 writes none.
     log
-        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it.
+        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name,
+        energy.csv, goes into the run's folder; ./energy.csv or any other path where it says.
     force
         Replace an earlier run's results in --out and --log.
     quiet
@@ -138,7 +161,7 @@ class Options:
     every: int = 1
     strain: bool = True
     restart: float = 60.0
-    log: Path | None = None
+    log: str | None = None
     force: Annotated[bool, Parameter(negative=())] = False
     quiet: Annotated[bool, Parameter(negative=())] = False
     verbose: Annotated[bool, Parameter(negative=())] = False
@@ -148,16 +171,37 @@ class Options:
         checks.non_negative("restart", self.restart)
         self.pictures.check(last // checks.count("every", self.every, 1) + 1)
 
+    @property
+    def logs_in_folder(self) -> bool:
+        """Whether the log goes into the run's folder."""
+        return self.log is not None and not os.path.dirname(self.log)
+
+    def log_path(self, folder: Path | None) -> Path | None:
+        """Return the file of the log of a run in a folder, if there is one."""
+        if self.log is None:
+            return None
+        return folder / self.log if self.logs_in_folder and folder is not None else Path(self.log)
+
     def as_stored(self) -> dict[str, Any]:
         """Return them as JSON has them."""
-        log = self.log and str(self.log.absolute())  # for whoever goes on from another folder
+        log = self.log
+        if log is not None and not self.logs_in_folder:
+            log = str(Path(log).absolute())  # for whoever goes on from another folder
         return asdict(self) | {"out": self.out and str(self.out), "log": log}
 
     @classmethod
     def stored(cls, values: Mapping[str, Any], **changes: Any) -> "Options":
-        """Return what `as_stored` gave, with changes; raise ValueError where another version stored it."""
-        unknown = values.keys() ^ {one.name for one in fields(cls)}
+        """Return what `as_stored` gave, with changes; raise ValueError where a later version stored it.
+
+        What an earlier version did not know is as it is by default: so it was then.
+        """
+        pictures = values.get("pictures", {})
+        unknown = (values.keys() - _names(cls)) | (pictures.keys() - _names(Pictures))
         if unknown:
-            raise ValueError(f"the run's options are those of another version of msdwarp: {sorted(unknown)}")
-        paths = {name: values[name] and Path(values[name]) for name in ("out", "log")}
-        return cls(**{**values, **paths, "pictures": Pictures(**values["pictures"]), **changes})
+            raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
+        out = {"out": values.get("out") and Path(values["out"])}
+        return cls(**{**values, **out, "pictures": Pictures(**pictures), **changes})
+
+
+def _names(options: type) -> set[str]:
+    return {one.name for one in fields(options)}

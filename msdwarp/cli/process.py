@@ -1,21 +1,22 @@
 """The process: a quiet start, signals, exit codes, the lock on a folder."""
 
-import contextlib
 import importlib.util
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-import warp as wp
+from cyclopts import App, CycloptsError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from .. import quiet
 from ..simulation import SimulationDiverged
+from .misunderstood import misunderstood
 
 
 class _Terminated(BaseException):
@@ -27,7 +28,11 @@ def _terminate(number: int, _: Any) -> NoReturn:
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit: 0, or one line that says what was wrong."""
+    """Run a command and exit: with 0, or with one line that says what was wrong and 1.
+
+    Flags that are not understood end as all errors do, so that there is one code to look for: `rerun` has always
+    said by it that a result differs.
+    """
     for number in heard("SIGTERM", "SIGHUP"):
         signal.signal(number, _terminate)
     try:
@@ -37,6 +42,9 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         sys.exit(1)
     except MemoryError as error:
         print(f"error: out of memory: {error}", file=sys.stderr)
+        sys.exit(1)
+    except CycloptsError as error:
+        print(f"error: {misunderstood(error)}", file=sys.stderr)
         sys.exit(1)
     except (ValueError, OSError, SimulationDiverged) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -51,6 +59,11 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         print("terminated", file=sys.stderr)
         sys.exit(128 + termination.args[0])
     sys.exit(0)
+
+
+def understood(app: App, words: Sequence[str]) -> None:
+    """Run the command that some words of the command line say; raise CycloptsError where they say none."""
+    app(list(words), result_action="return_value", exit_on_error=False, print_error=False)
 
 
 class Interrupted(RuntimeError):
@@ -125,21 +138,7 @@ def progress_on(console: Console) -> Progress:
 
 
 def start_warp(verbose: bool) -> None:
-    """Start Warp; keep off the terminal what is said then, some of it from C++, unless `verbose`."""
-    with contextlib.nullcontext() if verbose else _silence():
-        if not verbose:
-            wp.config.log_level = 30  # warnings; what is compiled and loaded is not of interest
-        wp.init()
-
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+    """Start Warp, and let it speak if `verbose`."""
+    if verbose:
+        quiet.verbose()
+    quiet.start_warp()

@@ -19,12 +19,18 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     OSError
         If it cannot be created or written to.
     """
+    folder = wanted_folder(name, out, force)
+    disk.writable_folder("out", folder, folder)
+    return folder
+
+
+def wanted_folder(name: str, out: Path | None, force: bool) -> Path:
+    """Return the folder for results, which need not be there yet; raise FileExistsError as `result_folder`."""
     folder = out
     if folder is None:
         folder = Path("out") / name if force else free_folder(Path("out") / name)
     elif not force and folder.is_dir() and _holds_something(folder):
         raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
-    disk.writable_folder("out", folder, folder)
     return folder
 
 

@@ -62,7 +62,8 @@ def resume_run(
             return
         if behind <= last and pictures and not force:
             raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
-        log = None if options.log is None or behind > last else EnergyLog(options.log, behind=behind)
+        path = options.log_path(folder)
+        log = None if path is None or behind > last else EnergyLog(path, behind=behind)
         talk = Console(stderr=True, quiet=quiet)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
 

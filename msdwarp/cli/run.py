@@ -13,6 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
+from .. import disk
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
@@ -22,7 +23,7 @@ from .draw import draw
 from .options import Options
 from .process import Interrupted, alone_in, progress_on, stop_asked_for
 from .provenance import about
-from .results import RESTART, TRAJECTORY, remove_results, result_folder
+from .results import RESTART, TRAJECTORY, overlay_path, remove_results, wanted_folder
 from .scene_files import Origin
 
 
@@ -43,14 +44,26 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     simulation = simulation_by(scene, options)
-    log = None if options.log is None else EnergyLog(options.log, force=options.force)
-    wanted = options.pictures.any or options.trajectory != "none"
-    folder = result_folder(origin.name, options.out, options.force) if wanted else None
+    wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder
+    folder = wanted_folder(origin.name, options.out, options.force) if wanted else None
+    log = _log(options, folder, origin.name)
+    if folder is not None:
+        disk.writable_folder("out", folder, folder)
     made_by = about(origin, scene) | used(simulation, options) if options.trajectory != "none" else {}
     with alone_in(folder):
         if folder is not None and options.force:
             remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
+
+
+def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
+    """Return the log that is asked for, whose plot must not have the name of another picture of the run."""
+    path = options.log_path(folder)
+    if path is None:
+        return None
+    if folder is not None and path.with_suffix(".png") == overlay_path(folder, name):
+        raise ValueError(f"log is {path}; its plot would have the name of the overlay")
+    return EnergyLog(path, force=options.force)
 
 
 def last_frame(options: Options) -> int:
@@ -121,6 +134,7 @@ class Run:
     def __post_init__(self) -> None:
         """See what is to be kept."""
         self._keeps = self.options.trajectory != "none"
+        self._writes = self._keeps or self.options.pictures.any
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
 
     def to(self, last: int, *, behind: int = 0) -> None:
@@ -141,13 +155,15 @@ class Run:
             try:
                 with ExitStack() as files:
                     log = files.enter_context(self.log) if self.log is not None else None
-                    writer = files.enter_context(self._writer(path, last, behind)) if self.folder else None
+                    writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
                     self._simulate(last, behind, writer, log, progress)
             except SimulationDiverged as error:
                 trouble = error  # told once what there is has been drawn
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
             if self._keeps:
                 lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+            if self.log is not None:
+                lines.append(f"wrote {self.log.path} and {self.log.plot_path.name}")
             if self.folder is not None and self.options.pictures.any:
                 with Trajectory(path) as trajectory:
                     pictures = self.options.pictures

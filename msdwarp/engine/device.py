@@ -7,6 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import is_uniform
+from ..quiet import start_warp
 
 PRECISIONS = {
     "float32": (wp.float32, np.float32),
@@ -23,7 +24,7 @@ def find_device(name: str | None) -> Any:
     ValueError
         If there is no such device here; the message lists those there are.
     """
-    wp.init()
+    start_warp()
     if name is None:
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
     try:

@@ -9,7 +9,7 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import AXES, Frame, System
+from ..bodies import AXES, Frame, System, counted
 from .frame_array import FrameArray
 from .names import KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, fault
 from .stored_system import read_system
@@ -64,6 +64,19 @@ class Trajectory:
     def __exit__(self, *_: object) -> None:
         """Close the file."""
         self.close()
+
+    def __repr__(self) -> str:
+        state = "" if self._file else ", closed"
+        times = f" from {self.times[0]:.4g} to {self.times[-1]:.4g} s" if len(self) else ""
+        lines = [
+            f"Trajectory {self.path}{state}",
+            f"{counted(len(self), 'frame')}{times}, {self.fps:.4g} a second",
+            f"{counted(self._particles, 'particle')} in {counted(self._dim, 'dimension')}, "
+            + counted(self._lines, "connection"),
+        ]
+        if "scene" in self.attributes:
+            lines.append(f"of the scene {self.attributes['scene']}")
+        return "\n  ".join(lines)
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from ..quiet import start_warp
 from ..world import Scene
 from .drawing import Drawing, Scale
 from .legend import with_bar
@@ -67,6 +68,7 @@ class Renderer:
         width, height = (checks.count("resolution", n, 16) for n in resolution)
         if colouring is None:
             colouring = "strain" if scene.look.strain else "texture"
+        start_warp()
         self.drawing = Drawing(scene, colouring)
         positions, self._shape = np.asarray(positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:

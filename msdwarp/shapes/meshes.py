@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import Material, System
 from ..kernels.filling import find_inside
+from ..quiet import start_warp
 from .skin import SAMPLED, Skin, cell_centres, embedded, held
 
 _SAME = 1e-6
@@ -200,6 +201,7 @@ def _filled(
 ) -> NDArray[np.bool_]:
     """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
     centres = np.stack(np.broadcast_arrays(*cell_centres(shape, 1.0)), axis=-1)
+    start_warp()
     surface = wp.Mesh(
         points=wp.array(points, dtype=wp.vec3, device="cpu"),
         indices=wp.array(triangles.ravel(), dtype=int, device="cpu"),

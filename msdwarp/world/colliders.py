@@ -6,7 +6,7 @@ only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ Motion = Callable[[float], Any]
 pair (displacement, turn), also turned about its centre by a rotation vector [rad], shape [3] (in 2-D a number)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Collider:
     """An obstacle that particles are kept out of: what all shapes have.
 
@@ -60,6 +60,16 @@ class Collider:
         if self.motion is not None and not callable(self.motion):
             raise ValueError(f"motion is {self.motion!r}; it must be a function of time")
 
+    def __repr__(self) -> str:
+        # Where and how large it is, then what all colliders have; nothing that is as it is by default.
+        common = {one.name for one in fields(Collider)}
+        said = [
+            f"{one.name}={_words(getattr(self, one.name))}"
+            for one in sorted(fields(self), key=lambda one: one.name in common)
+            if _words(getattr(self, one.name)) != _words(one.default)
+        ]
+        return f"{type(self).__name__}({', '.join(said)})"
+
     def fits(self, dim: int) -> str | None:
         """Return why it cannot be in a space of `dim` coordinates; None if it can."""
         return None
@@ -95,7 +105,7 @@ class Collider:
         return matrix, shift + centre - matrix @ centre
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plane(Collider):
     """The half-space below a plane: points x with normal·x < offset.
 
@@ -141,7 +151,7 @@ class Plane(Collider):
         return self.offset * self.unit_normal(dim)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sphere(Collider):
     """A ball; in two dimensions a disc.
 
@@ -178,7 +188,7 @@ class Sphere(Collider):
         return {"a": self.position, "radius": self.radius}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Box(Collider):
     """A solid block. One that stands on a plane must reach below it: what slides there would come in from beneath.
 
@@ -224,7 +234,7 @@ class Box(Collider):
         return {"a": self.position, "b": np.array(self.size) / 2, "axes": axes}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Capsule(Collider):
     """All points within `radius` of a line: a rod with round ends.
 
@@ -268,7 +278,7 @@ class Capsule(Collider):
         return (np.array(self.start) + self.end) / 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cone(Collider):
     """A solid cone with a flat base; in two dimensions a triangle. On a plane it is as with a `Box`.
 
@@ -322,3 +332,12 @@ def _check_ends(collider: Any, first: str, second: str) -> None:
 def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:
     """Return that a collider has another number of coordinates, where it has."""
     return None if value is None or len(value) == dim else f"{name} is {value}; it must have {dim} coordinates"
+
+
+def _words(value: Any) -> str:
+    """Return a collider's number, numbers or function as its text shows it."""
+    if isinstance(value, np.ndarray | np.generic | list):
+        value = np.asarray(value).tolist()
+    if callable(value):
+        return getattr(value, "__name__", type(value).__name__)
+    return repr(tuple(value) if isinstance(value, list) else value)

@@ -3,13 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..bodies import System
+from ..bodies import System, counted, headline
 from .colliders import Collider, Plane
 from .look import Look
 from .schedule import Change
+
+_SHOWN = 3
+"""Colliders that the text of a scene shows; of more it says how many there are."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +52,19 @@ class Scene:
                     raise ValueError(f"{name}[{k}] is {one!r}; it must be a {kind.__name__}")
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+
+    def __repr__(self) -> str:
+        gravity = np.asarray(self.gravity, dtype=float)
+        along = f"{gravity:.4g}" if gravity.ndim == 0 else f"({', '.join(f'{one:.4g}' for one in gravity)})"
+        lines = [f"Scene of {self.duration:.4g} s, gravity {along} m/s²", headline(self.system)]
+        if self.colliders:
+            shown, more = list(map(repr, self.colliders[:_SHOWN])), len(self.colliders) - _SHOWN
+            lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
+        if self.schedule:
+            times = sorted(change.time for change in self.schedule)
+            when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"
+            lines.append(f"schedule: {counted(len(times), 'change')}, at {when}")
+        return "\n  ".join(lines)
 
     @property
     def ground(self) -> Plane | None:

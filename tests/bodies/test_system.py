@@ -231,7 +231,7 @@ def test_replace_keeps_the_rest_and_validates():
     assert (changed.stiffness == 7.0).all()
     assert changed.surface is system.surface
     np.testing.assert_array_equal(changed.rest_length, system.rest_length)
-    with pytest.raises(ValueError, match=r"damping\[0\] is -1"):
+    with pytest.raises(ValueError, match=r"damping is -1"):
         system.replace(damping=-1.0)
     with pytest.raises(TypeError, match="colour"):
         system.replace(colour="red")
@@ -297,10 +297,10 @@ BAD = [
     ({"position": [[0.0, 0.0], [1.0]]}, "position must be an array of numbers"),
     ({"velocity": np.zeros((4, 2))}, r"velocity has shape \(4, 2\).*\(3, 2\)"),
     ({"velocity": [[0, 0], [0, 0], [NAN, 0]]}, r"velocity\[2, 0\] is nan"),
-    ({"velocity": (INF, 0.0)}, r"velocity\[0, 0\] is inf"),
+    ({"velocity": (INF, 0.0)}, r"velocity\[0\] is inf"),
     ({"mass": [1.0, 0.0, 1.0]}, r"mass\[1\] is 0"),
-    ({"mass": -2.0}, r"mass\[0\] is -2"),
-    ({"mass": -INF}, r"mass\[0\] is -inf"),
+    ({"mass": -2.0}, r"mass is -2"),
+    ({"mass": -INF}, r"mass is -inf"),
     ({"mass": [1.0, NAN, 1.0]}, r"mass\[1\] is nan"),
     ({"mass": [1.0, 2.0]}, r"mass has shape \(2,\).*\(3,\)"),
     ({"mass": [1.0, INF, 1.0], "velocity": (0.0, 3.0)}, r"velocity\[1, \d\] is .*pinned"),
@@ -313,18 +313,18 @@ BAD = [
     ({"connections": [0, 1]}, r"connections has shape \(2,\)"),
     ({"connections": [[0, 1, 2]]}, r"connections has shape \(1, 3\)"),
     ({"connections": [[0, 2**40]]}, r"connections\[0, 1\] is 1099511627776"),
-    ({"rest_length": 0.0}, r"rest_length\[0\] is 0"),
+    ({"rest_length": 0.0}, r"rest_length is 0"),
     ({"rest_length": [1.0, -1.0, 1.0]}, r"rest_length\[1\] is -1"),
-    ({"rest_length": INF}, r"rest_length\[0\] is inf"),
-    ({"rest_length": NAN}, r"rest_length\[0\] is nan"),
+    ({"rest_length": INF}, r"rest_length is inf"),
+    ({"rest_length": NAN}, r"rest_length is nan"),
     ({"rest_length": [1.0, 1.0]}, r"rest_length has shape \(2,\).*\(3,\)"),
     ({"position": np.zeros((3, 2))}, r"rest_length\[0\] is 0"),  # coincident: the default is no length
     ({"stiffness": [1.0, 1.0, -0.5]}, r"stiffness\[2\] is -0.5"),
-    ({"stiffness": NAN}, r"stiffness\[0\] is nan"),
-    ({"stiffness": INF}, r"stiffness\[0\] is inf"),
+    ({"stiffness": NAN}, r"stiffness is nan"),
+    ({"stiffness": INF}, r"stiffness is inf"),
     ({"stiffness": np.ones((3, 1))}, r"stiffness has shape \(3, 1\)"),
-    ({"damping": -1e-9}, r"damping\[0\] is -1e-09"),
-    ({"damping": INF}, r"damping\[0\] is inf"),
+    ({"damping": -1e-9}, r"damping is -1e-09"),
+    ({"damping": INF}, r"damping is inf"),
     ({"damping": "much"}, "damping must be an array of numbers, not 'much'"),
     ({"damping": None}, r"damping.*(None|nan)"),
 ]

@@ -75,7 +75,7 @@ def test_a_file_without_a_scene_is_drawn_as_what_it_is(msdwarp, tmp_path):
     ("flags", "message"),
     [
         (["--video", "none"], "nothing would be drawn"),
-        (["--overlay", "8"], "overlay is 8; the run has 7 frames"),
+        (["--overlay", "8"], "overlay is 8; it must be at most the number of frames drawn, 7"),
         (["--resolution", "1x1"], "resolution is '1x1'"),
         (["--out", "/dev/null/deep"], "out is /dev/null/deep, which cannot be written to"),
     ],

@@ -145,8 +145,8 @@ def test_other_routes_go_on_too(msdwarp, tmp_path, route):
 )
 def test_a_signal_ends_a_run_between_two_frames_and_it_can_go_on(msdwarp, own, heard, name, code, word):
     folder = own.parent
-    log = ("--log", "own.csv")
-    assert msdwarp("run", "own.py", *UNDRAWN, "--out", "whole", "--log", "whole.csv")[0] == 0
+    log = ("--log", "./own.csv")
+    assert msdwarp("run", "own.py", *UNDRAWN, "--out", "whole", "--log", "./whole.csv")[0] == 0
     (folder / "bang").write_text(name)
     before = signal.getsignal(signal.SIGINT)
     got, out, err = msdwarp("run", "own.py", *UNDRAWN, *log)
@@ -271,7 +271,8 @@ from msdwarp.cli.options import Options
 from msdwarp.cli.draw import Pictures
 from msdwarp.cli.scene_files import find_scene
 from msdwarp.cli.process import start_warp
-from msdwarp.cli.run import resume_run, run_scene
+from msdwarp.cli.resume import resume_run
+from msdwarp.cli.run import run_scene
 
 start_warp(False)
 
@@ -404,7 +405,7 @@ def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwar
 
 
 def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
-    short = ("--log", "own.csv", "--duration", "0.1", *UNDRAWN)
+    short = ("--log", "./own.csv", "--duration", "0.1", *UNDRAWN)
     assert msdwarp("run", "own.py", *short)[0] == 0
     (own.parent / "own.csv").write_text("years of work")
     code, _, err = msdwarp("resume", "out/own", "--duration", "0.2")

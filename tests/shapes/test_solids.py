@@ -448,7 +448,7 @@ def disagreeing() -> tuple[np.ndarray, np.ndarray]:
         (lambda: msd.ball(0.5, -0.1), "spacing is -0.1"),
         (lambda: msd.ball(0.5, 0.6), r"spacing is 0\.6; it must be at most 0\.5, the radius"),
         (lambda: msd.ball(0.5, 0.1, neighbours=8), "neighbours is 8; it must be one of 26, 6"),
-        (lambda: msd.ball(0.5, 0.1, mass=-1.0), r"mass\[0\] is -1"),
+        (lambda: msd.ball(0.5, 0.1, mass=-1.0), r"mass is -1"),
         (lambda: msd.cylinder(0.5, np.inf, 0.1), "height is inf"),
         (lambda: msd.cylinder(0.5, 0.05, 0.1), r"spacing is 0\.1; it must be at most 0\.05, the height"),
         (lambda: msd.cone(0.5, float("nan"), 0.1), "height is nan"),

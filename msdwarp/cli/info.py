@@ -1,0 +1,113 @@
+"""What `msdwarp info` says of a trajectory: what it is, how it was simulated, and what made it."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ..bodies import counted
+from ..files import Trajectory
+from .options import Options
+from .results import RESTART
+
+Lines = Iterator[tuple[str, str]]
+
+
+def told(trajectory: Trajectory) -> str:
+    """Return all that is known of a trajectory, in groups of lines with words and units."""
+    path, about = trajectory.path, trajectory.attributes
+    times, count = trajectory.times, len(trajectory)
+    frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
+    text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
+    groups = [("What it is", _what(trajectory)), ("How it was simulated", _how(about)), ("Made by", _by(about))]
+    rest = about.keys() - _TOLD
+    groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
+    for title, lines in groups:
+        said = "".join(f"  {name}: {value}\n" for name, value in lines)
+        text += f"\n{title}\n{said}" if said else ""
+    if path.with_name(RESTART).exists():
+        going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"
+        text += f"\n{path.with_name(RESTART)}: `{going_on}` goes on from it\n"
+    return text
+
+
+def _what(trajectory: Trajectory) -> Lines:
+    system, about = trajectory.system, trajectory.attributes
+    if "scene" in about:
+        yield "scene", str(about["scene"])
+    if about.get("parameters"):
+        yield "parameters", _words(about["parameters"])
+    particles = f"{counted(system.particle_count, 'particle')} with {counted(system.dim, 'coordinate')}"
+    yield "system", f"{particles}, {counted(system.connection_count, 'connection')}"
+    pinned = int(system.pinned.sum())
+    if pinned:
+        yield "pinned", counted(pinned, "particle")
+    interval = f", {1e3 / trajectory.fps:.4g} ms apart" if trajectory.fps else ""
+    yield "frames", f"{trajectory.fps:.4g} a second of simulated time{interval}"
+
+
+def _how(about: Mapping[str, Any]) -> Lines:
+    options = about.get("options", {})
+    for name in ("integrator", "precision"):
+        if name in about:
+            yield name, str(about[name])
+    if "substeps" in about:
+        steps, fps = about["substeps"], options.get("fps")
+        each = f", {1e3 / fps / steps:.4g} ms each" if fps and steps else ""
+        yield "substeps", f"{steps} for each {f'1/{fps:g} s' if fps else 'frame'}{each}"
+    if "route" in about:
+        yield "forces", f"summed by route {about['route']}"
+    if "device" in about:
+        name = about.get("device_name")
+        yield "device", about["device"] + (f", {name}" if name and name.lower() != about["device"] else "")
+    if "gravity" in about:
+        along = about["gravity"]
+        numbers = ", ".join(f"{one:.4g}" for one in along) if isinstance(along, list) else f"{along:.4g}"
+        yield "gravity", f"{f'({numbers})' if isinstance(along, list) else numbers} m/s²"
+    if "schedule" in about:
+        changes = about["schedule"]
+        yield "schedule", f"{counted(changes, 'change')} of parameters on the way" if changes else "no changes"
+    given, usual = _flat(options), _flat(Options().as_stored())
+    other = {name: value for name, value in given.items() if name not in _TOLD and value != usual.get(name)}
+    if other:
+        yield "flags", " ".join(_flag(name, value) for name, value in other.items())
+
+
+def _by(about: Mapping[str, Any]) -> Lines:
+    if "command" in about:
+        yield "command", shlex.join(about["command"])
+    if "versions" in about:
+        yield "versions", _words(about["versions"])
+    if about.get("commit"):
+        changed = about["commit"].endswith("+")
+        yield "commit", about["commit"].rstrip("+") + (", changed since" if changed else "")
+    if "digest" in about:
+        yield "digest", f"{about['digest']}, the same for two scenes in which the same moves"
+
+
+_TOLD = {
+    *("scene", "parameters", "integrator", "precision", "substeps", "route", "device", "device_name", "gravity"),
+    *("schedule", "options", "command", "versions", "commit", "digest"),
+}
+"""What a run stores, and one of the groups tells."""
+
+
+def _flat(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options with those of the pictures among them."""
+    return {
+        name: value for name, value in {**options, **options.get("pictures", {})}.items() if name != "pictures"
+    }
+
+
+def _flag(name: str, value: Any) -> str:
+    """Return an option as it is given on the command line."""
+    flag = name.replace("_", "-")
+    if isinstance(value, bool):
+        return f"--{flag}" if value else f"--no-{flag}"
+    return f"--{flag} {shlex.quote(_words(value))}"
+
+
+def _words(value: Any) -> str:
+    """Return a value of JSON as it is read best."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_words(one)}" for name, one in value.items() if one is not None)
+    return " ".join(map(_words, value)) if isinstance(value, list) else str(value)

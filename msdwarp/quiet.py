@@ -1,0 +1,77 @@
+"""Warp's messages: quiet unless somebody asks for them, with nothing lost that matters.
+
+Warp greets, and says of each module that it was loaded, on standard output. What it says there is governed by its
+own setting `warp.config.log_level`, which importing msdwarp turns down from its default; warnings and errors are
+still heard. Whoever sets that setting, to whatever, is respected: before the import to anything but the default,
+after it to anything at all.
+"""
+
+import contextlib
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+
+import warp as wp
+
+if wp.config.log_level == wp.LOG_INFO:  # Warp's default
+    wp.config.log_level = wp.LOG_WARNING
+
+_NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
+"""What Warp's C++ says, whatever its settings, where there is no GPU: nothing that needs to be known."""
+_lock, _started = threading.Lock(), False
+
+
+def verbose(on: bool = True) -> None:
+    """Let Warp speak: what it starts with, and each module that it compiles or loads. `verbose(False)` undoes it.
+
+    It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
+    """
+    level = wp.config.log_level
+    wp.config.log_level = min(level, wp.LOG_INFO) if on else max(level, wp.LOG_WARNING)
+
+
+def start_warp() -> None:
+    """Start Warp, if nobody has, as quietly as its setting says."""
+    global _started
+    with _lock:
+        if _started or wp.config.log_level <= wp.LOG_INFO:
+            wp.init()
+        else:
+            with _without(_NO_DRIVER):
+                wp.init()
+        _started = True
+
+
+@contextlib.contextmanager
+def _without(unwanted: bytes) -> Iterator[None]:
+    """Leave out lines that begin in this way of what comes to standard error meanwhile, by whichever thread.
+
+    C++ writes to the file descriptor itself. What comes is kept in a file, and all else of it is passed on at the
+    end; where that cannot be done nothing is left out.
+    """
+    try:
+        if sys.__stderr__ is None:  # closed when Python started: 2 is nobody's, or another file's
+            raise OSError
+        with contextlib.ExitStack() as opened:
+            with contextlib.suppress(AttributeError, OSError, ValueError):  # of whatever stands in its place
+                sys.stderr.flush()
+            there = os.dup(2)
+            opened.callback(os.close, there)
+            caught = opened.enter_context(tempfile.TemporaryFile(buffering=0))
+            opened = opened.pop_all()
+    except OSError:  # no standard error, or no room for a file
+        yield
+        return
+    with opened:
+        os.dup2(caught.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(there, 2)
+            caught.seek(0)
+            for line in caught.read().splitlines(keepends=True):
+                if not line.startswith(unwanted):
+                    with contextlib.suppress(OSError):  # nobody listens any more
+                        os.write(there, line)

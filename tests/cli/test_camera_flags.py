@@ -1,0 +1,135 @@
+"""Where the camera stands and what of a run is drawn: flags of `run` and `render`."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msdwarp.cli.file_commands import _shown
+from msdwarp.cli.options import Options
+
+SMALL = ("--resolution", "128x72", "--device", "cpu")
+FRAMES = 13  # of 0.2 s
+
+
+@pytest.fixture
+def cube(msdwarp, tmp_path):
+    """The folder of a short run that has drawn nothing."""
+    undrawn = ("--frames", "none", "--video", "none", "--device", "cpu")
+    assert msdwarp("run", "cube", "--size", "3", "--duration", "0.2", *undrawn)[0] == 0
+    return tmp_path / "out" / "cube"
+
+
+def durations(path):
+    """Return how long each picture of a film is shown [ms], and the first one."""
+    with Image.open(path) as film:
+        first = np.asarray(film.convert("RGB")).astype(int)
+        shown = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            film.load()
+            shown.append(film.info["duration"])
+    return shown, first
+
+
+def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
+    camera = ("--azimuth", "40", "--elevation", "50", "--zoom", "2")
+    short = ("run", "cube", "--size", "3", "--duration", "0.2", "--frames", "none", *SMALL)
+    assert msdwarp(*short, *camera, "--out", "drawn")[0] == 0
+    assert msdwarp("render", "out/cube", "--frames", "none", "--resolution", "128x72", *camera)[0] == 0
+    assert (tmp_path / "drawn" / "cube.webp").read_bytes() == (cube / "render" / "cube.webp").read_bytes()
+    (tmp_path / "drawn" / "cube.webp").unlink()
+    assert msdwarp("resume", "drawn")[0] == 0
+    assert (tmp_path / "drawn" / "cube.webp").read_bytes() == (cube / "render" / "cube.webp").read_bytes()
+    assert msdwarp("render", "out/cube", "--frames", "none", "--resolution", "128x72", "--out", "usual")[0] == 0
+    turned, usual = (durations(path / "cube.webp")[1] for path in (tmp_path / "drawn", tmp_path / "usual"))
+    assert np.abs(turned - usual).max() > 50
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--azimuth", "400"], "azimuth is 400.0; it must be from -360 to 360"),
+        (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
+        (["--zoom", "0"], "zoom is 0; it must be a number above 0"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tmp_path, flags, message):
+    code, out, err = msdwarp("run", "cube", "--size", "3", *SMALL, *flags)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert message in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_frame_a_range_and_slow_motion_are_drawn(msdwarp, cube):
+    frames = ("render", "out/cube", *SMALL[:2])
+    assert msdwarp(*frames, "--out", "all")[0] == 0
+    code, out, _ = msdwarp(
+        *frames, "--out", "some", "--first", "2", "--last", "-3", "--every", "4", "--overlay", "3"
+    )
+    assert code == 0
+    assert out.startswith("drew 3 frames and an overlay of 3 poses")  # 2, 6 and 10 of 0 ... 12
+    assert sorted(p.name for p in cube.parents[1].joinpath("some").iterdir()) == [
+        "cube.webp",
+        "cube_overlay.png",
+        *(f"frame_{k:04d}.png" for k in range(3)),
+    ]
+    shown, _ = durations(cube.parents[1] / "some" / "cube.webp")
+    assert shown == pytest.approx([4000 / 60] * 3, abs=1)  # in real time
+    code, out, _ = msdwarp(*frames, "--frames", "none", "--out", "slow", "--speed", "0.25")
+    shown, _ = durations(cube.parents[1] / "slow" / "cube.webp")
+    assert sum(shown) == pytest.approx(FRAMES * 4000 / 60, abs=FRAMES)
+
+
+class Run:
+    def __init__(self, fps):
+        self.fps = fps
+
+    def __len__(self):
+        return FRAMES
+
+
+@pytest.mark.parametrize(
+    ("fps", "choice", "frames", "film_fps"),
+    [
+        (60, (0, -1, 1, 1.0), range(13), 60.0),
+        (60, (3, 3, 1, 1.0), range(3, 4), 60.0),
+        (60, (-4, -1, 2, 1.0), range(9, 13, 2), 30.0),
+        (60, (0, -1, 1, 0.1), range(13), 6.0),
+        (60, (0, -1, 2, 2.0), range(0, 13, 2), 60.0),
+        (60, (0, -1, 1, 2.0), range(0, 13, 2), 60.0),
+        (60, (0, -1, 1, 2.5), range(0, 13, 3), 50.0),
+        (240, (0, -1, 1, 1.0), range(13), 240.0),  # as it was asked for
+        (240, (0, -1, 1, 2.0), range(0, 13, 2), 240.0),
+        (240, (0, -1, 1, 0.25), range(13), 60.0),
+    ],
+)
+def test_a_film_keeps_to_its_speed_and_a_frame_rate_that_can_be_shown(fps, choice, frames, film_fps):
+    shown, rate = _shown(Run(fps), *choice)
+    assert list(shown) == list(frames)
+    assert rate == pytest.approx(film_fps)
+    assert rate * shown.step / fps == pytest.approx(choice[3])
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--first", "13"], "first is 13; the run has 13 frames, and it must be from -13 to 12"),
+        (["--last", "-14"], "last is -14; the run has 13 frames, and it must be from -13 to 12"),
+        (["--first", "5", "--last", "4"], "last is 4; it must not be before first, which is 5"),
+        (["--every", "0"], "every is 0; it must be a whole number of at least 1"),
+        (["--speed", "0"], "speed is 0.0; it must be from 0.01 to 100"),
+        (["--speed", "nan"], "speed is nan"),
+        (["--every", "4", "--overlay", "5"], "overlay is 5; it must be at most the number of frames drawn, 4"),
+        (["--zoom", "-1"], "zoom is -1"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube, flags, message):
+    code, out, err = msdwarp("render", "out/cube", *flags)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert message in err
+    assert sorted(p.name for p in cube.iterdir()) == ["restart.h5", "trajectory.vtkhdf"]
+
+
+def test_a_run_stores_where_the_camera_stood():
+    pictures = Options.stored(Options().as_stored()).pictures
+    assert (pictures.azimuth, pictures.elevation, pictures.zoom) == (None, None, 1.0)
