@@ -199,7 +199,6 @@ TOO_LONG: set[str] = {
     "tests/engine/test_colliders.py",
     "tests/engine/test_lattice.py",
     "tests/engine/test_plasticity.py",
-    "tests/engine/test_routes.py",
     "tests/shapes/test_shapes.py",
     "tests/shapes/test_solids.py",
 }
