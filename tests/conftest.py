@@ -12,7 +12,7 @@ from msdwarp.engine.lattice_search import NotALattice, find_lattice
 
 wp.config.log_level = wp.LOG_ERROR
 # What these assert is told as what tests assert is.
-pytest.register_assert_rewrite("collisions", "courses", "tangles", "trajectories")
+pytest.register_assert_rewrite("collisions", "courses", "runs", "tangles", "trajectories")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -93,3 +93,23 @@ def msdwarp(tmp_path, monkeypatch, capsys):
     yield run
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def heard():
+    """Signals act as in a terminal, whatever the tests inherited: SIGINT is ignored in a script's background."""
+    default = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in default.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """The script of a scene."""
+    from runs import SCENE
+
+    path = tmp_path / "own.py"
+    path.write_text(SCENE)
+    return path
