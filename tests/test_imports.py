@@ -195,8 +195,6 @@ LONGEST, MEDIAN = 400, 150
 TOO_LONG: set[str] = {
     "tests/bodies/test_materials.py",
     "tests/bodies/test_system.py",
-    "tests/engine/test_lattice.py",
-    "tests/engine/test_plasticity.py",
     "tests/shapes/test_shapes.py",
     "tests/shapes/test_solids.py",
 }
