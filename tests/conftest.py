@@ -12,7 +12,7 @@ from msdwarp.engine.lattice_search import NotALattice, find_lattice
 
 wp.config.log_level = wp.LOG_ERROR
 # What these assert is told as what tests assert is.
-pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "tangles", "trajectories")
+pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

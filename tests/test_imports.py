@@ -195,8 +195,6 @@ LONGEST, MEDIAN = 400, 150
 TOO_LONG: set[str] = {
     "tests/bodies/test_materials.py",
     "tests/bodies/test_system.py",
-    "tests/shapes/test_shapes.py",
-    "tests/shapes/test_solids.py",
 }
 """Files that are longer than LONGEST lines, and are to be cut."""
 
