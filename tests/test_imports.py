@@ -192,10 +192,7 @@ def test_faces_say_what_they_show(name):
 
 
 LONGEST, MEDIAN = 400, 150
-TOO_LONG: set[str] = {
-    "tests/bodies/test_materials.py",
-    "tests/bodies/test_system.py",
-}
+TOO_LONG: set[str] = set()
 """Files that are longer than LONGEST lines, and are to be cut."""
 
 
