@@ -11,6 +11,8 @@ import warp as wp
 from msdwarp.engine import routes
 
 wp.config.log_level = wp.LOG_ERROR
+# What these assert is told as what tests assert is.
+pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -76,3 +78,23 @@ def msdwarp(tmp_path, monkeypatch, capsys):
     yield run
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def heard():
+    """Signals act as in a terminal, whatever the tests inherited: SIGINT is ignored in a script's background."""
+    default = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in default.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """The script of a scene."""
+    from runs import SCENE
+
+    path = tmp_path / "own.py"
+    path.write_text(SCENE)
+    return path

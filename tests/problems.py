@@ -13,6 +13,16 @@ EPS32 = float(np.finfo(np.float32).eps)
 EPS64 = float(np.finfo(np.float64).eps)
 
 
+def triangle(**changes) -> System:
+    """Return three joined particles in the plane, with any argument replaced."""
+    arguments = {
+        "position": [[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]],
+        "connections": [[0, 1], [1, 2], [2, 0]],
+        "mass": [1.0, 2.0, 3.0],
+    }
+    return System(**(arguments | changes))
+
+
 @dataclass(frozen=True)
 class Oscillator:
     """Two free particles of mass m joined along `axis`; relative motion is a damped oscillator.

@@ -192,17 +192,7 @@ def test_faces_say_what_they_show(name):
 
 
 LONGEST, MEDIAN = 400, 150
-TOO_LONG: set[str] = {
-    "tests/bodies/test_materials.py",
-    "tests/bodies/test_system.py",
-    "tests/cli/test_runs.py",
-    "tests/engine/test_colliders.py",
-    "tests/engine/test_lattice.py",
-    "tests/engine/test_plasticity.py",
-    "tests/engine/test_routes.py",
-    "tests/shapes/test_shapes.py",
-    "tests/shapes/test_solids.py",
-}
+TOO_LONG: set[str] = set()
 """Files that are longer than LONGEST lines, and are to be cut."""
 
 

@@ -3,12 +3,9 @@
 import numpy as np
 import problems
 import pytest
+from tangles import evaluate
 
 from msdwarp import RK4, Leapfrog, Simulation, SymplecticEuler, System, box
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.state import State
-from msdwarp.kernels.integrators.euler import kick
 
 # With dx = x_i − x_j and dv = v_i − v_j: forces worked out by hand.
 CASES = [
@@ -29,15 +26,6 @@ DIRECTIONS = {
     3: [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (2 / 3, -1 / 3, 2 / 3), (-0.48, 0.6, -0.64)],
 }
 PRECISIONS = {"float32": problems.EPS32, "float64": problems.EPS64}
-
-
-def evaluate(system: System, device: str, precision: str, route: str = "auto") -> np.ndarray:
-    """Return the force on every particle: what a second's kick gives to masses of 1 kg."""
-    model = Model(system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, route=route)
-    dynamics, state = Dynamics(model), State.of(system, model)
-    rest, force = state.empty_vectors(2)
-    dynamics.launch(kick, h=1.0, lost=state.lost, x=state.x, v=state.v, v_half=rest, v_out=force)
-    return force.numpy()
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
-from msdwarp.checks import colour as rgb
+from msdwarp import checks
 from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
 from msdwarp.pictures.drawing import Drawing, Scale
 from msdwarp.pictures.legend import with_bar
@@ -65,7 +65,7 @@ def test_the_ends_of_the_scale_are_where_the_values_are(scene, backend):
     half = colours_of(0.5 * SPEED.full, SPEED.full)
     for point, colour in ((LEFT, VALUE_STOPS[0]), (MIDDLE, half), (RIGHT, VALUE_STOPS[-1])):
         assert_hue(renderer, image, point, colour)
-    assert_hue(renderer, image, POST, rgb("", scene.look.obstacle))
+    assert_hue(renderer, image, POST, checks.colour("", scene.look.obstacle))
     # Its side, which the key light hardly reaches, is nearly as bright as the legend.
     row, column = renderer.stage.camera.pixels(np.array([RIGHT]), *SIZE[::-1])
     brightest = image[int(row[0]), int(column[0])].max() / (255 * max(VALUE_STOPS[-1]))
@@ -75,7 +75,7 @@ def test_the_ends_of_the_scale_are_where_the_values_are(scene, backend):
     turned = renderer.image(system.position, values=SPEED.full - values)
     for point, colour in ((LEFT, VALUE_STOPS[-1]), (MIDDLE, half), (RIGHT, VALUE_STOPS[0])):
         assert_hue(renderer, turned, point, colour)
-    assert_hue(renderer, turned, POST, rgb("", scene.look.obstacle))
+    assert_hue(renderer, turned, POST, checks.colour("", scene.look.obstacle))
     np.testing.assert_array_equal(renderer.image(system.position, values=values), image)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
-from msdwarp.checks import colour as rgb
+from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.opengl_window import opengl_window
@@ -228,7 +228,7 @@ def test_an_obstacle_is_seen_where_it_is_in_its_colour(body, backend, colouring)
         assert 0 <= row < SIZE[1]
         assert 0 <= column < SIZE[0]
     image = renderer.image(body.position).astype(int)
-    camera, colour = renderer.stage.camera, rgb("", "#4060c0")
+    camera, colour = renderer.stage.camera, checks.colour("", "#4060c0")
     for place, normal in (((1.2, -0.3, 0.25), (0, -1, 0)), ((1.2, 0.0, 0.5), (0, 0, 1))):
         wanted = shade(colour, np.array(normal), camera)
         np.testing.assert_allclose(image[pixel_of(renderer, place)], wanted, atol=2)

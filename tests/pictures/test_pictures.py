@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from msdwarp import checks
 from msdwarp.bodies.space import in_space
-from msdwarp.checks import colour as rgb
 from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.parts import round_solid
@@ -211,7 +211,7 @@ def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backe
     red, green, _ = image[pixel_of(renderer, centre)]
     assert (red > 2 * green) if colouring == "texture" else (green > red)
 
-    np.testing.assert_allclose(image[2, 2], 255 * np.array(rgb("", scene.look.background)), atol=1)
+    np.testing.assert_allclose(image[2, 2], 255 * np.array(checks.colour("", scene.look.background)), atol=1)
 
     light = renderer.stage.camera.light
     ground = Ground(scene, wide)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from msdwarp import textures
-from msdwarp.checks import colour as rgb
+from msdwarp import checks, textures
 from msdwarp.pictures.atlas import atlas, plain
 
 ALL = {
@@ -109,7 +108,7 @@ def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
 
 
 def test_an_image_of_one_colour_is_that_colour():
-    np.testing.assert_array_equal(plain(rgb("", "#c03020")), [[[0xC0, 0x30, 0x20]]])
+    np.testing.assert_array_equal(plain(checks.colour("", "#c03020")), [[[0xC0, 0x30, 0x20]]])
 
 
 @pytest.mark.parametrize(

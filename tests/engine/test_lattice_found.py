@@ -1,59 +1,15 @@
-"""Lattices: what a stencil reads of a system is exactly its connections, or the system is refused."""
+"""Lattices: what a stencil reads of a system is exactly its connections."""
 
 import itertools
 
 import numpy as np
 import problems
 import pytest
+from stencils import lattice_of
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine.lattice_search import Lattice, NotALattice, find_lattice
+from msdwarp.engine.lattice_search import NotALattice, find_lattice
 from msdwarp.kernels.forces.stencil import stencil_rows
-
-CONSTANTS = ("rest_length", "stiffness", "damping")
-
-
-def reads(lattice: Lattice, count: int):
-    """Yield, for every neighbour that a stencil reads, (direction, bit, where each particle finds it)."""
-    rows, neighbours = stencil_rows(lattice.steps)
-    assert len(lattice.shift) == len(rows)
-    for row, shift in zip(neighbours, lattice.shift, strict=True):
-        for one in row:
-            yield one.direction, one.bit, np.arange(count) + shift + one.along
-
-
-def joined(lattice: Lattice, count: int) -> list[tuple]:
-    """Return (particle, neighbour, rest length, stiffness, damping) of all that a stencil does not mask."""
-    found = []
-    for direction, bit, there in reads(lattice, count):
-        for i in np.flatnonzero(lattice.mask & np.uint32(bit)):
-            own = (lattice.constants[name][lattice.kind[i], direction] for name in CONSTANTS)
-            found.append((int(i), int(there[i]), *map(float, own)))
-    return sorted(found)
-
-
-def both_ways(system: System) -> list[tuple]:
-    """Return the same of the connections, each seen from both its ends."""
-    constants = [getattr(system, name) for name in CONSTANTS]
-    listed = zip(*system.connections.T, *constants, strict=True)
-    ahead = [(int(i), int(j), *map(float, own)) for i, j, *own in listed]
-    return sorted([*ahead, *((j, i, *own) for i, j, *own in ahead)])
-
-
-def lattice_of(system: System) -> Lattice:
-    """Return a system's lattice, which must hold its connections and nothing else, and read where memory is."""
-    lattice, n = find_lattice(system), system.particle_count
-    assert lattice.mask.dtype == np.uint32
-    assert lattice.mask.shape == lattice.kind.shape == (n,)
-    assert joined(lattice, n) == both_ways(system)
-    beyond = n  # columns of two: the second of the last may be as far beyond the end
-    if lattice.stride > 0:
-        beyond = -(-n // (2 * lattice.stride)) * 2 * lattice.stride
-    for *_, there in reads(lattice, n):
-        assert -lattice.margin <= there.min()
-        assert there.max() + beyond - n < n + lattice.margin
-    return lattice
-
 
 SHAPES = {
     "pair": ((2,), 2, chain(2)),
@@ -244,78 +200,6 @@ def test_a_hole_in_a_row_parts_neighbours_that_diagonals_need():
     lattice_of(problems.cut(sheet((5, 5), neighbours=4), keep))  # without diagonals there is one in that row
 
 
-# What is no lattice.
-
-
-GRID, LINE = sheet((4, 3)), chain(5)
-DIRECTIONS = GRID.directions[0]
-
-
-def wired(system: System, connections, directions=None) -> System:
-    """Return particles joined otherwise, by springs that are all alike, though the directions may be the old."""
-    return System(
-        position=system.position,
-        connections=connections,
-        rest_length=1.0,
-        directions=system.directions if directions is None else (directions,),
-    )
-
-
-REFUSED = {
-    "frozen when strained": (
-        GRID.replace(position=np.random.default_rng(5).normal(size=(12, 3))).freeze(),
-        "rest_length differs",
-    ),
-    "one stiffer spring": (sheet((4, 3), stiffness=[1.0] * 28 + [2.0]), "stiffness differs"),
-    "one damper": (sheet((4, 3), damping=[1.0] * 28 + [2.0]), "damping differs"),
-    "no directions": (GRID.replace(directions=({},)), "not every connection"),
-    "no bodies": (GRID.replace(directions=()), "not every connection"),
-    "no connections": (System(position=np.zeros((4, 3))), "not every connection"),
-    "a spring behind the directions": (wired(GRID, [*GRID.connections, (0, 11)]), "not every connection"),
-    "a spring before the directions": (wired(chain(2), [[0, 1]], {}) + GRID, "not every connection"),
-    "fewer springs than directions say": (wired(GRID, GRID.connections[:-1]), "not every connection"),
-    "overlapping slices": (wired(LINE, LINE.connections, {"x": slice(0, 3), "y": slice(2, 4)}), "not every"),
-    "a gap between slices": (wired(LINE, LINE.connections, {"x": slice(0, 2), "y": slice(3, 4)}), "not every"),
-    "every second connection": (wired(LINE, LINE.connections, {"x": slice(0, 4, 2)}), "not every connection"),
-    "another name": (wired(LINE, LINE.connections, {"weft": slice(0, 4)}), "direction 'weft' is none"),
-    "a twin": (
-        wired(LINE, [[0, 1], [1, 2], [0, 1]], {"x": slice(0, 3)}),
-        "two connections in the same direction",
-    ),
-    "a twin turned round": (wired(LINE, [[0, 1], [1, 2], [1, 0]], {"x": slice(0, 3)}), "side by side"),
-    "a chain turned round": (wired(LINE, LINE.connections[:, ::-1]), "side by side"),
-    "one connection turned round": (wired(LINE, [[0, 1], [2, 1], [2, 3], [3, 4]]), "side by side"),
-    "directions that have changed places": (
-        wired(GRID, GRID.connections, DIRECTIONS | {"x+y": DIRECTIONS["x-y"], "x-y": DIRECTIONS["x+y"]}),
-        "side by side",
-    ),
-    "connections of another sheet": (wired(GRID, sheet((3, 4)).connections), "side by side"),
-    "particles numbered otherwise": (
-        wired(GRID, np.random.default_rng(2).permutation(12)[GRID.connections]),
-        "side by side",
-    ),
-    "unlike bodies with a particle in common": (
-        System(
-            position=[[0.0], [1], [2]],
-            connections=[[0, 1], [1, 2]],
-            stiffness=[1.0, 2.0],
-            directions=({"x": slice(0, 1)}, {"x": slice(1, 2)}),
-        ),
-        "share particles",
-    ),
-}
-
-
-@pytest.mark.parametrize(("system", "message"), REFUSED.values(), ids=REFUSED.keys())
-def test_what_is_no_lattice_is_refused_with_the_reason(system, message):
-    with pytest.raises(NotALattice, match=message):
-        find_lattice(system)
-
-
-def test_a_refusal_is_a_value_error():
-    assert issubclass(NotALattice, ValueError)
-
-
 def test_a_sheet_woven_downwards_is_a_lattice():
     # All of y in reverse: rows are then numbered from the top, which is as good.
     grid = sheet((4, 3), neighbours=4)
@@ -338,80 +222,3 @@ def test_bodies_of_the_same_constants_may_share_particles():
         directions=({"x": slice(0, 1)}, {"x": slice(1, 2)}),
     )
     assert lattice_of(system).mask.tolist() == [1, 3, 2]
-
-
-SOURCES = [
-    chain(6),
-    sheet((2, 2)),
-    sheet((3, 2)),
-    sheet((3, 3), neighbours=4),
-    box((2, 2, 2)),
-    box((2, 2, 3)),
-    box((3, 2, 2), neighbours=6),
-    chain(3) + chain(2, 0.5),
-    sheet((2, 2)) + sheet((3, 2), 0.5),
-    problems.ball(3),
-]
-
-
-def meddle(system: System, random: np.random.Generator) -> System:
-    """Return the system with its connections, constants or directions changed in one or two places at random."""
-    connections = np.array(system.connections)
-    constants = {name: np.array(getattr(system, name)) for name in CONSTANTS}
-    directions = [dict(body) for body in system.directions]
-    for _ in range(random.integers(1, 3)):
-        a, b = random.integers(0, len(connections), 2)
-        body = directions[random.integers(0, len(directions))]
-        name, other = random.choice(list(body), 2)
-        match random.integers(0, 8):
-            case 0:
-                connections[a] = connections[a, ::-1]
-            case 1:
-                part = body[name]
-                connections[part] = connections[part, ::-1]
-            case 2:
-                connections[[a, b]] = connections[[b, a]]
-            case 3:
-                connections[a] = random.choice(system.particle_count, 2, replace=False)
-            case 4:
-                body[name], body[other] = body[other], body[name]
-            case 5:
-                i, j = random.choice(system.particle_count, 2, replace=False)
-                connections = np.where(connections == i, j, np.where(connections == j, i, connections))
-            case 6:
-                connections[a] = connections[b]
-            case 7:
-                constants[str(random.choice(CONSTANTS))][body[name]] *= 2.0
-    return system.replace(connections=connections, directions=tuple(directions), **constants)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_a_meddled_lattice_is_refused_or_still_right(seed):
-    random = np.random.default_rng(seed)
-    held = refused = 0
-    for _ in range(20):
-        for source in SOURCES:
-            system = meddle(source, random)
-            try:
-                lattice_of(system)
-            except NotALattice:
-                refused += 1
-            else:
-                held += 1
-    assert refused > 20
-    assert held > 20
-
-
-def test_more_directions_than_a_mask_has_bits_for_are_no_lattice():
-    half = ["x", "y", "z", "x+y", "x-y", "x+z", "x-z", "y+z"]
-    names = [*half, *(f"-{name}" for name in half), "y-z"]
-    system = System(
-        position=np.random.default_rng(0).random((800, 3)),
-        connections=[[2 * k, 2 * k + 1] for k in range(400)],
-        rest_length=1.0,
-        directions=({name: slice(k, k + 1 if k < 16 else 400) for k, name in enumerate(names)},),
-    )
-    with pytest.raises(NotALattice, match="17 directions"):
-        find_lattice(system)
-    with pytest.raises(NotALattice):
-        find_lattice(system.replace(directions=({"x": slice(None), "y": slice(None)},)))

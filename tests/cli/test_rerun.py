@@ -1,0 +1,69 @@
+"""Runs made again: what made them is in their files, and they are the same to the last bit."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from runs import SCENE, UNDRAWN
+
+from msdwarp import Trajectory
+
+
+def test_a_rerun_is_the_same_or_says_in_what_it_differs(msdwarp, own, tmp_path):
+    assert msdwarp("run", "own.py", "--stiffness", "250", *UNDRAWN)[0] == 0
+    path = tmp_path / "out" / "own" / "trajectory.vtkhdf"
+    code, out, err = msdwarp("rerun", "out/own")
+    assert (code, err) == (0, "")
+    assert out == "out/own/trajectory.vtkhdf was made again: the same to the last bit\n"
+    assert sorted(p.name for p in path.parent.iterdir()) == ["restart.h5", "trajectory.vtkhdf"]
+    own.write_text(SCENE.replace("(0, 0, -0.4), 0.5", "(0, 0, -0.4), 0.51"))
+    code, out, err = msdwarp("rerun", str(path), "--out", "again")
+    assert (code, out) == (1, "")
+    assert "was not made again: it differs from frame" in err
+    assert "digest was" in err
+    with Trajectory(path) as before, Trajectory(tmp_path / "again" / "trajectory.vtkhdf") as now:
+        assert len(before) == len(now)
+        apart = np.linalg.norm(before.positions[:].astype(float) - now.positions[:], axis=2).max()
+        # Two digits are told: half a unit of the second is 5 % at most.
+        said = float(re.search(r"by at most (\S+) m", err)[1])
+        assert said == pytest.approx(apart, rel=0.0501)
+        assert now.attributes["parameters"]["stiffness"] == 250.0
+
+
+def test_a_part_of_a_run_is_made_again_as_far_as_it_goes(msdwarp, own, heard, tmp_path):
+    (tmp_path / "bang").write_text("SIGINT")
+    assert msdwarp("run", "own.py", "--every", "4", "--no-strain", *UNDRAWN)[0] == 130
+    assert msdwarp("rerun", "out/own", "--quiet") == (0, "", "")
+
+
+def test_what_does_not_say_what_made_it_cannot_be_made_again(msdwarp, tmp_path):
+    from trajectories import SYSTEMS, write
+
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"])
+    code, _, err = msdwarp("rerun", "a.vtkhdf")
+    assert code == 1
+    assert "the file lacks 'scene'" in err
+
+
+def test_a_file_says_all_that_made_it(msdwarp, own):
+    where = ("--where", "some/place", "--origin", "1", "2.5", "3", "--shade", "dark")
+    assert msdwarp("run", str(own), *where, *UNDRAWN, "--duration", "0.1", "--precision", "float64")[0] == 0
+    with Trajectory(own.parent / "out" / "own" / "trajectory.vtkhdf") as found:
+        about = found.attributes
+    assert about["scene"] == str(own)
+    wanted = {"size": 3, "stiffness": 300.0, "where": "some/place", "origin": [1.0, 2.5, 3.0], "shade": "DARK"}
+    assert about["parameters"] == wanted
+    assert about["command"][:2] == ["msdwarp", "run"]
+    assert {"msdwarp", "warp-lang", "numpy", "h5py"} <= about["versions"].keys()
+    assert (about["integrator"], about["precision"]) == ("symplectic-euler", "float64")
+    assert (about["device"], about["route"], about["gravity"], about["schedule"]) == ("cpu", "scatter", 9.82, 2)
+    assert about["substeps"] > 0
+    assert about["options"]["duration"] == 0.1
+    assert json.dumps(about)
+    code, out, _ = msdwarp("info", "out/own")
+    assert code == 0
+    for line in ("7 frames from 0 to 0.1 s", "precision: float64", "parameters: size 3, stiffness 300.0"):
+        assert line in out
+    assert "`msdwarp resume out/own` goes on from it" in out
+    assert msdwarp("rerun", "out/own")[0] == 0  # the path, the tuple and the shade are what they were

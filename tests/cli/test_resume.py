@@ -1,0 +1,164 @@
+"""Runs that are gone on with: they end as if they had been made in one go."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+from runs import SCENE, UNDRAWN, assert_same_run
+
+from msdwarp import Trajectory
+from msdwarp.integrators.catalogue import METHODS
+
+QUICK = [("leapfrog", "float32"), ("rk4", "float32-compensated")]
+EACH = [(name, precision) for name in METHODS for precision in ("float32", "float32-compensated", "float64")]
+
+
+@pytest.mark.parametrize(
+    ("integrator", "precision"),
+    [pytest.param(*one, marks=[] if one in QUICK else pytest.mark.slow) for one in EACH],
+)
+def test_a_run_in_two_goes_ends_as_one_in_one(msdwarp, own, integrator, precision):
+    options = [*UNDRAWN, "--integrator", integrator, "--precision", precision]
+    if integrator == "rkc2":  # needs a damper beside each spring, and has one
+        options += ["--substeps", "40"]
+    assert msdwarp("run", "own.py", *options, "--out", "whole")[0] == 0
+    assert msdwarp("run", "own.py", *options, "--out", "parts", "--duration", "0.2")[0] == 0
+    for duration in ("0.3", "0.4"):
+        code, out, err = msdwarp("resume", "parts", "--duration", duration)
+        assert (code, err) == (0, "")
+        assert "simulated 0.1 s" in out
+    assert_same_run(own.parent / "parts", own.parent / "whole")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("route", ["gather", "stencil"])
+@pytest.mark.parametrize(("integrator", "precision"), [("leapfrog", "float32"), ("rk4", "float32-compensated")])
+def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, route, integrator, precision):
+    options = ("--size", "12", "--route", route, "--integrator", integrator, "--precision", precision)
+    options += ("--frames", "none", "--video", "none", "--device", "cuda:0")
+    assert msdwarp("run", "cube", *options, "--out", "whole", "--duration", "1.5")[0] == 0
+    assert msdwarp("run", "cube", *options, "--out", "parts", "--duration", "0.7")[0] == 0
+    assert msdwarp("resume", "parts", "--duration", "1.5")[0] == 0
+    assert_same_run(tmp_path / "parts", tmp_path / "whole")
+    assert msdwarp("rerun", "whole", "--quiet") == (0, "", "")
+
+
+@pytest.mark.parametrize("route", ["gather", pytest.param("stencil", marks=pytest.mark.slow)])
+def test_other_routes_go_on_too(msdwarp, tmp_path, route):
+    options = ("--size", "4", "--route", route, "--every", "3", "--trajectory", "compressed", *UNDRAWN)
+    assert msdwarp("run", "cube", *options, "--out", "whole", "--duration", "0.3")[0] == 0
+    assert msdwarp("run", "cube", *options, "--out", "parts", "--duration", "0.15")[0] == 0
+    assert msdwarp("resume", "parts/restart.h5", "--duration", "0.3")[0] == 0
+    assert_same_run(tmp_path / "parts", tmp_path / "whole")
+    with Trajectory(tmp_path / "parts" / "trajectory.vtkhdf") as found:
+        assert (len(found), found.fps) == (7, 20)
+
+
+@pytest.mark.slow
+def test_what_was_to_be_drawn_is_drawn_in_the_end_and_pictures_are_kept(msdwarp, own, heard):
+    folder = own.parent / "out" / "own"
+    (own.parent / "bang").write_text("SIGINT")
+    drawn = ("--resolution", "64x64", "--duration", "0.2", "--device", "cpu")
+    assert msdwarp("run", "own.py", *drawn)[0] == 130
+    assert sorted(path.name for path in folder.iterdir()) == ["restart.h5", "trajectory.vtkhdf"]
+    code, out, _ = msdwarp("resume", str(folder))
+    assert code == 0
+    assert "drew 13 frames" in out
+    film = (folder / "own.webp").read_bytes()
+    code, _, err = msdwarp("resume", str(folder), "--duration", "0.3")
+    assert code == 1
+    assert "frame_0000.png exists, and would be replaced; move it or add --force" in err
+    assert (folder / "own.webp").read_bytes() == film
+    assert msdwarp("resume", str(folder), "--duration", "0.3", "--force")[0] == 0
+    assert len(list(folder.glob("*.png"))) == 19
+    assert (folder / "own.webp").read_bytes() != film
+
+
+def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
+    folder = own.parent / "out" / "own"
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    code, out, err = msdwarp("resume", str(folder))
+    assert (code, err) == (0, "")
+    assert out == "all 7 frames are there, 0.1 s: a longer --duration goes on\n"
+    assert "duration is 0" in msdwarp("resume", str(folder), "--duration", "0")[2]
+    assert msdwarp("resume", "nothing")[2] == "error: nothing does not exist; it must be the folder of a run\n"
+    own.write_text(SCENE.replace("0.01", "0.011"))
+    longer = ("resume", str(folder), "--duration", "0.2")
+    assert "own.py' is no longer what it was when the run began" in msdwarp(*longer)[2]
+    own.write_text(
+        SCENE.replace("    stiffness: float = 300.0,\n", "").replace("stiffness=stiffness", "stiffness=300.0")
+    )
+    assert "no longer has the parameters ['stiffness']" in msdwarp(*longer)[2]
+    own.unlink()
+    assert "own.py', a script that is not there" in msdwarp(*longer)[2]
+    own.write_text(SCENE)
+    whole = (folder / "restart.h5").read_bytes()
+    (folder / "restart.h5").write_bytes(whole[:-100])
+    assert "restart.h5 is damaged" in msdwarp(*longer)[2]
+    (folder / "restart.h5").write_bytes(whole)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    (folder / "trajectory.vtkhdf").unlink()
+    assert "trajectory.vtkhdf" in msdwarp(*longer)[2]
+    assert not (folder / "trajectory.vtkhdf").exists()
+
+
+def test_no_restart_file_where_none_is_wanted(msdwarp, tmp_path):
+    small = ("--size", "3", "--duration", "0.1", *UNDRAWN)
+    assert msdwarp("run", "cube", *small, "--restart", "0")[0] == 0
+    assert [path.name for path in (tmp_path / "out" / "cube").iterdir()] == ["trajectory.vtkhdf"]
+    assert "restart is -1" in msdwarp("run", "cube", *small, "--restart", "-1")[2]
+    assert "every is 0" in msdwarp("run", "cube", *small, "--every", "0")[2]
+
+
+@pytest.mark.parametrize("name", ["trajectory.vtkhdf", "restart.h5"])
+def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
+    for folder, stiffness in (("one", "600"), ("other", "700")):
+        flags = ("--size", "3", "--stiffness", stiffness, "--duration", "0.2", "--out", folder)
+        assert msdwarp("run", "cube", *flags, *UNDRAWN)[0] == 0
+    shutil.copy(tmp_path / "other" / name, tmp_path / "one" / name)
+    before = (tmp_path / "one" / "trajectory.vtkhdf").read_bytes()
+    code, out, err = msdwarp("resume", "one", "--duration", "0.4")
+    assert (code, out) == (1, "")
+    assert err == "error: one/trajectory.vtkhdf is of another run than one/restart.h5\n"
+    assert (tmp_path / "one" / "trajectory.vtkhdf").read_bytes() == before
+
+
+@pytest.mark.parametrize(("old", "new"), [("0.1 * t)", "0.2 * t)"), ("2 * k)", "3 * k)")])
+def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
+    own.write_text(SCENE.replace(old, new))
+    assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2")[2]
+
+
+def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
+    short = ("--log", "./own.csv", "--duration", "0.1", *UNDRAWN)
+    assert msdwarp("run", "own.py", *short)[0] == 0
+    (own.parent / "own.csv").write_text("years of work")
+    code, _, err = msdwarp("resume", "out/own", "--duration", "0.2")
+    assert (code, "own.csv, which is not what the run had written there; move it away" in err) == (1, True)
+    assert (own.parent / "own.csv").read_text() == "years of work"
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_ten_thousand_frames(tmp_path):
+    peaks = []
+    for frames in (1_000, 10_000):
+        flags = f"run cube --size 6 --duration {frames / 60} --substeps 1 --stiffness 1 --damping 0 --device cpu "
+        flags += f"--out {frames} --frames none --video none"
+        code = f"""
+import resource, sys
+sys.argv = "msdwarp {flags}".split()
+from msdwarp.cli import main
+try:
+    main()
+finally:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        peaks.append(int(done.stdout.splitlines()[-1]))
+    with Trajectory(tmp_path / "10000" / "trajectory.vtkhdf") as found:
+        assert len(found) == 10_001
+    assert peaks[1] - peaks[0] < 10_000  # KiB on Linux; the longer file has 120 MB more

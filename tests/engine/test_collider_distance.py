@@ -1,0 +1,111 @@
+"""How far away solids are, and which way: against brute force."""
+
+import math
+
+import numpy as np
+import pytest
+from collisions import distances, level
+from problems import EPS64
+
+from msdwarp import Box, Capsule, Cone, Plane, Sphere
+from msdwarp.world.colliders import Collider
+
+
+def on_surface(collider: Collider, dim: int, rng: np.random.Generator) -> np.ndarray:
+    """Return points all over the surface: where rays from inside leave it, by bisection."""
+    ways = rng.normal(size=(4000, dim))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    inside = {
+        Plane: lambda c: (c.offset - 1) * c.unit_normal(dim),
+        Sphere: lambda c: c.position,
+        Box: lambda c: c.position,
+        Capsule: lambda c: (np.array(c.start) + c.end) / 2,
+        Cone: lambda c: 0.3 * np.array(c.apex) + 0.7 * np.array(c.base),
+    }[type(collider)](collider)
+    low, high = np.zeros(len(ways)), np.full(len(ways), 40.0)
+    for _ in range(60):
+        middle = (low + high) / 2
+        outside = level(collider, np.array(inside) + middle[:, None] * ways) > 0
+        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+    points = np.array(inside) + high[:, None] * ways
+    return points[high < 39]
+
+
+SOLIDS = {
+    1: [Plane((-1.0,), offset=0.2), Sphere((0.1,), 0.4), Box((-0.2,), (0.7,))],
+    2: [
+        Plane((3.0, 4.0), offset=0.2),
+        Sphere((0.1, -0.2), 0.4),
+        Box((-0.2, 0.1), (0.7, 1.1), 0.6),
+        Capsule((-0.3, 0.2), (0.5, -0.1), 0.3),
+        Cone((0.2, 0.7), (-0.1, -0.4), 0.5),
+    ],
+    3: [
+        Plane((2.0, -1.0, 2.0), offset=-0.2),
+        Sphere((0.1, -0.2, 0.3), 0.4),
+        Box((-0.2, 0.1, 0.0), (0.7, 1.1, 0.5), (0.6, -0.9, 0.4)),
+        Capsule((-0.3, 0.2, 0.4), (0.5, -0.1, -0.3), 0.3),
+        Cone((0.2, 0.7, 0.1), (-0.1, -0.4, 0.3), 0.6),
+        Cone((0.0, 0.0, 0.2), (0.0, 0.0, 0.0), 0.9),  # flat: its base is often the nearest
+        Box((0.0, 0.0, 0.0), (1.0, 0.2, 0.6)),
+    ],
+}
+every_solid = pytest.mark.parametrize(("dim", "p"), [(dim, p) for dim in SOLIDS for p in range(len(SOLIDS[dim]))])
+
+
+@every_solid
+def test_distances_are_those_of_the_nearest_point_of_the_surface(dim, p):
+    collider, rng = SOLIDS[dim][p], np.random.default_rng(dim)
+    x = rng.uniform(-1.2, 1.2, (150, dim))
+    n, d = distances(SOLIDS[dim], x, p)
+    np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=0, atol=8 * EPS64)  # roundings of a root
+    assert np.abs(d).min() > 1e-6  # no place is so near that roundings could choose its side
+    np.testing.assert_array_equal(d < 0, level(collider, x) < 0)
+    # From above: going by the distance against the normal ends on the surface, to roundings of 1.2 m.
+    assert np.abs(level(collider, x - d[:, None] * n)).max() < 20 * EPS64
+    # From below: of thousands of points of the surface none is nearer.
+    points = on_surface(collider, dim, rng)
+    for place, distance in zip(x, d, strict=True):
+        assert np.linalg.norm(points - place, axis=1).min() > abs(distance) - 20 * EPS64
+
+
+@every_solid
+def test_normals_are_gradients_of_distances(dim, p):
+    x = np.random.default_rng(dim + 10).uniform(-1.2, 1.2, (400, dim))
+    step = 1e-6
+    n, d = distances(SOLIDS[dim], x, p)
+    slopes = np.zeros((2, *x.shape))
+    for k in range(dim):
+        for side, sign in enumerate((1, -1)):
+            there = distances(SOLIDS[dim], x + sign * step * np.eye(dim)[k], p)[1]
+            slopes[side, :, k] = sign * (there - d) / step
+    # Where two points of the surface are equally near there is no gradient: few of so many places.
+    smooth = np.abs(slopes[0] - slopes[1]).max(axis=1) < 1e-3
+    assert smooth.mean() > 0.97
+    # Central differences: step²/r² for a curvature of 1/r, and a rounding of 1 m over the step.
+    np.testing.assert_allclose(slopes.mean(axis=0)[smooth], n[smooth], rtol=0, atol=1e-9 + 4 * EPS64 / step)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_alone_a_solid_is_as_among_others(dim):
+    x = np.random.default_rng(dim).uniform(-1.2, 1.2, (50, dim))
+    for p, collider in enumerate(SOLIDS[dim][:5]):
+        for one, of_many in zip(distances([collider], x, 0), distances(SOLIDS[dim], x, p), strict=True):
+            np.testing.assert_allclose(one, of_many, rtol=0, atol=4 * EPS64)  # other instructions may be chosen
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_where_all_ways_out_are_alike_one_is_taken(dim):
+    # Centres, axes and corners: a unit normal and the right distance, whatever the direction.
+    up = np.eye(dim)[-1]
+    for collider, place, depth in (
+        (Sphere(tuple(0 * up), 0.4), 0 * up, -0.4),
+        (Capsule(tuple(-up), tuple(up), 0.3), 0.2 * up, -0.3),
+        (Cone(tuple(up), tuple(0 * up), 1.0), 0.5 * up, -math.sqrt(0.125)),  # 0.5 m below an apex of 45°
+        (Cone(tuple(up), tuple(0 * up), 1.0), 0.1 * up, -0.1),
+        (Cone(tuple(up), tuple(0 * up), 1.0), 3.0 * up, 2.0),
+        (Box(tuple(0 * up), (1.0,) * dim), 0 * up, -0.5),
+    ):
+        n, d = distances([collider], np.array([place]), 0)
+        assert np.linalg.norm(n) == pytest.approx(1.0, abs=4 * EPS64)
+        assert d[0] == pytest.approx(depth, abs=4 * EPS64)

@@ -1,0 +1,111 @@
+"""Columns, in which a stencil takes two layers at once: the same forces and the same motion."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from courses import SCENES, assert_course_is_plain, assert_same, course, moment
+from tangles import FAR, assert_forces_are_right, lattices, moving
+
+from msdwarp import RK4, SymplecticEuler, System, box, sheet
+from msdwarp.engine import dynamics
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.lattice_search import find_lattice
+from msdwarp.engine.model import Model
+
+
+@pytest.fixture
+def in_columns(monkeypatch) -> None:
+    """Advance lattices that have layers in columns, on the CPU too, however small they are."""
+
+    def choose(model: Model, columns=dynamics.columns) -> int:
+        gpu = SimpleNamespace(is_cuda=True)
+        return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
+
+    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(dynamics, "columns", choose)
+
+
+LAYERED = (
+    "sheet 4",
+    "sheet 8",
+    "smallest sheet",
+    "box 6",
+    "box 26",
+    "smallest box",
+    "thin box",
+    "two equal boxes",
+)
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+@pytest.mark.parametrize("name", LAYERED)
+def test_forces_in_columns(plain_device, in_columns, name, damping):
+    system = moving(lattices(damping)[name])
+    stride = find_lattice(system).stride
+    assert dynamics.columns(Model(system, device="cpu", route="stencil")) in range(
+        system.particle_count // 2, system.particle_count // 2 + stride + 1
+    )
+    assert_forces_are_right(system, plain_device, "float64", "stencil")
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 2), (3, 4, 3), (4, 3, 6), (2, 2, 9)])
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
+def test_forces_in_columns_in_single_precision(plain_device, in_columns, precision, shape):
+    far = moving(box(shape, stiffness=30.0, damping=2.0)).translate(FAR)
+    assert_forces_are_right(far, plain_device, precision, "stencil")
+
+
+@pytest.mark.parametrize("columns", [False, True])
+def test_directions_may_be_named_in_any_order(plain_device, request, columns):
+    if columns:
+        request.getfixturevalue("in_columns")
+    grid = moving(sheet((5, 4), stiffness=30.0, damping=2.0))
+    stiffness = np.empty(grid.connection_count)
+    for k, part in enumerate(grid.directions[0].values()):
+        stiffness[part] = 10.0 * (k + 1)
+    names = list(grid.directions[0])
+    for order in (names, names[::-1]):
+        named = grid.replace(stiffness=stiffness, directions=({n: grid.directions[0][n] for n in order},))
+        assert_forces_are_right(named, plain_device, "float64", "stencil")
+
+
+def skewed() -> System:
+    """Return particles that are a lattice by their numbers alone: y and z lead 5 and 20 further, y+z leads 27."""
+    random = np.random.default_rng(9)
+    steps = {"y": 5, "z": 20, "y+z": 27}
+    connections = [np.stack([np.arange(60 - step), np.arange(step, 60)], axis=1) for step in steps.values()]
+    ends = np.cumsum([0, *map(len, connections)])
+    directions = {name: slice(*ends[k : k + 2]) for k, name in enumerate(steps)}
+    return System(
+        position=random.normal(size=(60, 3)),
+        velocity=random.normal(size=(60, 3)),
+        connections=np.concatenate(connections),
+        rest_length=1.0,
+        stiffness=30.0,
+        damping=1.0,
+        directions=(directions,),
+    )
+
+
+def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_columns):
+    lattice = find_lattice(skewed())
+    assert lattice.uniform
+    assert lattice.stride == 0
+    assert_forces_are_right(skewed(), plain_device, "float64", "stencil")
+
+
+@pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
+def test_lattices_without_layers_have_no_columns(in_columns, name):
+    assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
+    made = Dynamics(Model(lattices(2.0)[name], device="cpu", route="stencil"))
+    assert made.composition.route.column_forces is None or made._columns == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
+@pytest.mark.parametrize("name", SCENES)
+def test_columns_move_a_scene_alike(plain_device, in_columns, name, method):
+    found = course(moment(name), method, plain_device, route="stencil", blocks=None)
+    assert_course_is_plain(name, method, found, 1e-12)
+    assert_same(course(moment(name), method, plain_device, route="stencil", blocks=None), found)

@@ -1,0 +1,139 @@
+"""How connections lie on a device: in which order, and what is stored of each."""
+
+import numpy as np
+import problems
+import pytest
+import warp as wp
+from tangles import CONSTANTS, assert_forces_are_right, tangle
+
+from msdwarp import System, box, chain, sheet
+from msdwarp.engine import forces
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.model import Model
+from msdwarp.engine.routes import scatter_order
+
+# Order of scattering.
+
+
+def by_particle(system: System) -> System:
+    """Return the system with its connections listed particle by particle, in no direction any longer."""
+    order = np.lexsort(system.connections.T[::-1])
+    listed = {name: getattr(system, name)[order] for name in ("connections", *CONSTANTS)}
+    return system.replace(**listed, directions=({},))
+
+
+@pytest.mark.parametrize("system", [box((5, 5, 5)), sheet((6, 6)), box((2, 2, 8)), problems.ball(7)])
+def test_neighbours_in_the_list_do_not_meet_in_a_particle(system):
+    listed = by_particle(system)
+    order = scatter_order(listed)
+    assert (np.sort(order) == np.arange(system.connection_count)).all()
+    first = listed.connections[order, 0]
+    assert not (first[1:] == first[:-1]).any()
+    met = listed.connections[:, 0]
+    assert np.mean(met[1:] == met[:-1]) > 0.5  # as it was listed, most do
+
+
+def test_any_list_is_put_in_an_order():
+    random = np.random.default_rng(4)
+    for _ in range(20):
+        ends = np.sort(random.integers(0, 30, (200, 2)), axis=0)
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        order = scatter_order(System(position=random.normal(size=(30, 3)), connections=ends, rest_length=1.0))
+        assert (np.sort(order) == np.arange(len(ends))).all()
+        # By how many its first particle had before, then by that particle.
+        first = ends[order, 0]
+        rank = np.array([np.count_nonzero(first[:k] == first[k]) for k in range(len(first))])
+        key = rank * 30 + first
+        assert (np.diff(key) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        chain(9),
+        sheet((5, 7)),
+        box((4, 4, 4)),
+        box((4, 4, 4)) + sheet((5, 5)),
+        chain(2),
+        System(position=[[0.0], [1]]),
+    ],
+)
+def test_what_is_listed_by_directions_keeps_its_order(system):
+    assert scatter_order(system) is None
+
+
+@pytest.mark.parametrize("own", [(), CONSTANTS], ids=["one constant each", "all their own"])
+def test_order_of_scattering_does_not_change_forces(plain_device, own):
+    # Constants go with their connections.
+    body = by_particle(tangle(3, 65, own, damped=True))
+    assert scatter_order(body) is not None
+    for route in ("scatter", "gather"):
+        assert_forces_are_right(body, plain_device, "float64", route)
+
+
+# Memory.
+
+
+def arrays(data) -> dict[str, wp.array]:
+    """Return the arrays of a struct and of the structs in it."""
+    found = {}
+    for name in data._cls.vars:
+        value = getattr(data, name)
+        if isinstance(value, wp.array):
+            found[name] = value
+        elif hasattr(value, "_cls"):
+            found |= arrays(value)
+    return found
+
+
+def read_beside_the_state(route: str, system: System) -> dict[str, wp.array]:
+    """Return the arrays that a route's kernels read beside positions and velocities."""
+    return arrays(Dynamics(Model(system, device="cpu", route=route)).world.forces)
+
+
+LISTS = {"scatter": {"f", "connections"}, "gather": {"first", "other"}}
+by_lists = pytest.mark.parametrize(("route", "lists"), LISTS.items(), ids=LISTS.keys())
+
+
+@by_lists
+def test_constants_of_all_connections_are_single_numbers(route, lists):
+    assert read_beside_the_state(route, tangle(3, 65, (), damped=True)).keys() == lists
+
+
+@by_lists
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_constants_of_few_kinds_take_a_byte_for_each_at_most(route, lists, name):
+    found = read_beside_the_state(route, tangle(3, 65, (name,), damped=True))
+    # Where they are gathered, that byte is one of the four of the neighbour's number.
+    assert found.keys() == lists | {"table"} | ({"kind"} if route == "scatter" else set())
+    assert len(found["table"]) <= 256
+    assert route == "gather" or found["kind"].dtype is wp.uint8
+
+
+def test_kinds_of_very_many_particles_have_a_byte_of_their_own(monkeypatch, plain_device):
+    # More than 2^24 particles leave no byte of a number free; here, by another limit, more than one.
+    monkeypatch.setattr(forces, "KIND_SHIFT", 0)
+    for own in (("rest_length",), ("damping",)):
+        body = tangle(3, 65, own, damped=True)
+        assert read_beside_the_state("gather", body).keys() == {"first", "other", "kind", "table"}
+        assert_forces_are_right(body, plain_device, "float64", "gather")
+
+
+@by_lists
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_constants_of_many_kinds_are_arrays(route, lists, name):
+    found = read_beside_the_state(route, tangle(3, 200, (name,), damped=True))
+    assert found.keys() == lists | set(CONSTANTS)
+
+
+def test_a_stencil_of_one_kind_has_a_mask_and_no_other_array():
+    found = read_beside_the_state("stencil", box((4, 5, 6), damping=1.0))
+    assert found.keys() == {"mask"}
+    assert found["mask"].size == 120
+
+
+def test_a_stencil_of_kinds_has_constants_by_kind():
+    boxes = box((3, 3, 3)) + box((3, 3, 3), stiffness=5.0) + box((3, 3, 3))
+    found = read_beside_the_state("stencil", boxes)
+    assert {name: found[name].size for name in CONSTANTS} == dict.fromkeys(CONSTANTS, 2 * 13)
+    assert found["kind"].size == found["mask"].size == 81

@@ -1,0 +1,300 @@
+"""Colliders that move: they push, carry and throw as they do in their own frame."""
+
+import math
+
+import numpy as np
+import pytest
+from collisions import INTEGRATORS, G, each_once, every_integrator, every_step, particle, simulate
+from problems import EPS64
+
+from msdwarp import Box, Leapfrog, Plane, Simulation, Sphere, SymplecticEuler, System, box
+
+
+def moving(motion, **fields) -> dict:
+    return {"motion": motion, "restitution": 0.4, "friction": 0.3} | fields
+
+
+@every_integrator
+def test_what_moves_evenly_is_as_what_stands(device, integrator):
+    # Galilei: a box that moves at w, seen by somebody who moves with it. With gravity, so that it bounces, slides
+    # and comes to rest; compared at 1.5 s.
+    w, start, v = np.array([0.7, -0.4, 0.2]), np.array([0.0, 0.1, 0.8]), np.array([1.0, 0.3, -1.0])
+    fields = {"position": (0.2, 0, 0), "size": (4, 4, 0.5), "turn": (0.05, 0.1, 0.3)}
+    found = []
+    for motion, velocity in ((None, v), (lambda t: t * w, v + w)):
+        simulation = simulate(
+            particle(start, [velocity]),
+            Box(**fields, **moving(motion)),
+            device,
+            h=1 / 400,
+            substeps=50,
+            integrator=integrator,
+        )
+        simulation.step(12)
+        found.append(simulation.frame())
+    fixed, moved = found
+    # 600 substeps that round places of 2 m; a velocity of the obstacle has such a rounding over h.
+    np.testing.assert_allclose(moved.position - 1.5 * w, fixed.position, rtol=0, atol=600 * 2 * EPS64)
+    np.testing.assert_allclose(moved.velocity - w, fixed.velocity, rtol=0, atol=400 * 20 * EPS64)
+    assert abs(fixed.velocity[0, 2]) < 0.5  # it has long hit
+
+
+@pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=str)
+@every_step
+def test_what_gathers_speed_is_as_gravity(device, integrator, h):
+    # Einstein: a floor that is accelerated by −g, seen by somebody on it. Its speed in the substep before the
+    # first is −a h/2, which is what somebody on it takes for rest.
+    a, w = np.array([2.0, -1.0, 12.0]), np.array([[1.0, 0.5, -2.0]])
+    block = box((2, 2, 2), spacing=0.2, mass=0.2, stiffness=60.0, damping=0.3).rotate(0.4, axis=(1, 2, 0))
+    block = block.translate((0, 0, 0.5))
+    common = {"h": h, "substeps": round(0.1 / h), "integrator": integrator}
+    fixed = simulate(block.with_velocity(w), Plane(restitution=0.6, friction=0.4), device, gravity=-a, **common)
+    floor = Plane(restitution=0.6, friction=0.4, motion=lambda t: a * t**2 / 2)
+    moved = simulate(block.with_velocity(w - a * h / 2), floor, device, gravity=0.0, **common)
+    if isinstance(integrator, Leapfrog):  # which takes velocities back by half a substep itself
+        moved = simulate(block.with_velocity(w), floor, device, gravity=0.0, **common)
+    for _ in range(10):
+        fixed.step()
+        moved.step()
+    assert fixed.frame().position[:, 2].min() == 0.0
+    # Roundings of 6 m, of which velocities of the floor have one over h, and the swinging block makes more: ω/γ
+    # times as many at most.
+    t = moved.time
+    np.testing.assert_allclose(
+        moved.frame().position - a * t**2 / 2, fixed.frame().position, rtol=0, atol=1000 * 6 * EPS64 / h
+    )
+
+
+@each_once
+def test_a_piston_carries_what_lies_on_it(device, h, integrator):
+    # It gathers speed faster than `rest_speed` in a substep, and still nothing bounces.
+    a = 15.0
+    piston = Box((0, 0, -0.5), (1, 1, 1), motion=lambda t: (0, 0, a * t**2 / 2), restitution=1.0)
+    start, common = particle((0.1, 0.2, 0)), {"h": h, "integrator": integrator, "gravity": 0.0}
+    simulation = simulate(start, piston, device, substeps=1, **common)
+    simulation.step()
+    assert simulation.frame().velocity[0, 2] == pytest.approx(a * h / 2, rel=1e-12)  # from the first substep on
+    simulation = simulate(start, piston, device, substeps=round(0.1 / h), **common)
+    for _ in range(10):
+        simulation.step()
+        now, t = simulation.frame(), simulation.time
+        np.testing.assert_allclose(now.position[0], (0.1, 0.2, a * t**2 / 2), rtol=0, atol=t / h * 8 * EPS64)
+        # Its speed is the piston's of half a substep ago; places of 8 m have roundings, which count over h.
+        np.testing.assert_allclose(now.velocity[0], (0, 0, a * (t - h / 2)), rtol=0, atol=40 * EPS64 / h)
+
+
+@every_step
+def test_a_shaking_floor_carries_and_throws(device, h):
+    # A ω² = 0.8 g carries. At 1.5 g it lets go where A ω² sin ω t = g, and what flies does so by itself.
+    omega, g = 10.0, 10.0
+    for strength in (0.8, 1.5):
+        A = strength * g / omega**2
+        floor = Plane(motion=lambda t, A=A: (0, 0, A * math.sin(omega * t)), restitution=0.0)
+        start = particle((0, 0, 0), [[0, 0, A * omega]])
+        simulation = simulate(start, floor, device, h=h, gravity=g)
+        flight = []
+        while simulation.time < 0.3:
+            simulation.step()
+            z, t = simulation.frame().position[0, 2], simulation.time
+            gap = z - A * math.sin(omega * t)
+            if strength < 1:
+                assert abs(gap) < 4 * EPS64
+            else:
+                flight.append((t, z, gap))
+        if strength > 1:
+            phase = math.asin(1 / strength)
+            leaves, speed = phase / omega, A * omega * math.cos(phase)
+            for t, z, gap in flight:
+                s = t - leaves
+                if s < -h:
+                    assert abs(gap) < 4 * EPS64
+                elif s > h:  # speed and place to half a substep of g and of speed
+                    flown = A / strength + speed * s - g * s**2 / 2
+                    assert z == pytest.approx(flown, abs=h * (g * s + speed + 1))
+            assert max(gap for *_, gap in flight) > 0.02
+
+
+@every_step
+def test_a_turning_disc_takes_a_particle_with_it(device, h):
+    # From rest it slips until friction has brought it to speed; then it turns with the disc and never creeps.
+    omega, radius = 3.0, 0.5
+    disc = Box(
+        (0.2, 0.1, -0.1), (4, 4, 0.2), friction=0.9, motion=lambda t: ((0.0, 0.0, 0.0), (0.0, 0.0, omega * t))
+    )
+    centre = np.array([0.2, 0.1, 0.0])
+    assert omega**2 * radius < 0.9 * G
+    simulation = simulate(particle(centre + np.array([radius, 0, 0])), disc, device, h=h, substeps=round(0.05 / h))
+    simulation.step()
+    # μ g at first, along y: for 0.05 s, in which the disc turns its direction by less than 0.15.
+    assert np.linalg.norm(simulation.frame().velocity[0]) == pytest.approx(0.9 * G * 0.05, rel=0.02)
+    simulation.step(39)
+
+    def on_disc() -> np.ndarray:
+        angle, place = omega * simulation.time, simulation.frame().position[0] - centre
+        return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) @ place[:2]
+
+    then = on_disc()
+    simulation.step(20)
+    np.testing.assert_allclose(on_disc(), then, rtol=0, atol=1.0 / h * 8 * EPS64)  # a rounding or two a substep
+    # The way of a substep, which is the secant of an arc.
+    speed = np.linalg.norm(simulation.frame().velocity[0])
+    secant = 2 / h * math.sin(omega * h / 2) * np.linalg.norm(then)
+    assert speed == pytest.approx(secant, rel=8 * EPS64 / h)  # roundings of places, over h
+    assert np.linalg.norm(then) < 1.5
+
+
+def test_a_turning_ball_drags_what_it_hits(device):
+    # It turns about its own centre: at the top its surface runs along x at ω R, the particle takes it over.
+    omega, R = 4.0, 0.5
+    ball = Sphere(
+        (0.3, -0.2, 0.1), R, restitution=0.0, friction=math.inf, motion=lambda t: (np.zeros(3), (0, omega * t, 0))
+    )
+    h = 1 / 4000
+    simulation = simulate(particle((0.3, -0.2, 0.6 + h / 2), [[0, 0, -1.0]]), ball, device, h=h, gravity=0.0)
+    simulation.step()
+    # To ω h of its direction, and (ω h)²/24 of its length.
+    np.testing.assert_allclose(
+        simulation.frame().velocity[0], (omega * R, 0, 0), rtol=0, atol=omega * R * omega * h
+    )
+
+
+@every_step
+def test_a_paddle_in_the_plane_strikes(device, h):
+    # A rod that turns about its middle meets a particle at rest 1 m away, at ω · 1 m across the rod.
+    omega = 2.0
+    rod = Box((0.5, 0.0), (4.0, 0.1), restitution=0.5, friction=0.0, motion=lambda t: ((0.0, 0.0), omega * t))
+    simulation = simulate(System(position=[[1.5, 0.3]]), rod, device, h=h, gravity=0.0)
+    simulation.step(round(0.5 / h))
+    # e = 0.5: 1.5 times the speed of the place that is hit, along the normal there; the hit is known to a substep.
+    hit = math.hypot(1.0, 0.3)
+    speed = np.linalg.norm(simulation.frame().velocity[0])
+    assert speed == pytest.approx(1.5 * omega * math.sqrt(hit**2 - 0.05**2), rel=omega * h)
+
+
+@every_integrator
+def test_pinned_particles_are_not_moved(device, integrator):
+    # A wall sweeps through a block: it takes along what is free, and passes what is pinned.
+    block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).pin([0, 5])
+    wall = Plane((1, 0, 0), offset=-0.5, restitution=0.0, motion=lambda t: (2.0 * t, 0, 0))
+    simulation = simulate(block, wall, device, h=1 / 1000, substeps=50, integrator=integrator, gravity=0.0)
+    for _ in range(10):
+        simulation.step()
+    now = simulation.frame()
+    np.testing.assert_array_equal(now.position[[0, 5]], block.position[[0, 5]])
+    assert not now.velocity[[0, 5]].any()
+    free = np.delete(now.position, [0, 5], axis=0)
+    assert free[:, 0].min() > 0.5 - 1e-12  # where the wall is: roundings
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 5])
+def test_a_motion_is_known_from_time_zero_on(device, substeps):
+    # What is hit in the very first substep moves as it does later, though its motion has no past: 2 m/s come in
+    # upon a floor that comes up at 1 m/s, and e = 0.5.
+    seen = []
+
+    def rise(t: float):
+        seen.append(t)
+        return 0, 0, t
+
+    h = 0.01
+    floor = Plane(motion=rise, restitution=0.5, friction=0.0)
+    start = particle((0, 0, h), [[0.3, 0, -1.0]])
+    simulation = simulate(start, floor, device, h=h, substeps=substeps, gravity=0.0)
+    simulation.step()
+    np.testing.assert_allclose(simulation.frame().velocity[0], (0.3, 0, 2.0), rtol=0, atol=8 * EPS64 / h)
+    assert min(seen) == 0.0
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS[:5], ids=str)
+def test_one_launch_is_as_many(device, integrator):
+    def shaken(**options) -> Simulation:
+        floor = Plane(
+            friction=0.3, motion=lambda t: ((0.2 * t * t, 0, 0.05 * math.sin(9 * t)), (0, 0.1 * t * t, 0))
+        )
+        block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).translate((0, 0, 0.2))
+        simulation = simulate(block, floor, device, h=1 / 1000, substeps=25, integrator=integrator, **options)
+        simulation.step(20)
+        return simulation
+
+    one = shaken().frame()
+    many = shaken(blocks=None).frame()
+    # 500 substeps with roundings of 1 m and of 1 m/s, which hits and swings make a hundred times more.
+    np.testing.assert_allclose(many.position, one.position, rtol=0, atol=100 * 500 * EPS64)
+    np.testing.assert_allclose(many.velocity, one.velocity, rtol=0, atol=100 * 500 * 30 * EPS64)
+
+
+@pytest.mark.parametrize("stays", [True, False], ids=["one launch", "launches"])
+def test_a_frame_may_be_taken_in_parts(device, stays):
+    # As what looks for the substep of a divergence does: colliders are where they are then.
+    options = {} if stays else {"blocks": None}
+    floor = Plane(motion=lambda t: (0, 0, 4.0 * t * t))
+    whole, parts = (simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=8, **options) for _ in range(2))
+    whole.step()
+    parts.stepping.dynamics.begin_frame(0.0)
+    for count, first in ((3, 0), (1, 3), (4, 4)):
+        parts.stepping.stepper.take(count, first)
+    np.testing.assert_array_equal(parts.frame().position, whole.frame().position)
+    assert whole.frame().position[0, 2] == pytest.approx(4.0 * 0.08**2, rel=1e-12)
+
+
+def test_reset_takes_time_back(device):
+    floor = Plane(motion=lambda t: (0, 0, 0.1 * math.sin(8 * t)), restitution=0.7)
+    simulation = simulate(particle((0, 0, 0.3)), floor, device, h=1 / 500, substeps=10)
+    first = [simulation.frame() for _ in range(40) if simulation.step() is None]
+    simulation.reset()
+    again = [simulation.frame() for _ in range(40) if simulation.step() is None]
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a.position, b.position)
+        np.testing.assert_array_equal(a.velocity, b.velocity)
+
+
+def test_a_change_does_not_disturb_what_moves(device):
+    # Another stiffness of no connection: the collider goes on from where it is.
+    floor = Plane(motion=lambda t: (0.3 * t, 0, 2.0 * t * t))
+    simulation = simulate(particle((0, 0, 0)), floor, device, h=1 / 100, substeps=10)
+    simulation.step(3)
+    simulation.change(stiffness=10.0)
+    simulation.step(3)
+    assert simulation.frame().position[0, 2] == pytest.approx(2.0 * 0.6**2, rel=1e-12)
+
+
+def test_a_fixed_one_among_moving_ones_stands(device):
+    floor = Plane(friction=0.0)
+    wall = Plane((1, 0, 0), offset=-1.0, motion=lambda t: (t, 0, 0), restitution=0.0)
+    simulation = simulate(particle((0, 0, 0.5)), [floor, wall], device, h=1 / 100, substeps=100)
+    simulation.step(2)
+    # To roundings of 1 m a substep.
+    np.testing.assert_allclose(simulation.frame().position[0], (1.0, 0, 0), rtol=0, atol=200 * EPS64)
+
+
+def test_motion_that_goes_wrong_later_is_named_and_nothing_is_lost(device):
+    floor = Plane(motion=lambda t: (0, 0, 0.1 * t if t < 0.25 else math.inf))
+    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    simulation.step(2)
+    kept = simulation.frame()
+    with pytest.raises(ValueError, match=r"motion\(0.25\) is \(0, 0, inf\)"):
+        simulation.step()
+    np.testing.assert_array_equal(simulation.frame().position, kept.position)
+    assert simulation.time == kept.time
+
+
+@pytest.mark.parametrize(
+    ("dim", "motion"),
+    [
+        (1, lambda t: 0.2 * t),
+        (1, lambda t: (0.2 * t,)),
+        (2, lambda t: (0.0, 0.2 * t)),
+        (2, lambda t: ((0.0, 0.2 * t), None)),
+        (2, lambda t: (np.array([0.0, 0.2 * t]), 0.0)),
+        (3, lambda t: [0.0, 0.0, 0.2 * t]),
+        (3, lambda t: (np.array([0.0, 0.0, 0.2 * t]), np.zeros(3))),
+    ],
+)
+def test_motion_in_every_form(device, dim, motion):
+    simulation = simulate(
+        System(position=np.zeros((1, dim))), Plane(motion=motion, restitution=0.0), device, h=0.01, substeps=50
+    )
+    simulation.step(2)
+    np.testing.assert_allclose(  # 100 roundings of 0.2 m
+        simulation.frame().position[0], [0.0] * (dim - 1) + [0.2], rtol=0, atol=100 * EPS64
+    )

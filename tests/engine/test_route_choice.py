@@ -1,0 +1,143 @@
+"""Which route is taken to the forces: the one that is asked for, or the fastest, before and after a change."""
+
+import numpy as np
+import problems
+import pytest
+from tangles import CONSTANTS, lattices, moving, tangle
+
+from msdwarp import Plane, Simulation, System, box, chain, sheet
+from msdwarp.engine import routes
+from msdwarp.engine.model import Model
+from msdwarp.engine.routes import ROUTES, automatic_route
+
+
+def test_unknown_route_is_named():
+    for make in (Simulation, Model):
+        with pytest.raises(ValueError, match=r"route is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"):
+            make(chain(3), device="cpu", route="teleport")
+
+
+@pytest.mark.parametrize(
+    ("system", "reason"),
+    [
+        (System(position=[[0.0], [1]], connections=[[0, 1]]), "not every connection is in one direction"),
+        (chain(4, stiffness=[1.0, 2, 3]), "stiffness differs among the connections"),
+        (tangle(3, 40, (), damped=False), "not every connection is in one direction"),
+    ],
+)
+def test_a_stencil_of_no_lattice_is_refused_with_the_reason(system, reason):
+    with pytest.raises(ValueError, match=f"route is 'stencil', which this system cannot take: {reason}"):
+        Simulation(system, device="cpu", route="stencil")
+
+
+def test_a_route_asked_for_is_taken():
+    for route in ROUTES:
+        assert Simulation(chain(4), device="cpu", route=route).model.route == route
+    assert Model(chain(4), device="cpu").lattice is None
+    assert Model(chain(4), device="cpu", route="stencil").lattice.steps == ((1, 0, 0),)
+
+
+@pytest.mark.parametrize("on_gpu", [False, True])
+def test_an_automatic_route_is_one_that_can_be_taken(on_gpu):
+    systems = [
+        *lattices(1.0).values(),
+        tangle(3, 40, CONSTANTS, damped=True),
+        System(position=np.zeros((1, 1))),
+        System(position=np.zeros((5, 3))),
+        chain(4, stiffness=[1.0, 2, 3]),
+        chain(5).replace(directions=({"weft": slice(0, 4)},)),
+        chain(5).replace(directions=()),
+        moving(box((3, 3, 3))).freeze(),
+    ]
+    for system in systems:
+        route, lattice = automatic_route(system, on_gpu=on_gpu)
+        assert route in ROUTES
+        assert (lattice is not None) == (route == "stencil")
+
+
+def test_automatic_routes_are_those_that_are_fastest():
+    cube, jumble, few, grid = box((8, 8, 8)), tangle(3, 200, (), damped=True), chain(200), sheet((150, 300))
+    threads = problems.cut(grid, np.arange(grid.particle_count) // 150 % 2 == 0)  # every second row of a cloth
+    bodies = (cube, jumble, few, threads)
+    assert {automatic_route(system, on_gpu=False)[0] for system in bodies} == {"scatter"}
+    # Most of what a stencil of threads reads is no neighbour.
+    fastest = ["stencil", "gather", "scatter", "gather"]
+    assert [automatic_route(system, on_gpu=True)[0] for system in bodies] == fastest
+
+
+def test_tests_run_over_every_route(device, request):
+    # What the fixture `device` promises to all tests that use it.
+    route = request.node.callspec.params["device"].split()[-1]
+    expected = "scatter" if route == "cpu" else route
+    assert Model(chain(9), device=device).route == expected
+    assert Model(tangle(3, 9, (), damped=True), device=device).route == expected.replace("stencil", "gather")
+
+
+# Change of parameters.
+
+
+@pytest.fixture
+def as_on_gpu(monkeypatch) -> None:
+    """Choose automatic routes as on a GPU."""
+    monkeypatch.setattr(
+        routes, "automatic_route", lambda system, on_gpu, choose=automatic_route: choose(system, on_gpu=True)
+    )
+
+
+def cloth(route: str) -> Simulation:
+    """Return a cloth in free fall onto the ground, that has fallen a while."""
+    grid = sheet((10, 11), 0.1, mass=0.05, stiffness=40.0, damping=0.1).rotate(0.4, (1, 1, 0))
+    grid = grid.translate((0, 0, 0.5))
+    simulation = Simulation(grid, colliders=[Plane()], device="cpu", precision="float64", route=route)
+    simulation.step(10)
+    assert simulation.model.route == ("stencil" if route == "auto" else route)
+    return simulation
+
+
+def changes(simulation: Simulation) -> dict[str, dict]:
+    """Return changes after which the connections of a direction are no longer alike."""
+    uneven = np.linspace(30.0, 50.0, simulation.system.connection_count)
+    return {
+        "stiffness": {"stiffness": uneven},
+        "damping": {"damping": uneven / 400},
+        "frozen": {"rest_length": simulation.snapshot().length},
+    }
+
+
+@pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
+def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change):
+    simulation = cloth("auto")
+    parameters = changes(simulation)[change]
+    fresh = Simulation(
+        simulation.snapshot().replace(**parameters), colliders=[Plane()], device="cpu", precision="float64"
+    )
+    simulation.change(**parameters)
+    assert simulation.model.route == fresh.model.route == "gather"
+    simulation.step(10)
+    fresh.step(10)
+    np.testing.assert_array_equal(simulation.frame().position, fresh.frame().position)  # the same launches
+    simulation.change(stiffness=40.0, damping=0.1, rest_length=0.1)
+    assert simulation.model.route == "stencil"
+    simulation.step()
+    simulation.reset()
+    assert simulation.model.route == "stencil"
+
+
+@pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
+def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
+    simulation, twin = cloth("stencil"), cloth("stencil")
+    before, name = simulation.system, {"frozen": "rest_length"}.get(change, change)
+    with pytest.raises(ValueError, match=f"route is 'stencil'.* {name} differs among the connections"):
+        simulation.change(**changes(simulation)[change])
+    assert simulation.system is before
+    for each in (simulation, twin):
+        each.step(5)
+    np.testing.assert_array_equal(simulation.frame().position, twin.frame().position)
+    assert simulation.time == twin.time
+
+
+def test_a_stencil_bears_changes_that_keep_the_lattice():
+    simulation = cloth("stencil")
+    simulation.change(stiffness=60.0, damping=0.0, mass=np.linspace(0.04, 0.06, 110))
+    simulation.step()
+    assert simulation.model.route == "stencil"

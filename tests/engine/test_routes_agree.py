@@ -1,0 +1,192 @@
+"""Routes to the forces: all give the same motion, and some of them bit for bit."""
+
+import numpy as np
+import problems
+import pytest
+import warp as wp
+from courses import SCENES, assert_alike, assert_course_is_plain, assert_same, course, half_the_limit, moment
+from modes import METHODS
+from tangles import CONSTANTS, PRECISIONS, every_route, lattices, moving, tangle
+
+from msdwarp import Plane, Scene, Simulation, SymplecticEuler, box, chain, sheet
+
+every_method = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
+gathering = pytest.mark.parametrize("route", ["gather", "stencil"])
+
+
+# Motion.
+
+
+@every_route
+@every_method
+@pytest.mark.parametrize("name", SCENES)
+def test_routes_move_a_scene_alike(plain_device, name, method, route):
+    found = course(moment(name), method, plain_device, route=route)
+    # A substep rounds positions, of up to twice the body's size, by ε/2 of them: 2e-14 of the size if all 100 are
+    # of one sign. Springs at half of the stable step, and contact, may stretch that, by far less than fifty.
+    assert_course_is_plain(name, method, found, 1e-12)
+
+
+GROUND = Plane(offset=-2.6, restitution=0.5, friction=0.3)
+IRREGULAR = {
+    name: Scene(system=moving(lattices(2.0)[name]).replace(mass=0.5), colliders=[GROUND])
+    for name in ("ball", "two unlike boxes", "two kinds of one shape")
+}
+
+
+@every_route
+@pytest.mark.parametrize("name", IRREGULAR)
+def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, route):
+    scene = IRREGULAR[name]
+    plain, _ = course(scene, SymplecticEuler(), "cpu", route="scatter")
+    found, _ = course(scene, SymplecticEuler(), plain_device, route=route)
+    # As above, of bodies of some 8 m.
+    np.testing.assert_allclose(found, plain, rtol=0, atol=8e-12)
+    assert np.abs(plain[-1] - scene.system.position).max() > 0.1
+    assert name != "ball" or (plain[..., 2] == GROUND.offset).any()
+
+
+@every_route
+@pytest.mark.parametrize(("precision", "roundings"), [("float32", 10), ("float32-compensated", 4)])
+@pytest.mark.parametrize("name", SCENES)
+def test_routes_move_a_scene_alike_in_single_precision(plain_device, name, precision, roundings, route):
+    found = course(moment(name), SymplecticEuler(), plain_device, precision=precision, route=route)
+    # As above, ε of the size a substep: a walk of 100 steps leads 10 away. Compensated, it is only where contact
+    # puts a particle that a rounding is lost.
+    assert_course_is_plain(name, SymplecticEuler(), found, roundings * problems.EPS32)
+
+
+@every_route
+def test_what_positions_lose_is_seen_by_every_route(plain_device, route):
+    # In free flight, a kilometre out: positions are rounded by 3e-5 m there, and the springs do not notice.
+    cube = moment("cube").system.translate((0, 0, 9.0))
+    courses = [
+        course(Scene(system=system, colliders=moment("cube").colliders), SymplecticEuler(), device, **options)
+        for system, device, options in (
+            (cube, "cpu", {"route": "scatter"}),
+            (cube.translate((1000.0, 0, 0)), plain_device, {"precision": "float32-compensated", "route": route}),
+        )
+    ]
+    (plain, _), (found, _) = courses
+    # Forces err by a few ε of k times the spacing of ⅓ m, and h² of that on m is a share of the spacing of
+    # (h ω)²/16 < 1/16: for 100 substeps of one sign 100 · 4 ε/16 · ⅓ m.
+    np.testing.assert_allclose(found - (1000.0, 0, 0), plain, rtol=0, atol=100 * 4 * problems.EPS32 / 48)
+
+
+@every_route
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_routes_follow_the_reference(plain_device, dim, route):
+    # Masses of all sizes, pins and a floor; as a lattice, a sheet or a chain.
+    if route == "stencil":
+        body = moving({1: chain(40, dim=1), 2: sheet((7, 6), dim=2), 3: sheet((7, 6))}[dim])
+        body = body.replace(stiffness=30.0, damping=0.5)
+    else:
+        body = tangle(dim, 40, CONSTANTS, damped=True)
+    random = np.random.default_rng(8)
+    body = body.replace(mass=random.uniform(2.0, 5.0, body.particle_count)).pin([1, 17, 35])
+    # On a line those that meet the floor would meet each other, in one place: there it has none.
+    floor = float(np.quantile(body.position[:, -1], 0.2)) if dim > 1 else None
+    up = (0.0,) * (dim - 1) + (1.0,)
+    colliders = [] if floor is None else [Plane(up, offset=floor, restitution=0.5, friction=0.0)]
+    options = {"colliders": colliders, "precision": "float64", "device": plain_device, "route": route}
+    simulation = Simulation(body, fps=10, substeps=100, **options)
+    simulation.step()
+    x, v = problems.symplectic_euler_loop(body, gravity=9.82, h=1 / 1000, steps=100, floor=floor, restitution=0.5)
+    # 100 substeps of roundings of a few metres, and of forces of up to 1000 N on 2 kg for a millisecond each.
+    np.testing.assert_allclose(simulation.frame().position, x, rtol=0, atol=100 * 8 * problems.EPS64)
+    np.testing.assert_allclose(simulation.frame().velocity, v, rtol=0, atol=100 * 8 * problems.EPS64 * 1000)
+    assert np.abs(x - body.position).max() > 0.1
+
+
+# Repeatability.
+
+
+@gathering
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_what_is_gathered_is_repeatable(plain_device, precision, route):
+    for scene in (moment("cube"), moment("cloth"), *IRREGULAR.values()):
+        first, second = (
+            course(scene, SymplecticEuler(), plain_device, precision=precision, route=route) for _ in range(2)
+        )
+        assert_same(first, second)
+
+
+@every_route
+@pytest.mark.parametrize("substeps", [1, 2, 5, 8])
+@every_method
+def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, route):
+    scene = moment("cube")
+    options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
+    stayed = course(scene, method, "cpu", **options)
+    assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
+
+
+@every_route
+@pytest.mark.parametrize("substeps", [3, 4])
+def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(substeps, route):
+    scene, method = IRREGULAR["two unlike boxes"], SymplecticEuler()
+    options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
+    stayed = course(scene, method, "cpu", **options)
+    assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
+
+
+@every_route
+@pytest.mark.parametrize("substeps", [3, 4])
+def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, route):
+    cube = moment("cube")
+    scene = Scene(system=cube.system.translate((1000.0, 0, 0)), colliders=cube.colliders)
+    fps = 1 / (substeps * half_the_limit(scene, SymplecticEuler()))
+    options = {"route": route, "substeps": substeps, "fps": fps, "precision": "float32-compensated"}
+    stayed = course(scene, SymplecticEuler(), "cpu", **options)
+    x, v = course(scene, SymplecticEuler(), "cpu", **options, blocks=None)
+    # The kernels may round otherwise, as in `assert_alike`: by a few ε of a speed of 5 m/s in each of 16 substeps,
+    # by which a place may be rounded to the next number. Measured without what is lost: 600 and 6 times as much.
+    np.testing.assert_allclose(v, stayed[1], rtol=0, atol=16 * 4 * 5 * problems.EPS32)
+    np.testing.assert_allclose(x, stayed[0], rtol=0, atol=np.spacing(np.float32(1000)))
+
+
+@gathering
+@pytest.mark.parametrize(
+    ("method", "precision"),
+    [*((method, "float64") for method in METHODS.values()), (SymplecticEuler(), "float32-compensated")],
+    ids=[*METHODS, "compensated"],
+)
+def test_frames_may_divide_substeps_in_any_way(plain_device, method, precision, route):
+    # After a frame the state lies where it lay before, though each substep writes it elsewhere.
+    cube = moment("cube")
+    ends = []
+    for frames, substeps in ((1, 12), (12, 1), (4, 3), (3, 4)):
+        options = {"fps": 8192 / substeps, "substeps": substeps, "precision": precision, "route": route}
+        options |= {"colliders": cube.colliders, "integrator": method, "device": plain_device}
+        simulation = Simulation(cube.system, **options)
+        assert simulation.dt == 1 / 8192
+        simulation.step(frames)
+        ends.append(simulation.frame()[1:])
+    for other in ends[1:]:
+        assert_same(other, ends[0])
+
+
+def clusters() -> list[tuple[int, int]]:
+    """Return clusters of blocks, where the GPU has them."""
+    return [(2, 128), (8, 64)] if wp.get_device("cuda:0").arch >= 90 else []
+
+
+@pytest.mark.gpu
+@gathering
+@every_method
+def test_blocks_that_stay_equal_launches(method, route):
+    body = box((8, 8, 8), 0.1, mass=0.02, stiffness=600.0, damping=5.0).with_velocity((0.3, 0, -2.0))
+    scene = Scene(system=body.rotate(0.3, (1, 2, 0)).translate((0, 0, 0.6)), colliders=moment("cube").colliders)
+    courses = []
+    for blocks in (None, (1, 128), (1, 512), *clusters()):
+        courses.append(course(scene, method, "cuda:0", route=route, blocks=blocks))
+    for other in courses[1:]:
+        assert_same(other, courses[0])
+
+
+@pytest.mark.gpu
+def test_blocks_that_stay_scatter_as_launches_do():
+    # Atomics add in any order: equal to roundings, as above.
+    for blocks in (None, (1, 128), *clusters()):
+        found = course(moment("cube"), SymplecticEuler(), "cuda:0", route="scatter", blocks=blocks)
+        assert_course_is_plain("cube", SymplecticEuler(), found, 1e-12)

@@ -1,0 +1,66 @@
+"""What is drawn of a body: its triangles, what they enclose, and the cells behind them."""
+
+import itertools
+
+import numpy as np
+
+from msdwarp import System
+
+
+def areas(system: System) -> np.ndarray:
+    """Return the area vector of each triangle [triangle_count, 3] of a surface whose vertices are particles."""
+    corners = system.position[system.surface.particle[system.surface.triangles]]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+
+
+def triangles_of(system: System) -> np.ndarray:
+    """Return the corners of the triangles that are drawn, shape [triangle_count, 3, d]."""
+    return system.surface.points(system.position)[system.surface.triangles]
+
+
+def area_vectors(system: System) -> np.ndarray:
+    """Return the area vector of each triangle that is drawn, shape [triangle_count, 3]."""
+    a, b, c = triangles_of(system).transpose(1, 0, 2)
+    return np.cross(b - a, c - a) / 2
+
+
+def area(system: System) -> float:
+    return np.linalg.norm(area_vectors(system), axis=1).sum()
+
+
+def volume(system: System) -> float:
+    """Return the volume that a surface which faces outwards encloses, by the divergence theorem."""
+    return np.linalg.det(triangles_of(system)).sum() / 6
+
+
+def normals(system: System) -> np.ndarray:
+    """Return the normal of each vertex as it is drawn: of the triangles around all that share it."""
+    surface = system.surface
+    sums = np.zeros((len(surface.uv), 3))
+    own = np.arange(len(sums)) if surface.normal_of is None else surface.normal_of
+    for k in range(3):
+        np.add.at(sums, own[surface.triangles[:, k]], area_vectors(system))
+    return sums[own] / np.linalg.norm(sums[own], axis=1, keepdims=True)
+
+
+def assert_closed(system: System) -> None:
+    """Check that vertices in one place are exactly there, and each edge is walked once in either direction."""
+    _, place = np.unique(system.surface.points(system.position), axis=0, return_inverse=True)
+    corners = place.ravel()[system.surface.triangles]
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    there = {tuple(edge) for edge in edges.tolist()}
+    assert len(there) == len(edges)
+    assert {(b, a) for a, b in there} == there
+
+
+def cells_of(system: System, spacing: float) -> np.ndarray:
+    """Return the corners of all whole cells as particles, shape [cell_count, 2^d], from their positions alone."""
+    places = np.rint((system.position - system.position.min(axis=0)) / spacing).astype(int)
+    flat = not np.ptp(places[:, -1])
+    key = (1, 10**4, 10**8)[: system.dim]  # more than there are particles along an axis
+    particle = np.argsort(places @ key)
+    known = (places @ key)[particle]
+    steps = itertools.product((0, 1), repeat=system.dim)
+    sought = np.stack([(places + step) @ key for step in steps if not (flat and step[-1])], axis=1)
+    found = np.clip(np.searchsorted(known, sought), 0, len(known) - 1)
+    return particle[found][(known[found] == sought).all(axis=1)]
