@@ -6,11 +6,12 @@ import sys
 
 import numpy as np
 import pytest
-import pyvista as pv
 
 from msdwarp import System, Trajectory, ball, box, chain, sheet
 from msdwarp.files.export import export
 from msdwarp.files.writer import TrajectoryWriter
+
+pv = pytest.importorskip("pyvista")
 
 SYSTEMS = {"box": box((4, 3, 3)), "plane": sheet((3, 3), dim=2), "ball": ball(1.0, 0.5), "chain": chain(5)}
 

@@ -7,13 +7,14 @@ from dataclasses import fields
 import h5py
 import numpy as np
 import pytest
-import pyvista as pv
 from trajectories import KINDS, SYSTEMS, assert_same, frames, in_space, vtk_frames, write
 
 from msdwarp import CoulombDamper, QuadraticDamper, Simulation, System, Trajectory, TrajectoryWriter, ball, box
 from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.files import vtkhdf
 from msdwarp.simulation.readback import Readback
+
+pv = pytest.importorskip("pyvista")
 
 # What is written comes back.
 
