@@ -7,10 +7,11 @@ from .model import Model
 from .rates import Rates, rate_bounds
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
-from .watch import Backup, Watch
+from .watch import Backup, Baseline, Watch
 
 __all__ = [
     "Backup",
+    "Baseline",
     "Blocks",
     "Dynamics",
     "Measures",

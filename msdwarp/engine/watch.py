@@ -1,5 +1,7 @@
 """Watches a run: has it diverged? And keeps the state that it can go back to."""
 
+from typing import NamedTuple, Self
+
 import numpy as np
 import warp as wp
 
@@ -13,6 +15,22 @@ MOST_SHARES = 16384
 """Threads that look over the particles on a GPU: enough to be done soon, few enough to be added up soon."""
 
 
+class Baseline(NamedTuple):
+    """What the energy of a run is compared with."""
+
+    energy: float
+    """Energy at the start: kinetic, elastic, gravitational, and what effects store [J]."""
+    scale: float
+    """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
+
+    @classmethod
+    def of(cls, model: Model, state: State) -> Self:
+        """Return the baseline of a run that starts in this state."""
+        start = measure(model, state)
+        scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
+        return cls(start.energy, scale + _rounding_energy(model, state))
+
+
 class Watch:
     """Looks at a state from the device, and costs one pass over the particles.
 
@@ -22,8 +40,10 @@ class Watch:
     weight times the system's size.
     """
 
-    def __init__(self, model: Model, state: State, energy_limit: float) -> None:
+    def __init__(self, model: Model, state: State, energy_limit: float, baseline: Baseline | None = None) -> None:
         self._model, self._state = model, state
+        self.baseline = baseline or Baseline.of(model, state)
+        """The start of the run: it stays, though the number of substeps changes on the way."""
         self._look_over = look_over(model.dim, model.scalar)
         self._first = wp.empty(1, dtype=int, device=model.device)
         threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
@@ -32,10 +52,8 @@ class Watch:
         self._found = [self._first, self._energies]
         if model.device.is_cuda:
             self._found = [wp.empty_like(array, device="cpu", pinned=True) for array in self._found]
-        start = measure(model, state)
-        scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
-        scale += _rounding_energy(model, state)
-        self._most = start.energy + energy_limit * scale if scale > 0 else np.inf
+        energy, scale = self.baseline
+        self._most = energy + energy_limit * scale if scale > 0 else np.inf
         if any(effect.works for effect in model.effects):
             self._most = np.inf
 

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
-from ..engine import Backup, Blocks, Dynamics, State, Stepper, Watch
+from ..engine import Backup, Baseline, Blocks, Dynamics, State, Stepper, Watch
 from ..integrators import Integrator, StepChoice
 
 RECORDING = threading.Lock()
@@ -46,6 +46,8 @@ class Stepping:
         See `Simulation`.
     blocks
         See `Simulation`.
+    baseline
+        What the energy is compared with; by default the present state's.
 
     Attributes
     ----------
@@ -66,6 +68,7 @@ class Stepping:
         *,
         energy_limit: float,
         blocks: Blocks,
+        baseline: Baseline | None = None,
     ) -> None:
         self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
@@ -73,7 +76,7 @@ class Stepping:
         dynamics.begin(choice.substeps, choice.step)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)
-        self.watch = Watch(self.model, state, energy_limit * choice.energy_swing)
+        self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
         self.graph: Any = None
@@ -82,7 +85,8 @@ class Stepping:
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
         wp.copy(self.state.v, self.velocity())
-        return type(self)(self.dynamics, self.state, choice=choice, **self._how)
+        baseline = self.watch.baseline
+        return type(self)(self.dynamics, self.state, choice=choice, baseline=baseline, **self._how)
 
     def advance(self, time: float) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well."""

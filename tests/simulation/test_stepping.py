@@ -1,0 +1,106 @@
+"""Stepping: replaced as a whole when substeps or parameters change, while the run's own scale stays."""
+
+import numpy as np
+import pytest
+
+from msdwarp import Leapfrog, Plane, Simulation, SimulationDiverged, at, box, sheet
+
+
+def squeezed(dim: int = 2):
+    """Return an undamped sheet, pressed to a tenth of its width."""
+    body = sheet((6, 6), 0.1, mass=0.01, stiffness=100.0, dim=dim)
+    position = np.array(body.position)
+    position[:, 0] *= 0.1
+    return body.replace(position=position, rest_length=body.rest_length)
+
+
+def test_growth_counts_since_the_start_though_substeps_change():
+    # Nothing is a source of energy here, and the steps chosen for the sheet as it is at each frame's start are too
+    # long for what comes within it. Energy grew by 167 times in 600 frames while each new number of substeps began
+    # to count anew; it may grow by its own size and the swing, at most 9 times that at 0.8 of the limit.
+    options = {"gravity": 0.0, "integrator": Leapfrog(), "precision": "float64", "device": "cpu"}
+    simulation = Simulation(squeezed(), refresh=True, energy_limit=1.0, **options)
+    start, chosen, largest = simulation.measure().energy, set(), 0.0
+
+    def go_on():
+        nonlocal largest
+        for _ in range(600):
+            simulation.step()
+            chosen.add(simulation.substeps)
+            largest = max(largest, simulation.measure().kinetic_energy)
+
+    with pytest.raises(SimulationDiverged, match="diverged at"):
+        go_on()
+    assert len(chosen) > 1
+    assert largest <= (1 + 9) * start
+
+
+def test_it_is_another_object_after_each_change_and_the_same_between():
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=50.0, damping=0.1).translate((0, 0, 0.3))
+    simulation = Simulation(body, colliders=[Plane()], schedule=[at(0.1, stiffness=80.0)], device="cpu")
+    first = simulation.stepping
+    simulation.step(6)
+    assert simulation.stepping is first
+    simulation.step()  # the change is due
+    second = simulation.stepping
+    assert second is not first
+    assert second.model is not first.model
+    simulation.change(damping=0.2)
+    assert simulation.stepping is not second
+    checkpoint = simulation.checkpoint()
+    before = simulation.stepping
+    simulation.restore(*checkpoint)
+    assert simulation.stepping is not before
+    simulation.reset()
+    assert simulation.stepping.model.system is body
+
+
+def test_other_substeps_go_on_with_the_same_model_and_state():
+    simulation = Simulation(squeezed(), gravity=0.0, refresh=True, precision="float64", device="cpu")
+    before = simulation.stepping
+    while simulation.stepping is before:
+        simulation.step()
+    after = simulation.stepping
+    assert after.choice.substeps != before.choice.substeps
+    assert after.model is before.model
+    assert after.state is before.state
+    assert after.watch.baseline == before.watch.baseline
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ("many", "blocks is 'many'; it must be 'auto', None, or"),
+        ((2,), r"blocks is \(2,\)"),
+        ((1, 0), r"blocks\[1\] is 0; it must be a whole number of at least 1"),
+        ((2, 1), r"blocks\[0\] is 2; it must be at most 1 on the CPU"),
+    ],
+)
+def test_blocks_that_a_device_cannot_have_are_named(blocks, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(box((2, 2, 2)), blocks=blocks, device="cpu")
+
+
+def test_a_simulation_says_what_it_is():
+    body = box((3, 3, 3), 0.1, mass=0.01)
+    lines = repr(
+        Simulation(body, colliders=[Plane()], substeps=12, allow_unstable=True, device="cpu")
+    ).splitlines()
+    assert 1 <= len(lines) <= 5
+    said = "\n".join(lines)
+    for word in ("27 particles", "158 connections", "Plane", "SymplecticEuler", "12 substeps", "float32", "cpu"):
+        assert word in said
+    assert "array" not in said
+
+
+def test_the_simulation_of_a_scene_is_that_of_its_parts():
+    import msdwarp as msd
+
+    scene = msd.Scene(
+        system=box((3, 3, 3), 0.1, mass=0.01).translate((0, 0, 0.3)), colliders=[Plane()], gravity=3.0
+    )
+    whole = Simulation.of(scene, device="cpu", substeps=20)
+    parts = Simulation(scene.system, colliders=scene.colliders, gravity=3.0, device="cpu", substeps=20)
+    for simulation in (whole, parts):
+        simulation.step(5)
+    np.testing.assert_array_equal(whole.frame().position, parts.frame().position)
