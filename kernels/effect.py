@@ -18,4 +18,8 @@ class Piece(NamedTuple):
     begin: Callable[[Any], Any] | None = None
     """wp.func (world, lost, x, c): what happens to connection c when a substep begins."""
     force: Callable[[Any], Any] | None = None
-    """wp.func (world, lost, x, v, i) -> force on particle i [N], beside those of its connections."""
+    """wp.func (world, lost, x, v, i) -> force on particle i [N], beside those of its connections.
+
+    v is as the method has it, in leapfrog half a substep ago. x and v are read by `records(dim, scalar).load`; in
+    compensated precision a position is x − lost.x. Particles are in the system's order.
+    """

@@ -106,7 +106,7 @@ def particle_acceleration(composition: Composition):
 def finish(composition: Composition):
     """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
 
-    What contact puts elsewhere has lost nothing by rounding.
+    Contact sets positions directly, so that what their sums had lost by rounding is forgotten.
     """
     V, _, Lost, _, store, add = tools(composition)
     Colliders, collide, moving = composition.contact

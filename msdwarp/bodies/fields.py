@@ -60,7 +60,8 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if known and particle_count != len(known["position"]):
         new |= {"connections", "surface", "groups"}  # which hold indices of particles
 
-    for name, shape in (("velocity", fields["position"].shape), ("mass", (particle_count,))):
+    for name in PARTICLE_FIELDS[1:]:
+        shape = fields["position"].shape if name == "velocity" else (particle_count,)
         fields[name] = numbers(name, fields[name], shape, valid=name not in new)
     if new & {"velocity", "mass"}:
         check_pinned_still(fields["velocity"], fields["mass"])

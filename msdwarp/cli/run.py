@@ -240,7 +240,8 @@ def _summary(simulation: Simulation, options: Options, start: float, seconds: fl
     system = simulation.system
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by "
-        f"{options.integrator or DEFAULT} in {simulation.model.precision} on {simulation.device}: "
+        f"{options.integrator or DEFAULT} in {simulation.model.precision} on {simulation.device} "
+        f"(forces by {simulation.model.route}): "
         f"{simulation.choice}"
     )
     time_simulated = simulation.time - start

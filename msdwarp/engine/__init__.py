@@ -1,4 +1,8 @@
-"""One substep on a device. The only room that composes and launches the kernels that move particles."""
+"""One substep on a device: `Model` is constant, `State` moves, `Dynamics` launches; effects, measures, the watch.
+
+The only room that composes the kernels that move particles, and all but the only one that launches them: linearly
+implicit Euler launches its own solver.
+"""
 
 from .dynamics import Dynamics
 from .linearised import add_linearised, write_diagonal_blocks

@@ -14,8 +14,8 @@ class Effect:
     """What acts in a scene beside springs, dampers and gravity.
 
     An effect is one file in this room, one in kernels, and one line in `engine.effects`, which finds out whether a
-    scene has it: a scene without it compiles, stores and launches nothing of it. Whoever steps, keeps, watches or
-    measures asks every effect in turn; an effect overrides what concerns it and leaves the rest.
+    scene has it: a scene without it compiles, stores and launches nothing of it. The stepper, checkpoints, the
+    watch and the measures each call every effect; an effect overrides what concerns it and leaves the rest.
     """
 
     piece: Piece | ContactPiece
@@ -55,9 +55,13 @@ class Effect:
         """Add to the bound of the rates the stiffness [N/m] and damping [N s/m] that it holds particles with.
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
-        [particle_count], for particles at x.
+        [particle_count], for particles at x. The bound is twice the largest eigenvalue of a block over the mass.
         """
 
     def energy(self, x: wp.array) -> float:
         """Return the energy that it stores when the particles are at x [J]."""
+        return 0.0
+
+    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
+        """Return what it turns to heat when the particles are at x and move at v [W]."""
         return 0.0

@@ -70,11 +70,11 @@ def measure(
         float(particles[columns.KINETIC]),
         float(connections[columns.ELASTIC]),
         float(particles[columns.POTENTIAL]),
-        float(connections[columns.DISSIPATED]),
+        float(connections[columns.DISSIPATED]) + sum(one.dissipated_power(state.x, v) for one in model.effects),
         particles[columns.MOMENTUM :][: model.dim],
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
-        sum(effect.energy(state.x) for effect in model.effects),
+        sum(one.energy(state.x) for one in model.effects),
     )
 
 

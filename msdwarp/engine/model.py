@@ -124,6 +124,10 @@ class Model:
         """Upload an array that the system has for its connections, a number for each."""
         return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
 
+    def per_particle(self, values: NDArray[np.float64], name: str) -> wp.array:
+        """Upload a number for each particle, checked against the precision; what is uniform is stored once."""
+        return self._upload(values, name)
+
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
 

@@ -8,6 +8,7 @@ import warp as wp
 
 from ..bodies import LINEAR, System, is_uniform, stored
 from ..kernels.reductions import largest_rate
+from .effect import Effect
 from .linearised import write_diagonal_blocks
 from .model import Model
 from .state import State
@@ -22,6 +23,10 @@ class Rates(NamedTuple):
     """Largest eigenvalue of M⁻¹B [1/s]."""
     least_ratio: float
     """Least damping over stiffness of a spring [s]; inf where nothing is stiff."""
+    effect_stiffness: float = 0.0
+    """The part of `stiffness` that effects add, which act explicitly in every method [1/s²]."""
+    effect_damping: float = 0.0
+    """The same of `damping` [1/s]."""
 
     @property
     def damping_ratio(self) -> float:
@@ -50,15 +55,37 @@ def rate_bounds(system: System, model: Model | None = None, state: State | None 
     ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
     if system.damper != LINEAR and math.isfinite(ratio):
         ratio = 0.0  # somewhere the slope of every other law is nothing, or almost
-    return Rates(float(bounds[0]), float(bounds[1]), ratio)
+    return Rates(bounds[0], bounds[1], ratio, *_effect_bounds(model, state))
 
 
-def _bounds(model: Model, state: State) -> Any:
+def _blocks(model: Model) -> list[wp.array]:
+    """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [particle_count]."""
     Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
-    blocks = [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
+    return [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
+
+
+def _bounds(model: Model, state: State) -> tuple[float, float]:
+    """Return bounds of the largest eigenvalues of M⁻¹K and M⁻¹B, with what effects add."""
+    blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
     for effect in model.effects:
         effect.add_blocks(state.x, *blocks)
+    return _largest(model, blocks)
+
+
+def _effect_bounds(model: Model, state: State) -> tuple[float, float]:
+    """Return the same of what effects add alone."""
+    adding = [effect for effect in model.effects if type(effect).add_blocks is not Effect.add_blocks]
+    if not adding:
+        return 0.0, 0.0
+    blocks = _blocks(model)
+    for effect in adding:
+        effect.add_blocks(state.x, *blocks)
+    return _largest(model, blocks)
+
+
+def _largest(model: Model, blocks: list[wp.array]) -> tuple[float, float]:
+    """Return twice the largest eigenvalue of a block over its particle's mass, for both kinds of blocks."""
     bounds = wp.zeros(2, dtype=wp.float64, device=model.device)
     wp.launch(
         largest_rate(model.dim, model.scalar),
@@ -67,4 +94,5 @@ def _bounds(model: Model, state: State) -> Any:
         outputs=[bounds],
         device=model.device,
     )
-    return bounds.numpy()
+    stiffness, damping = map(float, bounds.numpy())
+    return stiffness, damping

@@ -18,7 +18,7 @@ AUTO = "auto"
 FEW_CONNECTIONS = 300
 """So few are scattered: a thread for each is sooner done than one for each particle."""
 FEW_PARTICLES = 20_000
-"""So few are waited for, not worked for: a stencil waits least."""
+"""With fewer, latency is most of the time, and a stencil has the least."""
 LEAST_USED = 0.4
 """Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
 

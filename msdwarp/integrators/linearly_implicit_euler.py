@@ -1,7 +1,6 @@
 """Linearly implicit Euler."""
 
 import functools
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -10,7 +9,7 @@ import warp as wp
 from .. import checks
 from ..engine import Dynamics, Rates, State, add_linearised, write_diagonal_blocks
 from ..kernels.integrators import block_inverses, conjugate_gradients, implicit_finish, impulse, mass_product
-from .base import Integrator
+from .base import Integrator, kick_drift_limit
 
 
 class Work(NamedTuple):
@@ -40,10 +39,11 @@ class Work(NamedTuple):
 class LinearlyImplicitEuler(Integrator):
     """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the present positions.
 
-    Order 1, and strongly damping. Stable at any step as far as its equations are solved: for a few springs that
-    are much stiffer, or particles much lighter, than all others. They are solved by conjugate gradients without
-    ever being assembled, preconditioned by the inverses of the diagonal blocks. Contact comes after the solve:
-    a stiff spring that meets a floor is strained by up to v h in a substep, so long steps bounce hard there.
+    Order 1, and strongly damping. Springs and dampers are stable at any step, as far as the equations are solved;
+    effects act explicitly. It is for a few springs that are much stiffer, or particles much lighter, than all
+    others. The equations are solved by conjugate gradients without ever being assembled, preconditioned by the
+    inverses of the diagonal blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
+    by up to v h in a substep, so long steps bounce hard there.
     Of dampers that are not linear B has the steepest slope, so that long steps weaken their force.
     Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
 
@@ -115,5 +115,5 @@ class LinearlyImplicitEuler(Integrator):
             launch(shift, 1, [numbers])
 
     def stable_step(self, rates: Rates) -> float:
-        """Return that any substep is stable."""
-        return math.inf
+        """Return the largest stable substep [s]: any, but for what effects do, which is taken explicitly."""
+        return kick_drift_limit(rates.effect_stiffness, rates.effect_damping)

@@ -1,4 +1,4 @@
-"""Renderers and films."""
+"""Pictures of a scene: `Renderer` draws frames, by OpenGL or ray casting; films; several poses in one."""
 
 from .drawing import Scale
 from .film import FILM_FORMATS, check_formats, write_film

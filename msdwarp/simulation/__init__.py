@@ -1,4 +1,4 @@
-"""A system advanced frame by frame."""
+"""A system advanced frame by frame: `Simulation`, divergence, checkpoints, frames on their way to the host."""
 
 from .divergence import SimulationDiverged
 from .readback import Readback

@@ -50,7 +50,8 @@ def restored_system(start: System, arrays: Arrays) -> System:
 
 def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
     """Return the substeps that a checkpoint holds; raise ValueError if it lacks a number."""
-    rates = Rates(*(float(checks.member("checkpoint", numbers, f"rates.{name}")) for name in Rates._fields))
+    known = {f"rates.{name}": value for name, value in Rates._field_defaults.items()} | dict(numbers)
+    rates = Rates(*(float(checks.member("checkpoint", known, f"rates.{name}")) for name in Rates._fields))
     limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
     return StepChoice(rates, float(limit), int(least), int(substeps), fps)
 

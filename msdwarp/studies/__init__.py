@@ -1,4 +1,4 @@
-"""What is asked of runs: accuracy, energies over time, comparisons."""
+"""What is asked of runs: errors against cost (`tune`), energies over time, whether two trajectories differ."""
 
 from .accuracy import cheapest, tune
 from .comparison import compare

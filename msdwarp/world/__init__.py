@@ -1,4 +1,4 @@
-"""What a system moves in: obstacles, changes on the way, and how it all looks."""
+"""What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .look import Look

@@ -75,7 +75,7 @@ class Collider:
         return None
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return what `msdwarp.kernels.contact` reads: points a and b [dim], sizes [dim], axes [dim, dim]."""
+        """Return what `kernels.contact.distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
         raise NotImplementedError
 
     def centre(self, dim: int) -> NDArray[np.float64]:

@@ -4,11 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+from typing import get_args
 
 import pytest
 
 from msdwarp import Trajectory
+from msdwarp.cli.options import Options
 from msdwarp.files import read_restart
+from msdwarp.integrators import METHODS
 
 UNDRAWN = ("--frames", "none", "--video", "none", "--device", "cpu")
 CUBE = ("run", "cube", "--size", "3", *UNDRAWN)
@@ -246,3 +249,8 @@ def test_options_of_a_later_version_are_refused(where):
     (stored if where == "options" else stored["pictures"])["wind"] = 3.0
     with pytest.raises(ValueError, match=r"those of a later version of msdwarp: \['wind'\]"):
         Options.stored(stored)
+
+
+def test_every_method_there_is_can_be_asked_for():
+    (names,) = [one for one in get_args(Options.__dataclass_fields__["integrator"].type) if one is not type(None)]
+    assert set(get_args(names)) == METHODS.keys()

@@ -128,6 +128,15 @@ def test_an_implicit_method_feels_it(with_anchors, device):
     np.testing.assert_allclose(simulation.frame().position, expected, rtol=0, atol=9 * 6 * 6 / 6000)
 
 
+def test_an_implicit_method_has_no_longer_steps_than_it_bears(with_anchors, device):
+    # Springs may be as stiff as they like; anchors pull explicitly: h ≤ 2/ω, the bound of ω² may be twice it.
+    simulation = Simulation(start(1), integrator=LinearlyImplicitEuler(), gravity=0.0, fps=0.5, device=device)
+    assert simulation.substeps >= math.ceil(2.0 * 6 / 2 / 0.8)
+    before = simulation.measure().energy
+    simulation.step(20)
+    assert simulation.measure().energy < 10 * before
+
+
 def test_energy_counts_what_it_stores(with_anchors, device):
     simulation = Simulation(
         start(2), integrator=RK4(), gravity=0.0, device=device, precision="float64", substeps=20
