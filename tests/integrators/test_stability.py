@@ -107,7 +107,8 @@ def test_known_lattices(shape, value):
 def test_rates_scale_with_constants_and_masses():
     one = rate_bounds(box((3, 3, 3), stiffness=1.0, damping=1.0, mass=1.0))
     other = rate_bounds(box((3, 3, 3), stiffness=50.0, damping=3.0, mass=0.2))
-    np.testing.assert_allclose(other, np.array(one) * (50 / 0.2, 3 / 0.2, 3 / 50), rtol=ROUNDING)
+    rates = np.array(one[:3]) * (50 / 0.2, 3 / 0.2, 3 / 50)
+    np.testing.assert_allclose(other[:3], rates, rtol=ROUNDING)
 
 
 def test_nothing_that_moves_has_no_rate():
