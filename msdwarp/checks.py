@@ -186,7 +186,9 @@ def instance(name: str, value: object, kind: type, example: str) -> None:
 def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, ...]:
     """Return several instances of a class as a tuple; raise ValueError if `value` does not hold such."""
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise ValueError(f"{name} is {said(value)}; it must be a sequence of them, such as [{example}]")
+        raise ValueError(
+            f"{name} is {said(value)}; it must be a sequence of {kind.__name__}s, such as [{example}]"
+        )
     several = tuple(value)
     for k, one in enumerate(several):
         instance(f"{name}[{k}]", one, kind, example)
@@ -200,6 +202,20 @@ def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
         raise ValueError(f"{name} is {said(value)}; it must be {numbers}")
     return vector
+
+
+def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
+    """Return an acceleration of free fall, given as its size or as a vector, as a vector; the last one is up."""
+    given = array(name, value)
+    if not np.isfinite(given).all():
+        raise ValueError(f"{name} is {said(value)}; it must be finite")
+    if given.ndim == 0:
+        downwards = np.zeros(dim)
+        downwards[-1] = -given
+        return downwards
+    if given.shape != (dim,):
+        raise ValueError(f"{name} has shape {given.shape}; it must be a number or have shape ({dim},)")
+    return given
 
 
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:

@@ -79,7 +79,7 @@ class Model:
         self.damper = system.damper.law if system.damping.any() else None
         self.pinned = bool(system.pinned.any())
 
-        towards = _gravity_vector(gravity, self.dim)
+        towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
         self._check_masses()
@@ -159,16 +159,3 @@ class Model:
     def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
         self.check_range(values, name)
         return scalar_array(values, self.scalar, self.device)
-
-
-def _gravity_vector(gravity: ArrayLike, dim: int) -> NDArray[np.float64]:
-    given = checks.array("gravity", gravity)
-    if not np.isfinite(given).all():
-        raise ValueError(f"gravity is {gravity!r}; it must be finite")
-    if given.ndim == 0:
-        downwards = np.zeros(dim)
-        downwards[-1] = -given
-        return downwards
-    if given.shape != (dim,):
-        raise ValueError(f"gravity has shape {given.shape}; it must be a number or have shape ({dim},)")
-    return given

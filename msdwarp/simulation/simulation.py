@@ -1,7 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 from numpy.typing import ArrayLike, NDArray
@@ -113,20 +113,23 @@ class Simulation:
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
     ) -> None:
+        checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         if not isinstance(self._method, Integrator):
-            raise ValueError(f"integrator is {integrator!r}; it must be an instance of one, such as RK4()")
-        if not isinstance(colliders, Iterable):
-            raise ValueError(f"colliders is {colliders!r}; it must be a sequence of colliders")
+            raise ValueError(
+                f"integrator is {checks.said(integrator)}; it must be an instance of one, such as RK4()"
+            )
         self._forced = _forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
+        for name, choice in (("refresh", refresh), ("allow_unstable", allow_unstable)):
+            checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         self._schedule = _in_order(schedule, system)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
-            "colliders": tuple(colliders),
+            "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
             "device": device,
             "precision": precision,
@@ -147,6 +150,7 @@ class Simulation:
         options
             Other arguments of `Simulation`.
         """
+        checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         around = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
         return cls(scene.system, **around, **options)
 
@@ -373,11 +377,7 @@ def _forced(substeps: int | str) -> int | None:
 
 def _in_order(schedule: Sequence[Change], system: System) -> list[Change]:
     """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
-    if not isinstance(schedule, Iterable):
-        raise ValueError(f"schedule is {schedule!r}; it must be a sequence of changes made by at(...)")
-    changes = list(schedule)
-    for k, change in enumerate(changes):
-        if not isinstance(change, Change):
-            raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
+    changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
+    for change in changes:
         change.applied_to(system)  # what is wrong with it is said before anything runs
     return sorted(changes, key=lambda change: change.time)
