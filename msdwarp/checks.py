@@ -13,17 +13,22 @@ _MOST_SAID = 200
 """Characters of the longest value that a message shows whole."""
 
 
+class DoubtfulStart(UserWarning):
+    """What was asked for can be simulated, but as it starts it will hardly do what is meant."""
+
+
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
 
     Text is no number, though NumPy would read one from it, and None is none, which NumPy takes for NaN.
     """
     try:
-        given = np.asarray(value)
+        given: NDArray = np.asarray(value)
         # What is too large for NumPy's integers is an array of Python's, which are looked at one by one.
         real = given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat)))
         if real:
-            return np.array(given, dtype=np.float64)
+            result: NDArray[np.float64] = np.array(given, dtype=np.float64)
+            return result
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be {_of_numbers(error)}, not {said(value)}") from error
     raise ValueError(f"{name} must be {_of_numbers()}, not {said(value)}")

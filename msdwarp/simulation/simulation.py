@@ -8,7 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import Blocks, Dynamics, Measures, Model, Rates, State, check_blocks, measure, rate_bounds
+from ..engine import (
+    Blocks,
+    Dynamics,
+    Measures,
+    Model,
+    Rates,
+    State,
+    check_blocks,
+    doubt_start,
+    measure,
+    rate_bounds,
+)
 from ..integrators import (
     MOST_SUBSTEPS,
     SAFETY,
@@ -91,6 +102,11 @@ class Simulation:
         If an argument is out of its range or there is no such device.
     UnstableStep
         If `substeps` is beyond the stability limit (a ValueError; it says how many would do).
+
+    Warns
+    -----
+    DoubtfulStart
+        If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
     """
 
     def __init__(
@@ -138,6 +154,7 @@ class Simulation:
         self._blocks: Blocks = blocks
         self._initial = system
         self.reset()
+        self._inside = doubt_start(self.model, self._surroundings["colliders"])
 
     @classmethod
     def of(cls, scene: Scene, **options: Any) -> Self:
@@ -276,7 +293,7 @@ class Simulation:
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        return describe(system, trouble, self.time, self.dt, self.substeps, needed)
+        return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
