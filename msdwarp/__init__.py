@@ -13,6 +13,7 @@ from .bodies import (
     Surface,
     System,
 )
+from .checks import DoubtfulStart
 from .engine import Measures
 from .files import Trajectory, TrajectoryWriter
 from .integrators import (
@@ -46,6 +47,7 @@ __all__ = [
     "Capsule",
     "Cone",
     "CoulombDamper",
+    "DoubtfulStart",
     "ExplicitEuler",
     "Frame",
     "Integrator",

@@ -2,19 +2,57 @@
 
 import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_MOST_SAID = 200
+"""Characters of the longest value that a message shows whole."""
+
+
+class DoubtfulStart(UserWarning):
+    """What was asked for can be simulated, but as it starts it will hardly do what is meant."""
+
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as a new float64 array; raise ValueError if it is not one of numbers."""
+    """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
+
+    Text is no number, though NumPy would read one from it, and None is none, which NumPy takes for NaN.
+    """
     try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, not {value!r}") from error
+        given: NDArray = np.asarray(value)
+        # What is too large for NumPy's integers is an array of Python's, which are looked at one by one.
+        real = given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat)))
+        if real:
+            result: NDArray[np.float64] = np.array(given, dtype=np.float64)
+            return result
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be {_of_numbers(error)}, not {said(value)}") from error
+    raise ValueError(f"{name} must be {_of_numbers()}, not {said(value)}")
+
+
+def _of_numbers(error: Exception | None = None) -> str:
+    most = f"an array of numbers up to {sys.float_info.max:.2g}"
+    return most if isinstance(error, OverflowError) else "an array of numbers"
+
+
+def _is_real(value: object) -> bool:
+    """Return whether a value is a number, or says of itself that it can be one; text is none."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.ndim == 0 and value.dtype.kind in "biuf"
+    return hasattr(value, "__float__")
+
+
+def said(value: object) -> str:
+    """Return a value as a message shows it: of a long one the beginning and the end."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no whole number of more than some thousand digits
+        return "a whole number of very many digits"
+    return text if len(text) <= _MOST_SAID else f"{text[: _MOST_SAID // 2]} ... {text[-_MOST_SAID // 4 :]}"
 
 
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -96,22 +134,26 @@ def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
 def _number(name: str, value: float, *, inclusive: bool, infinite: bool = False) -> float:
     allowed = f"a number {'of at least' if inclusive else 'above'} 0"
     allowed += "" if infinite else ", and finite"
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {value!r}; it must be {allowed}") from error
+    number = _real(name, value, allowed)
     high_enough = number >= 0.0 if inclusive else number > 0.0
     if not high_enough or (math.isinf(number) and not infinite):
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
     return number
 
 
+def _real(name: str, value: float, allowed: str) -> float:
+    """Return a number as a float; raise ValueError if it is none, such as text, or larger than any float."""
+    try:
+        if _is_real(value):
+            return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} is {said(value)}; it must be {allowed}") from error
+    raise ValueError(f"{name} is {said(value)}; it must be {allowed}")
+
+
 def between(name: str, value: float, low: float, high: float) -> float:
     """Return `value` as a float; raise ValueError unless it is from `low` to `high`."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}") from error
+    number = _real(name, value, f"a number from {low:g} to {high:g}")
     if not low <= number <= high:
         raise ValueError(f"{name} is {number}; it must be from {low:g} to {high:g}")
     return number
@@ -120,7 +162,7 @@ def between(name: str, value: float, low: float, high: float) -> float:
 def count(name: str, value: int, least: int) -> int:
     """Return `value` as an int; raise ValueError unless it is a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number of at least {least}")
+        raise ValueError(f"{name} is {said(value)}; it must be a whole number of at least {least}")
     return int(value)
 
 
@@ -134,9 +176,28 @@ def member(name: str, of: Mapping[str, Any], key: str) -> Any:
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
-    if value not in allowed:
+    if isinstance(value, np.ndarray) or value not in allowed:  # an array is compared entry by entry
         words = ", ".join(map(repr, allowed)) or "those there are: none"
-        raise ValueError(f"{name} is {value!r}; it must be one of {words}")
+        raise ValueError(f"{name} is {said(value)}; it must be one of {words}")
+
+
+def instance(name: str, value: object, kind: type, example: str) -> None:
+    """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise ValueError(f"{name} is {said(value)}; it must be {article} {kind.__name__}, such as {example}")
+
+
+def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, ...]:
+    """Return several instances of a class as a tuple; raise ValueError if `value` does not hold such."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ValueError(
+            f"{name} is {said(value)}; it must be a sequence of {kind.__name__}s, such as [{example}]"
+        )
+    several = tuple(value)
+    for k, one in enumerate(several):
+        instance(f"{name}[{k}]", one, kind, example)
+    return several
 
 
 def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
@@ -144,15 +205,29 @@ def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
     vector = array(name, value)
     if vector.shape != (count,) or not np.isfinite(vector).all():
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{name} is {value!r}; it must be {numbers}")
+        raise ValueError(f"{name} is {said(value)}; it must be {numbers}")
     return vector
+
+
+def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
+    """Return an acceleration of free fall, given as its size or as a vector, as a vector; the last one is up."""
+    given = array(name, value)
+    if not np.isfinite(given).all():
+        raise ValueError(f"{name} is {said(value)}; it must be finite")
+    if given.ndim == 0:
+        downwards = np.zeros(dim)
+        downwards[-1] = -given
+        return downwards
+    if given.shape != (dim,):
+        raise ValueError(f"{name} has shape {given.shape}; it must be a number or have shape ({dim},)")
+    return given
 
 
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:
     """Return a point as a tuple; raise ValueError if it is none."""
     point = array(name, value)
     if point.ndim != 1 or not 1 <= len(point) <= 3 or not np.isfinite(point).all():
-        raise ValueError(f"{name} is {value!r}; it must be 1 to 3 finite numbers")
+        raise ValueError(f"{name} is {said(value)}; it must be 1 to 3 finite numbers")
     return tuple(map(float, point))
 
 
@@ -160,7 +235,9 @@ def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
     """Return a direction of unit length as a tuple; raise ValueError if it is none."""
     direction = array(name, value)
     if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
-        raise ValueError(f"{name} is {value!r}; it must be a finite direction other than zero")
+        raise ValueError(f"{name} is {said(value)}; it must be a finite direction other than zero")
+    # A power of two brings the largest coordinate to 1/2 … 1 without rounding: no square is too large or small.
+    direction = np.ldexp(direction, -np.frexp(np.abs(direction).max())[1])
     return tuple(map(float, direction / np.linalg.norm(direction)))
 
 

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .dampers import Damper
+from .selection import check_no_mask
+from .surface import Surface
 from .uniform import is_uniform
 
 _FINITE = (np.isfinite, "finite")
@@ -71,11 +73,14 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     fields |= _of_connections(fields, new)
 
     if not isinstance(fields["damper"], Damper):
-        raise ValueError(f"damper is {fields['damper']!r}; it must be a law of damping, such as CoulombDamper()")
+        was = checks.said(fields["damper"])
+        raise ValueError(f"damper is {was}; it must be a law of damping, such as CoulombDamper()")
     if "surface" in new and fields["surface"] is not None:
+        checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
     if "groups" in new:
         groups = fields["groups"] or {}
+        checks.instance("groups", groups, Mapping, "{'scoop': [0, 1]}")
         fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
     return fields
 
@@ -151,4 +156,7 @@ def lengths(position: NDArray[np.float64], connections: NDArray[np.int32]) -> ND
 
 def group_of(name: str, particles: ArrayLike, particle_count: int) -> NDArray[np.int32]:
     """Return a group's particles as a new read-only array of indices."""
-    return checks.indices(f"groups[{name!r}]", np.reshape(particles, (-1, 1)), 1, particle_count)[:, 0]
+    checks.instance("a group's name", name, str, "'scoop'")
+    where = np.reshape(particles, -1)
+    check_no_mask(f"groups[{name!r}]", where, particle_count)
+    return checks.indices(f"groups[{name!r}]", where[:, None], 1, particle_count)[:, 0]

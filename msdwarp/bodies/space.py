@@ -1,5 +1,6 @@
 """Space: coordinates in one, two and three dimensions, and rotations."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,8 @@ def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDAr
         return np.array([[cosine, -sine], [sine, cosine]])
     if dim == 1:
         raise ValueError("a one-dimensional system cannot be rotated")
-    u = np.array(checks.broadcast("axis", axis, (3,)))
-    if not np.isfinite(u).all() or not u.any():
-        raise ValueError(f"axis is {axis!r}; it must be a finite direction other than zero")
-    u /= np.linalg.norm(u)
+    checks.broadcast("axis", axis, (3,))
+    u = checks.direction("axis", axis)
     cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
     return cosine * np.eye(3) + sine * cross + (1 - cosine) * np.outer(u, u)
 
@@ -40,7 +39,7 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
         angle: Any = [turn]
         return rotation_matrix(2, float(checks.vector(name, angle, 1)[0]))
     vector = checks.vector(name, turn, 3)
-    angle = float(np.linalg.norm(vector))
+    angle = math.hypot(*vector)  # which squares nothing that would be too large or too small for it
     return rotation_matrix(3, angle, vector) if angle else np.eye(3)
 
 

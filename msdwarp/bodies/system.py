@@ -12,6 +12,7 @@ from .. import checks
 from .dampers import LINEAR, Damper
 from .description import description
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, checked, lengths
+from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
 from .uniform import joined, stored, uniform
@@ -199,7 +200,10 @@ class System:
         ------
         KeyError
             If the body has no direction of that name; the message lists those that it has.
+        ValueError
+            If there is no such body.
         """
+        checks.one_of("body", body, range(-len(self.directions), len(self.directions)))
         if name not in self.directions[body]:
             known = ", ".join(self.directions[body]) or "none"
             raise KeyError(f"direction {name!r} is unknown; body {body} has: {known}")
@@ -292,14 +296,16 @@ class System:
         Parameters
         ----------
         selection
-            Whatever indexes an array of particles: indices, a slice, or a mask of shape [particle_count].
+            Which: indices, a slice, or a mask of booleans, shape [particle_count].
+
+        Raises
+        ------
+        ValueError
+            If it is none of these, or an index is out of range.
         """
+        chosen = selected("selection", selection, self.particle_count)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
-        try:
-            mass[selection] = np.inf
-        except IndexError as error:
-            raise ValueError(f"selection does not index {self.particle_count} particles: {error}") from error
-        velocity[selection] = 0.0
+        mass[chosen], velocity[chosen] = np.inf, 0.0
         return self.replace(mass=mass, velocity=velocity)
 
     def freeze(self) -> Self:
@@ -311,6 +317,7 @@ class System:
 
     def named(self, name: str) -> Self:
         """Return this system with all its particles in a group of this name, beside the groups it has."""
+        checks.instance("name", name, str, "'scoop'")
         return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
 
     def group(self, name: str) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
+from .start import doubt_start
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
 from .watch import Backup, Baseline, Watch
@@ -26,6 +27,7 @@ __all__ = [
     "Watch",
     "add_linearised",
     "check_blocks",
+    "doubt_start",
     "measure",
     "rate_bounds",
     "write_diagonal_blocks",

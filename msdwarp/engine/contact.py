@@ -1,5 +1,6 @@
 """Contact: colliders as arrays on a device, and where those that move are at each substep."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -7,14 +8,17 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .. import checks
 from ..kernels.contact import KINDS, fixed_contact, moving_contact
 from ..kernels.contact import Contact as ContactPiece
-from ..world import Collider
+from ..world import Capsule, Collider, Cone, Plane
 from .effect import Effect
 
 if TYPE_CHECKING:
     from .model import Model
 
+LARGEST = 1e30
+"""The largest number of a solid [m]: `msdwarp.kernels.contact.distance` takes it for deeper than any place."""
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 
 
@@ -39,18 +43,20 @@ class Contact(Effect):
     def __init__(self, model: "Model", colliders: Sequence[Collider], rule: str) -> None:
         for k, collider in enumerate(colliders):
             if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
-                raise ValueError(f"colliders[{k}] is {collider!r}; it must be a {', '.join(KINDS)}")
+                raise ValueError(f"colliders[{k}] is {checks.said(collider)}; it must be a {', '.join(KINDS)}")
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
         self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
         self._vector, self._turn = model.vector, wp.types.matrix((model.dim, model.dim), model.scalar)
-        self._inverse_mass = model.inverse_mass
+        self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
         self.works = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         compose = moving_contact if self.works else fixed_contact
         self.piece = ContactPiece(*compose(model.dim, model.scalar, rule, kinds), moving=self.works)
         data = self.data = self.piece.Colliders()
         data.count = len(colliders)
+        for k, collider in enumerate(colliders):
+            _check_range(f"colliders[{k}]", collider, model)
         self._describe(data.solids, model.scalar)
         for name in COEFFICIENTS:
             values = [float(getattr(collider, name)) for collider in colliders]
@@ -111,6 +117,39 @@ class Contact(Effect):
     def _pose(self, k: int, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the pose of a collider; raise ValueError that names it where its motion has none."""
         try:
-            return self._colliders[k].pose(time, self._dim)
+            pose = self._colliders[k].pose(time, self._dim)
+            far = self._furthest
+            checks.within("displacement", pose[1], (lambda v: np.abs(v) <= far, f"at most {far:.2g}"))
+            return pose
         except Exception as error:
             raise ValueError(f"colliders[{k}] has no place at {time:g} s: {error}") from error
+
+
+def _furthest(model: "Model") -> float:
+    """Return the largest coordinate of a solid, and the furthest way of what moves, in this precision [m]."""
+    # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
+    return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
+
+
+def _check_range(name: str, collider: Collider, model: "Model") -> None:
+    """Raise ValueError for a number of a collider with which its kernels could not compute in this precision.
+
+    A sphere whose radius is inf there, a rod whose ends are one point there: such would keep nobody out.
+    """
+    limits, where = np.finfo(model.dtype), f"in {model.precision}"
+    least = float(limits.tiny)
+    most = float(limits.max) if isinstance(collider, Plane) else _furthest(model)
+    for one in (*collider.places, *collider.sizes, "rest_speed"):
+        value = np.asarray(getattr(collider, one), dtype=np.float64)
+        checks.within(f"{name}.{one}", value, (lambda v: np.abs(v) <= most, f"at most {most:.2g} {where}"))
+        if one in collider.sizes:
+            checks.within(f"{name}.{one}", value, (lambda v: v >= least, f"at least {least:.2g} {where}"))
+    if isinstance(collider, Capsule | Cone):
+        geometry = collider.geometry(model.dim)
+        a, b = (np.asarray(geometry[end], dtype=model.dtype).astype(np.float64) for end in "ab")
+        if float((b - a) @ (b - a)) < least:
+            first, second = collider.places
+            raise ValueError(
+                f"{name}.{second} is {getattr(collider, second)}; it must be further from {first}, "
+                f"{getattr(collider, first)}: {where} both are one point"
+            )

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import System, is_uniform, uniform_like
+from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
 from ..world import Collider
@@ -79,7 +79,10 @@ class Model:
         self.damper = system.damper.law if system.damping.any() else None
         self.pinned = bool(system.pinned.any())
 
-        self.gravity = self.vector(*_gravity_vector(gravity, self.dim))
+        towards = checks.gravity("gravity", gravity, self.dim)
+        self.check_range(towards, "gravity")
+        self.gravity = self.vector(*towards)
+        self._check_masses()
         self.inverse_mass = self._upload(uniform_like(1.0 / system.mass, system.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
         """The system's number of each connection on the device; None where both have one order."""
@@ -102,6 +105,17 @@ class Model:
     def lengths_change(self) -> bool:
         """Whether a run changes rest lengths, so that the routes must read them where they are."""
         return self.system.yields
+
+    def _check_masses(self) -> None:
+        """Raise ValueError for a mass whose inverse this precision has not: as 0 it would pin the particle."""
+        mass, numbers = self.system.mass, np.finfo(self.dtype)
+        # Inverses are kept to numbers of full accuracy: what is smaller some devices take for 0.
+        least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
+        one = stored(mass)
+        fits = np.isinf(one) | ((one >= least) & (one <= most))
+        if not fits.all():
+            allowed = f"from {least:.2g} to {most:.2g} in {self.precision}, or inf, which pins the particle"
+            checks.every("mass", mass, np.broadcast_to(fits, mass.shape), allowed)
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
         """Raise ValueError if a number is too large for this precision."""
@@ -149,16 +163,3 @@ class Model:
     def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
         self.check_range(values, name)
         return scalar_array(values, self.scalar, self.device)
-
-
-def _gravity_vector(gravity: ArrayLike, dim: int) -> NDArray[np.float64]:
-    given = checks.array("gravity", gravity)
-    if not np.isfinite(given).all():
-        raise ValueError(f"gravity is {gravity!r}; it must be finite")
-    if given.ndim == 0:
-        downwards = np.zeros(dim)
-        downwards[-1] = -given
-        return downwards
-    if given.shape != (dim,):
-        raise ValueError(f"gravity has shape {given.shape}; it must be a number or have shape ({dim},)")
-    return given

@@ -1,6 +1,7 @@
 """Pictures of a scene, by OpenGL (PyVista) or, where there is no library for it, by the ray caster."""
 
 import os
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -65,16 +66,18 @@ class Renderer:
         zoom: float = 1.0,
     ) -> None:
         checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
-        width, height = (checks.count("resolution", n, 16) for n in resolution)
+        checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
+        width, height = _pixels(resolution)
+        checks.positive("zoom", zoom)
         if colouring is None:
             colouring = "strain" if scene.look.strain else "texture"
         start_warp()
         self.drawing = Drawing(scene, colouring)
-        positions, self._shape = np.asarray(positions), scene.system.position.shape
+        positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
         checks.every("positions", positions, np.isfinite(positions), "finite")
-        self.stage = Stage(scene, positions, (width, height), checks.positive("zoom", zoom))
+        self.stage = Stage(scene, positions, (width, height), zoom)
         window = opengl_window()
         if backend == "opengl" and window is None:
             raise RuntimeError(f"no OpenGL library was found; {ADVICE}")
@@ -127,7 +130,8 @@ class Renderer:
             camera = self.stage.camera
             self.drawing.follow_without_body(camera.eye - camera.forward, time)
             return self._backend.draw(shadows=shadows)
-        position = np.asarray(position)
+        checks.non_negative("time", time)
+        position = _numbers("position", position)
         if position.shape != self._shape:
             raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
         checks.every("position", position, np.isfinite(position), "finite")
@@ -153,3 +157,19 @@ class Renderer:
         """Return a picture with the bar of what its colours tell, where they tell something."""
         scale = self.drawing.scale
         return image if scale is None else with_bar(image, scale, self.drawing.stops)
+
+
+def _numbers(name: str, value: ArrayLike) -> NDArray:
+    """Return an array uncopied, since a whole run may be in it; raise ValueError if it is not one of numbers."""
+    given = np.asarray(value)
+    return given if given.dtype.kind in "iuf" else checks.array(name, value)
+
+
+def _pixels(resolution: object) -> tuple[int, int]:
+    """Return the width and height of pictures; raise ValueError if they are none."""
+    if not isinstance(resolution, Sequence | np.ndarray) or isinstance(resolution, str) or len(resolution) != 2:
+        raise ValueError(
+            f"resolution is {checks.said(resolution)}; it must be two whole numbers, width and height"
+        )
+    width, height = (checks.count("resolution", n, 16) for n in resolution)
+    return width, height

@@ -5,6 +5,9 @@ import numpy as np
 from ..bodies import System
 from .stepping import Trouble
 
+INSIDE_MATTERS = 1.0
+"""How long what started inside an obstacle explains why a run has diverged [s]."""
+
 
 class SimulationDiverged(RuntimeError):
     """The run cannot go on: a number is no longer finite, or energy has grown that has no source."""
@@ -36,7 +39,13 @@ class SimulationDiverged(RuntimeError):
 
 
 def describe(
-    system: System, trouble: Trouble, time: float, dt: float, substeps: int, needed: int
+    system: System,
+    trouble: Trouble,
+    time: float,
+    dt: float,
+    substeps: int,
+    needed: int,
+    inside: str | None = None,
 ) -> SimulationDiverged:
     """Return the exception for a frame that began at `time` [s], in which trouble was found.
 
@@ -52,6 +61,8 @@ def describe(
         Length of a substep [s], and their number in a frame.
     needed
         How many would have been stable when the frame began; 0 where none are.
+    inside
+        What is to be said about a particle that started inside an obstacle: that is then the cause.
     """
     position, substep, particle = trouble
     connection, strain, stretched = None, float("nan"), ""
@@ -67,6 +78,8 @@ def describe(
     advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
     if 0 < needed <= substeps:
         advice += f", so strong stretching must have come on within the frame: try {2 * substeps}"
+    if inside and time < INSIDE_MATTERS:
+        advice = inside
     when = time + substep * dt
     return SimulationDiverged(
         f"diverged at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "

@@ -1,14 +1,25 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import Blocks, Dynamics, Measures, Model, Rates, State, check_blocks, measure, rate_bounds
+from ..engine import (
+    Blocks,
+    Dynamics,
+    Measures,
+    Model,
+    Rates,
+    State,
+    check_blocks,
+    doubt_start,
+    measure,
+    rate_bounds,
+)
 from ..integrators import (
     MOST_SUBSTEPS,
     SAFETY,
@@ -91,6 +102,11 @@ class Simulation:
         If an argument is out of its range or there is no such device.
     UnstableStep
         If `substeps` is beyond the stability limit (a ValueError; it says how many would do).
+
+    Warns
+    -----
+    DoubtfulStart
+        If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
     """
 
     def __init__(
@@ -113,20 +129,23 @@ class Simulation:
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
     ) -> None:
+        checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         if not isinstance(self._method, Integrator):
-            raise ValueError(f"integrator is {integrator!r}; it must be an instance of one, such as RK4()")
-        if not isinstance(colliders, Iterable):
-            raise ValueError(f"colliders is {colliders!r}; it must be a sequence of colliders")
+            raise ValueError(
+                f"integrator is {checks.said(integrator)}; it must be an instance of one, such as RK4()"
+            )
         self._forced = _forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
+        for name, choice in (("refresh", refresh), ("allow_unstable", allow_unstable)):
+            checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         self._schedule = _in_order(schedule, system)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
-            "colliders": tuple(colliders),
+            "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
             "device": device,
             "precision": precision,
@@ -135,6 +154,7 @@ class Simulation:
         self._blocks: Blocks = blocks
         self._initial = system
         self.reset()
+        self._inside = doubt_start(self.model, self._surroundings["colliders"])
 
     @classmethod
     def of(cls, scene: Scene, **options: Any) -> Self:
@@ -147,6 +167,7 @@ class Simulation:
         options
             Other arguments of `Simulation`.
         """
+        checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         around = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
         return cls(scene.system, **around, **options)
 
@@ -272,7 +293,7 @@ class Simulation:
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        return describe(system, trouble, self.time, self.dt, self.substeps, needed)
+        return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
@@ -373,11 +394,7 @@ def _forced(substeps: int | str) -> int | None:
 
 def _in_order(schedule: Sequence[Change], system: System) -> list[Change]:
     """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
-    if not isinstance(schedule, Iterable):
-        raise ValueError(f"schedule is {schedule!r}; it must be a sequence of changes made by at(...)")
-    changes = list(schedule)
-    for k, change in enumerate(changes):
-        if not isinstance(change, Change):
-            raise ValueError(f"schedule[{k}] is {change!r}; it must be made by at(...)")
+    changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
+    for change in changes:
         change.applied_to(system)  # what is wrong with it is said before anything runs
     return sorted(changes, key=lambda change: change.time)

@@ -7,7 +7,7 @@ only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,11 @@ class Collider:
     rest_speed: float = 0.01
     motion: Motion | None = None
 
+    places: ClassVar[tuple[str, ...]] = ()
+    """Names of the numbers that say where it is [m]."""
+    sizes: ClassVar[tuple[str, ...]] = ()
+    """Names of the numbers that say how large it is [m], above 0."""
+
     def __post_init__(self) -> None:
         """Check the arguments."""
         checks.between("restitution", self.restitution, 0, 1)
@@ -58,7 +63,7 @@ class Collider:
         checks.non_negative("friction", self.friction, infinite=True)
         checks.non_negative("rest_speed", self.rest_speed)
         if self.motion is not None and not callable(self.motion):
-            raise ValueError(f"motion is {self.motion!r}; it must be a function of time")
+            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time")
 
     def __repr__(self) -> str:
         # Where and how large it is, then what all colliders have; nothing that is as it is by default.
@@ -127,6 +132,8 @@ class Plane(Collider):
     normal: tuple[float, ...] | None = None
     offset: float = 0.0
 
+    places = ("offset",)
+
     def __post_init__(self) -> None:
         """Check the arguments and give the normal unit length."""
         super().__post_init__()
@@ -173,6 +180,8 @@ class Sphere(Collider):
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
 
+    places, sizes = ("position",), ("radius",)
+
     def __post_init__(self) -> None:
         """Check the arguments."""
         super().__post_init__()
@@ -212,6 +221,8 @@ class Box(Collider):
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     size: tuple[float, ...] = (1.0, 1.0, 1.0)
     turn: Any = None
+
+    places, sizes = ("position",), ("size",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -256,6 +267,8 @@ class Capsule(Collider):
     start: tuple[float, ...] = (-0.5, 0.0, 0.0)
     end: tuple[float, ...] = (0.5, 0.0, 0.0)
     radius: float = 0.25
+
+    places, sizes = ("start", "end"), ("radius",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -302,6 +315,8 @@ class Cone(Collider):
     apex: tuple[float, ...] = (0.0, 0.0, 1.0)
     base: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
+
+    places, sizes = ("apex", "base"), ("radius",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""

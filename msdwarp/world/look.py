@@ -64,6 +64,8 @@ class Look:
             checks.colour(name, getattr(self, name))
         for name in ("texture", "obstacle_texture"):
             _check_image(name, getattr(self, name))
+        checks.one_of("smooth", self.smooth, (False, True))
+        checks.between("gloss", self.gloss, 0, 1)
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
         checks.one_of("strain", self.strain, (False, True))

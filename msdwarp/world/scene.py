@@ -34,6 +34,12 @@ class Scene:
         How it is drawn.
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of another type, out of its range, or does not fit the system's space, or nothing of
+        the system could be drawn.
     """
 
     system: System
@@ -45,11 +51,17 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
+        checks.instance("system", self.system, System, "chain(5)")
+        for name, kind, example in (("colliders", Collider, "Plane()"), ("schedule", Change, "at(1.0, mass=2.0)")):
+            several = checks.sequence(name, getattr(self, name), kind, example)
+            object.__setattr__(self, name, several)
+        dim = self.system.dim
+        for k, one in enumerate(self.colliders):
+            if wrong := one.fits(dim):
+                raise ValueError(f"colliders[{k}].{wrong}")
+        checks.gravity("gravity", self.gravity, dim)
         checks.positive("duration", self.duration)
-        for name, kind in (("colliders", Collider), ("schedule", Change)):
-            for k, one in enumerate(getattr(self, name)):
-                if not isinstance(one, kind):
-                    raise ValueError(f"{name}[{k}] is {one!r}; it must be a {kind.__name__}")
+        checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import System, selected
 
 OF_PARTICLES = ("mass",)
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
@@ -29,9 +29,10 @@ class Change:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        checks.non_negative("time", self.time)
+        object.__setattr__(self, "time", checks.non_negative("time", self.time))
         for name in self.parameters:
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
+        checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
             raise ValueError("freeze sets rest_length to the present lengths; it cannot be given beside it")
 
@@ -78,13 +79,7 @@ class Change:
             return np.ones(system.particle_count, dtype=bool)
         if isinstance(self.group, str):
             return system.group(self.group)
-        chosen = np.zeros(system.particle_count, dtype=bool)
-        group = np.asarray(self.group)
-        try:
-            chosen[group if group.size else []] = True
-        except IndexError as error:
-            raise ValueError(f"group does not index {system.particle_count} particles: {error}") from error
-        return chosen
+        return selected("group", self.group, system.particle_count)
 
 
 def _with(name: str, old: NDArray, where: NDArray[np.bool_], new: ArrayLike) -> NDArray[np.float64]:

@@ -119,6 +119,7 @@ def test_sliding_by_the_reports_rule_goes_with_the_step(h):
 # Below the plane
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
 @every_rule
 def test_particle_below_and_moving_up_is_left_alone(contact):
     start, velocity = (0.0, 0.0, -1.0), (3.0, 0.0, 0.5)
@@ -131,6 +132,7 @@ def test_particle_below_and_moving_up_is_left_alone(contact):
     np.testing.assert_array_equal(simulation.frame().velocity[0], velocity)
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
 @every_rule
 def test_particle_below_and_moving_down_is_put_on_the_plane(contact):
     simulation = simulate(

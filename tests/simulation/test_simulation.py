@@ -31,6 +31,7 @@ def block(**changes) -> System:
     return system.rotate(0.5, axis=(1, 1, 0.3)).translate((0, 0, 0.25)).replace(**changes)
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it is put back hard
 @every_integrator
 def test_pinned_particles_never_move(device, integrator):
     # In mid-air, and one below the ground where a free particle would be pushed out.
@@ -273,9 +274,9 @@ def test_reset_goes_back_to_the_parameters_given():
     [
         ({"colour": "red"}, "parameter is 'colour'.*'mass', 'stiffness', 'damping', 'rest_length'"),
         ({"position": np.zeros((27, 3))}, "parameter is 'position'"),
-        ({"stiffness": -1.0}, r"stiffness is -1"),
-        ({"stiffness": 800.0, "damping": math.nan}, r"damping is nan"),
-        ({"mass": 0.0}, r"mass is 0"),
+        ({"stiffness": -1.0}, "stiffness is -1; it"),
+        ({"stiffness": 800.0, "damping": math.nan}, "damping is nan; it"),
+        ({"mass": 0.0}, "mass is 0; it"),
         ({"rest_length": np.ones(3)}, r"rest_length has shape \(3,\)"),
     ],
 )

@@ -30,7 +30,7 @@ def test_solids_turn_about_their_middles():
     [
         (3, lambda t: (0.0, 0.0), r"motion\(0\) is \(0.0, 0.0\); it must be 3 finite numbers"),
         (3, lambda t: 0.5 * t, r"motion\(0\) is 0.0; it must be 3 finite numbers"),  # along which axis?
-        (3, lambda t: None, r"motion\(0\) is None"),
+        (3, lambda t: None, r"motion\(0\) must be an array of numbers, not None"),
         (3, lambda t: "up", r"motion\(0\) must be an array of numbers, not 'up'"),
         (3, lambda t: (0, 0, math.nan), r"motion\(0\) is \(0, 0, nan\)"),
         (3, lambda t: (np.zeros(3), (0, 0, math.inf)), r"turn of motion\(0\) is \(0, 0, inf\)"),

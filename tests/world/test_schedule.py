@@ -366,7 +366,7 @@ def test_bad_change_is_named(arguments, message):
         (lambda: at(1.0, group=[0, 1], stiffness=[1.0, 2.0]), "stiffness has shape (2,)"),
         (lambda: at(1.0, rest_length=0.0), "rest_length"),
         (lambda: at(1.0, damping=lambda b: b - 1), "damping"),
-        (lambda: "at(1.0)", "schedule[0] is 'at(1.0)'; it must be made by at(...)"),
+        (lambda: "at(1.0)", "schedule[0] is 'at(1.0)'; it must be a Change, such as at(1.0, mass=2.0)"),
     ],
 )
 def test_what_cannot_be_is_said_before_anything_runs(change, message):

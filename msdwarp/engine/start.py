@@ -1,0 +1,90 @@
+"""What is doubtful about how a system starts: deep in an obstacle, or where float32 cannot tell places apart."""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System, stored
+from ..kernels.basis import vector
+from ..kernels.contact import distances
+from ..world import Collider
+from .contact import Contact
+from .model import Model
+
+TOUCHING = 0.01
+"""Depth that counts as touching, over the shortest rest length: the strain that putting back a particle makes."""
+TOUCHING_ALONE = 1e-3
+"""The same without connections [m]: about what a particle falls from rest in a frame."""
+COARSE = 1e-3
+"""Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
+
+
+def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
+    """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside."""
+    inside = start_inside(model.system, colliders)
+    for doubt in (inside, start_far(model)):
+        if doubt:
+            warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)
+    return inside
+
+
+def start_inside(system: System, colliders: Sequence[Collider]) -> str | None:
+    """Return words about the particle that starts deepest in an obstacle; None if none does but by touching it.
+
+    Pinned particles may lie anywhere: they stay there.
+    """
+    free = ~system.pinned
+    if not colliders or not free.any():
+        return None
+    position = system.position[free]
+    depths = [_depths(position, colliders, k) for k in range(len(colliders))]
+    k = int(np.argmax([depth.max() for depth in depths]))
+    lengths = stored(system.rest_length)
+    touching = TOUCHING * float(lengths.min()) if len(lengths) else TOUCHING_ALONE
+    # Places far from the origin are not given to much better than this.
+    touching += 4 * float(np.finfo(np.float32).eps) * float(np.abs(position).max())
+    if depths[k].max() <= touching:
+        return None
+    deepest = int(np.argmax(depths[k]))
+    particle = int(np.flatnonzero(free)[deepest])
+    count = int((np.max(depths, axis=0) > touching).sum())
+    others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
+    tears = ", which tears at its connections" if system.connection_count else ""
+    return (
+        f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
+        f"{type(colliders[k]).__name__}{others}: as soon as it moves inwards it is put back onto the surface"
+        f"{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
+    )
+
+
+def _depths(position: NDArray[np.float64], colliders: Sequence[Collider], k: int) -> NDArray[np.float64]:
+    """Return how deep places lie in obstacle k at the start [m], below 0 outside."""
+    dim = position.shape[1]
+    turn, shift = colliders[k].pose(0.0, dim)
+    model = Model(System(position=position[:1]), colliders=[colliders[k]], device="cpu", precision="float64")
+    contact = next(effect for effect in model.effects if isinstance(effect, Contact))
+    places: Any = wp.array((position - shift) @ turn, dtype=vector(dim, wp.float64), device="cpu")
+    found: Any = wp.zeros(len(position), dtype=wp.float64, device="cpu")
+    wp.launch(distances(dim), len(position), [contact.data.solids, 0, places], [found], device="cpu")
+    return -found.numpy()
+
+
+def start_far(model: Model) -> str | None:
+    """Return words about a system so far from the origin that float32 rounds its strains; None where it is not."""
+    system = model.system
+    if model.precision != "float32" or not system.connection_count:
+        return None  # compensated sums keep what rounding takes away
+    most = float(max(system.position.max(), -system.position.min()))
+    apart, shortest = float(np.spacing(np.float32(most))), float(stored(system.rest_length).min())
+    if apart <= COARSE * shortest:
+        return None
+    return (
+        f"the system reaches to {most:.3g} m from the origin, where numbers of float32 are {apart:.2g} m apart "
+        f"and strains of its shortest connection, of {shortest:.3g} m, are rounded by {apart / shortest:.2g}: "
+        "move it near the origin, or use precision='float64'"
+    )

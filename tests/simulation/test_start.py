@@ -1,0 +1,128 @@
+"""What is doubtful about a start is said when a simulation is made, once, and what is not is not."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from msdwarp import (
+    Box,
+    Capsule,
+    Cone,
+    DoubtfulStart,
+    Plane,
+    Simulation,
+    SimulationDiverged,
+    Sphere,
+    System,
+    at,
+    box,
+    chain,
+)
+
+
+def simulate(system: System, *colliders, **options) -> Simulation:
+    return Simulation(system, colliders=colliders, device="cpu", **options)
+
+
+def cube(height: float = 0.0, **options) -> System:
+    """Return a cube of 0.2 m on a spacing of 0.1 m, whose lowest particles are at this height [m]."""
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=100.0, **options)
+    return body.translate((0, 0, height - body.position[:, 2].min()))
+
+
+# Inside an obstacle
+
+
+@pytest.mark.parametrize(
+    ("collider", "depth"),
+    [
+        (Plane(), 0.05),
+        (Sphere((0, 0, -0.45), 0.5), 0.1),
+        (Box((0, 0, -0.45), (1, 1, 1)), 0.1),
+        (Capsule((-1, 0, -0.45), (1, 0, -0.45), 0.5), 0.1),
+        (Cone((0, 0, -1), (0, 0, 0), 2.0), 0.05),
+        (Box((5, 0, -0.45), (1, 1, 1), motion=lambda t: (-5, 0, 0)), 0.1),
+        (Box((0, 0, -0.45), (1, 1, 1), motion=lambda t: ((0, 0, 0), (math.pi / 2, 0, 0))), 0.1),
+    ],
+    ids=lambda one: type(one).__name__ if not isinstance(one, float) else "",
+)
+def test_what_starts_inside_is_named(collider, depth):
+    told = rf"starts {depth:g} m inside colliders\[1\], a {type(collider).__name__} .*deepest.*tears.*or pin"
+    with pytest.warns(DoubtfulStart, match=told) as all_told:
+        simulate(cube(-0.05), Plane(offset=-9), collider)
+    assert len(all_told) == 1
+    assert all_told[0].filename == __file__  # where the simulation is made, at least by a function of the user's
+
+
+def test_particle_and_depth_are_those_of_the_deepest():
+    points = System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
+    with pytest.warns(
+        DoubtfulStart, match=r"^particle 1 starts 0.2 m inside colliders\[0\], a Plane: as soon"
+    ) as told:
+        simulate(points, Plane())
+    assert "connections" not in str(told[0].message)  # there are none
+    with pytest.warns(DoubtfulStart, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
+        simulate(System(position=[[0.2], [0.9]]), Box((0.0,), (1.0,)))
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-7, 0.9e-3], ids=lambda depth: f"{depth:g} m")
+def test_what_touches_is_not_inside(depth):
+    # A hundredth of the shortest rest length, 0.1 m, is what putting back may stretch a connection by.
+    simulate(cube(-depth), Plane()).step()
+    simulate(System(position=[[0.0, 0.0, -depth]]), Plane()).step()
+
+
+def test_far_from_the_origin_touching_is_as_exact_as_places_are():
+    simulate(System(position=[[1e4, 0.0, 1e4 - 1e-3]]), Plane(offset=1e4)).step()
+
+
+def test_what_is_pinned_may_be_inside():
+    row = chain(3, spacing=0.1).pin(0).translate((0.0, 0.0, 0.05))
+    simulate(row, Sphere(tuple(row.position[0]), 0.05)).step()
+    simulate(row.pin([0, 1, 2]), Plane(offset=9)).step()
+
+
+def test_what_was_said_is_not_said_again():
+    with pytest.warns(DoubtfulStart) as told:
+        simulation = simulate(cube(-0.05), Plane(), schedule=[at(0.02, stiffness=200.0)], refresh=True)
+    assert len(told) == 1
+    simulation.step(3)
+    simulation.change(stiffness=100.0)
+    simulation.reset()
+    simulation.step(3)
+
+
+def test_a_divergence_of_what_started_inside_says_so():
+    with pytest.warns(DoubtfulStart):
+        simulation = simulate(cube(-0.15), Plane(), energy_limit=0.0)
+    with pytest.raises(
+        SimulationDiverged, match=r"particle \d+ starts 0.15 m inside colliders\[0\], a Plane"
+    ) as told:
+        simulation.step(30)
+    assert "stretching" not in str(told.value)
+
+
+# Far from the origin
+
+
+@pytest.mark.parametrize(("far", "apart"), [(1e6, 0.062), (-1e6, 0.062), (2e4, 0.002)])
+def test_a_body_far_away_is_named_in_float32(far, apart):
+    body = cube().translate((far, 0, 0))
+    told = (
+        rf"reaches to {abs(far):.3g} m from the origin, where numbers of float32 are {apart:g} m apart .*float64"
+    )
+    with pytest.warns(DoubtfulStart, match=told.replace("+", r"\+")) as all_told:
+        simulation = simulate(body)
+    simulation.change(stiffness=90.0)
+    assert len(all_told) == 1
+
+
+def test_what_precision_bears_is_not_named():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(cube().translate((500.0, 0, 0)))
+        simulate(cube().translate((1e6, 0, 0)), precision="float64")
+        simulate(cube().translate((1e6, 0, 0)), precision="float32-compensated")
+        simulate(System(position=np.full((1, 3), 1e6)))  # it has no strain

@@ -1,0 +1,150 @@
+"""What is no argument at all is named at the call: by the argument, what it was, and what is allowed."""
+
+import re
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+
+BODY = msd.chain(3)
+HUGE = 10**400
+"""A whole number beyond all floats."""
+
+
+def scene(**options) -> msd.Scene:
+    return msd.Scene(system=BODY, **options)
+
+
+def simulate(**options) -> msd.Simulation:
+    return msd.Simulation(BODY, device="cpu", **options)
+
+
+def renderer(**options) -> msd.Renderer:
+    return msd.Renderer(scene(), BODY.position, **({"backend": "raycast", "resolution": (64, 64)} | options))
+
+
+TEXT = [
+    (lambda: msd.at("1"), "time is '1'; it must be a number of at least 0"),
+    (lambda: msd.QuadraticDamper("3"), "most_speed is '3'; it must be a number above 0"),
+    (lambda: BODY.rotate("1"), "angle is '1'; it must be a number from"),
+    (lambda: BODY.translate("1"), "displacement must be an array of numbers, not '1'"),
+    (lambda: BODY.rotate(1.0, axis="xyz"), "axis must be an array of numbers, not 'xyz'"),
+    (lambda: msd.chain(3, mass="1"), "mass must be an array of numbers, not '1'"),
+    (lambda: msd.chain(3, mass=[1, "2", 3]), "mass must be an array of numbers, not [1, '2', 3]"),
+    (lambda: msd.chain(3, mass=np.array(["1", "2", "3"])), "mass must be an array of numbers, not array(['1'"),
+    (lambda: msd.ball("1", 0.1), "radius is '1'; it must be a number above 0"),
+    (lambda: msd.Material("1", 2.0), "density is '1'; it must be a number above 0"),
+    (lambda: msd.Plane(offset="1"), "offset is '1'; it must be a number from"),
+    (lambda: msd.Sphere(radius="1"), "radius is '1'; it must be a number above 0"),
+    (lambda: simulate(fps="60"), "fps is '60'; it must be a number above 0"),
+    (lambda: simulate(gravity="9"), "gravity must be an array of numbers, not '9'"),
+    (lambda: simulate(refresh="no"), "refresh is 'no'; it must be one of False, True"),
+    (lambda: simulate(allow_unstable="no"), "allow_unstable is 'no'; it must be one of False, True"),
+    (lambda: simulate().change(mass="1"), "mass must be an array of numbers, not '1'"),
+    (lambda: scene(gravity="9"), "gravity must be an array of numbers, not '9'"),
+    (lambda: scene(duration="3"), "duration is '3'; it must be a number above 0"),
+]
+HUGE_NUMBERS = [
+    (lambda: msd.chain(3, mass=HUGE), "mass must be an array of numbers up to 1.8e+308, not 1000"),
+    (
+        lambda: msd.chain(3, mass=10**5000),
+        "mass must be an array of numbers up to 1.8e+308, not a whole number of",
+    ),
+    (lambda: msd.chain(3, mass=[1, HUGE, 1]), "mass must be an array of numbers up to 1.8e+308, not [1, 1000"),
+    (lambda: msd.chain(3, spacing=HUGE), "spacing is 1000"),
+    (lambda: msd.Plane(friction=HUGE), "friction is 1000"),
+    (lambda: simulate(fps=HUGE), "fps is 1000"),
+    (lambda: BODY.rotate(HUGE), "angle is 1000"),
+]
+TYPES = [
+    (lambda: msd.Scene(system=3), "system is 3; it must be a System, such as chain(5)"),
+    (lambda: msd.Simulation(3), "system is 3; it must be a System, such as chain(5)"),
+    (lambda: msd.Simulation.of(BODY), "it must be a Scene, such as Scene(system=chain(5))"),
+    (lambda: BODY.replace(surface=3), "surface is 3; it must be a Surface"),
+    (lambda: msd.System(position=[[0.0]], surface=3), "surface is 3; it must be a Surface"),
+    (lambda: msd.System(position=[[0.0]], groups=3), "groups is 3; it must be a Mapping"),
+    (lambda: BODY.named(3), "name is 3; it must be a str"),
+    (lambda: BODY.direction("x", 3), "body is 3; it must be one of -1, 0"),
+    (lambda: simulate(colliders=msd.Plane()), "colliders is Plane(); it must be a sequence of Colliders"),
+    (lambda: simulate(colliders=[3]), "colliders[0] is 3; it must be a Collider"),
+    (lambda: simulate(schedule=3), "schedule is 3; it must be a sequence of Changes, such as [at(1.0, mass=2.0)]"),
+    (lambda: simulate(precision=np.array([1, 2])), "precision is array([1, 2]); it must be one of 'float32'"),
+    (lambda: msd.chain(3, mass=[1, None, 3]), "mass must be an array of numbers, not [1, None, 3]"),
+    (lambda: msd.chain(3, mass=1j), "mass must be an array of numbers, not 1j"),
+    (lambda: msd.Plane(restitution=[0.5]), "restitution is [0.5]; it must be a number from 0 to 1"),
+    (lambda: msd.Plane(offset=None), "offset is None; it must be a number"),
+    (lambda: scene(colliders=3), "colliders is 3; it must be a sequence of Colliders, such as [Plane()]"),
+    (lambda: scene(look="red"), "look is 'red'; it must be a Look"),
+    (lambda: scene(gravity=(0, 1)), "gravity has shape (2,); it must be a number or have shape (3,)"),
+    (lambda: scene(colliders=[msd.Sphere((0, 0), 1.0)]), "colliders[0].position is (0.0, 0.0); it must have 3"),
+]
+SELECTIONS = [
+    (lambda: BODY.pin(None), "selection does not index 3 particles: it is None; it must be indices, a slice or a"),
+    (lambda: BODY.pin(True), "selection does not index 3 particles: it is True"),
+    (lambda: BODY.pin([[0], [1, 2]]), "selection does not index 3 particles"),
+    (lambda: BODY.pin([0, 1, 1]), "selection holds 0 and 1 for each of 3 particles"),
+    (lambda: BODY.pin(np.array([0, 0, 1], dtype=np.uint8)), "a mask must be of booleans, such as mask == 1"),
+    (lambda: BODY.replace(groups={"a": [0, 0, 1]}), "groups['a'] holds 0 and 1 for each of 3 particles"),
+    (lambda: BODY.replace(groups={3: [0]}), "a group's name is 3; it must be a str"),
+    (lambda: simulate().change(group=[0, 1, 1], mass=2.0), "group holds 0 and 1 for each of 3 particles"),
+    (lambda: simulate().change(group=True, mass=2.0), "group does not index 3 particles: it is True"),
+    (lambda: msd.at(1.0, group=[0], freeze="no"), "freeze is 'no'; it must be one of False, True"),
+]
+PICTURES = [
+    (lambda: msd.Look(gloss="1"), "gloss is '1'; it must be a number from 0 to 1"),
+    (lambda: msd.Look(gloss=2), "gloss is 2.0; it must be from 0 to 1"),
+    (lambda: msd.Look(smooth="yes"), "smooth is 'yes'; it must be one of False, True"),
+    (lambda: msd.Look(azimuth="1"), "azimuth is '1'; it must be a number from -360 to 360"),
+    (lambda: msd.Look(particles=np.array([1, 2])), "particles is array([1, 2]); it must be one of None, False"),
+    (lambda: msd.Renderer(3, BODY.position), "scene is 3; it must be a Scene"),
+    (lambda: renderer(resolution=3), "resolution is 3; it must be two whole numbers, width and height"),
+    (lambda: renderer(resolution=(64,)), "resolution is (64,); it must be two whole numbers"),
+    (lambda: renderer(resolution=("64", 64)), "resolution is '64'; it must be a whole number"),
+    (lambda: renderer(zoom="1"), "zoom is '1'; it must be a number above 0"),
+    (lambda: msd.Renderer(scene(), "here"), "positions must be an array of numbers, not 'here'"),
+    (lambda: renderer().image("here"), "position must be an array of numbers, not 'here'"),
+    (lambda: renderer().image(BODY.position, "1"), "time is '1'; it must be a number"),
+]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [*TEXT, *HUGE_NUMBERS, *TYPES, *SELECTIONS, *PICTURES],
+    ids=lambda one: one[:40] if isinstance(one, str) else "",
+)
+def test_what_is_no_argument_is_named_at_the_call(call, message):
+    with pytest.raises(ValueError, match=re.escape(message)) as told:
+        call()
+    assert len(str(told.value)) < 400  # of what is long only its ends are shown
+
+
+def test_numbers_of_all_kinds_are_numbers():
+    from decimal import Decimal
+    from fractions import Fraction
+
+    for one in (1, 1.0, True, Fraction(1), Decimal(1), np.float32(1), np.int8(1), np.array(1.0)):
+        assert msd.chain(3, mass=one).mass[0] == 1.0
+        assert msd.at(one, mass=2.0).time == 1.0
+    assert msd.chain(3, mass=10**300).mass[0] == 1e300
+
+
+@pytest.mark.parametrize(
+    "selection", [[0, 1], (0, 1), [-3, 1], slice(2), [True, True, False], np.array([[0], [1]])]
+)
+def test_particles_are_selected(selection):
+    np.testing.assert_array_equal(BODY.pin(selection).pinned, [True, True, False])
+
+
+def test_indices_that_are_no_mask_stay_indices():
+    pair = msd.chain(2)
+    np.testing.assert_array_equal(pair.pin([0, 1]).pinned, [True, True])  # both, each once
+    np.testing.assert_array_equal(BODY.pin(0).pinned, [True, False, False])
+    np.testing.assert_array_equal(BODY.pin([]).pinned, [False, False, False])
+    np.testing.assert_array_equal(BODY.pin([2, 2, 1]).pinned, [False, True, True])
+
+
+def test_a_scene_keeps_what_it_was_given_once():
+    made = scene(colliders=(one for one in [msd.Plane()]), schedule=[msd.at(1.0, mass=2.0)])
+    assert len(made.colliders) == len(made.schedule) == 1
+    assert made.ground is made.colliders[0]
