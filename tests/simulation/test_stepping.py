@@ -82,7 +82,7 @@ def test_blocks_that_a_device_cannot_have_are_named(blocks, message):
 
 
 def test_a_simulation_says_what_it_is():
-    body = box((3, 3, 3), 0.1, mass=0.01)
+    body = box((3, 3, 3), 0.1, mass=0.01).translate((0, 0, 0.3))
     lines = repr(
         Simulation(body, colliders=[Plane()], substeps=12, allow_unstable=True, device="cpu")
     ).splitlines()
