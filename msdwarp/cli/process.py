@@ -15,8 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from .. import quiet
 from ..simulation import SimulationDiverged
+from .blame import told_by_line
 from .misunderstood import misunderstood
-from .signals import Interrupted, Terminated, ask, at_once, heard, noted
+from .signals import Interrupted, Terminated, ask, heard, noted
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
@@ -38,12 +39,15 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     except CycloptsError as error:
         print(f"error: {misunderstood(error)}", file=sys.stderr)
         sys.exit(1)
-    except (ValueError, OSError, SimulationDiverged) as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
     except Interrupted as interruption:
         print(interruption, file=sys.stderr)
         sys.exit(interruption.code)
+    except Exception as error:
+        said = told_by_line(error)
+        if said is None and not isinstance(error, ValueError | OSError | SimulationDiverged):
+            raise  # a mistake of ours, which its traceback explains
+        print(f"error: {said or error}", file=sys.stderr)
+        sys.exit(1)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
@@ -108,5 +112,5 @@ def start_warp(verbose: bool) -> None:
     """Start Warp, and let it speak if `verbose`."""
     if verbose:
         quiet.verbose()
-    with at_once():
+    with noted(lambda: None):  # not at once: standard error is turned aside meanwhile, and the word would be lost
         quiet.start_warp()
