@@ -12,7 +12,6 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from .. import disk
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
@@ -20,9 +19,9 @@ from ..studies import EnergyLog, cheapest, tune
 from ..world import Scene
 from .draw import draw
 from .options import Options
-from .process import alone_in, progress_on, stop_asked_for
+from .process import progress_on, stop_asked_for
 from .provenance import about
-from .results import RESTART, TRAJECTORY, overlay_path, remove_results, wanted_folder
+from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
@@ -43,20 +42,26 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     options.check(last)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
+    if options.pictures.any or options.trajectory != "none":
+        check_names(origin.name, options.out or Path())
     with at_once():  # kernels are compiled, which takes its time
         simulation = simulation_by(scene, options)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder
-    folder = wanted_folder(origin.name, options.out, options.force) if wanted else None
-    log = _log(options, folder, origin.name)
-    if folder is not None:
-        disk.writable_folder("out", folder, folder)
+    # What is wrong with the log or the folder is said before anything is made.
+    tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
+    log = _log(options, tentative, origin.name)
     made_by = {}
     if options.trajectory != "none":
         with at_once():
             made_by = about(origin, scene) | used(simulation, options)
-    with alone_in(folder):
-        if folder is not None and options.force:
-            remove_results(folder, origin.name)
+    with ExitStack() as stack:
+        folder = None
+        if wanted:
+            folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
+            if folder != tentative:  # which another run has taken meanwhile
+                log = _log(options, folder, origin.name)
+            if options.force:
+                remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
 
 
@@ -67,7 +72,11 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         return None
     if folder is not None and path.with_suffix(".png") == overlay_path(folder, name):
         raise ValueError(f"log is {path}; its plot would have the name of the overlay")
-    return EnergyLog(path, force=options.force)
+    if not options.logs_in_folder and not path.parent.exists():
+        raise FileNotFoundError(
+            f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
+        )
+    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is free, or forced
 
 
 def last_frame(options: Options) -> int:
