@@ -1,5 +1,29 @@
 """msdwarp: elastic bodies as particles joined by springs and dampers, on the GPU."""
 
+import os as _os
+import signal as _signal
+import sys as _sys
+
+
+def _is_the_command() -> bool:
+    """Tell whether this is imported to run the command: by its script, or by `python -m msdwarp`."""
+    first = getattr(_sys, "argv", None) or [""]
+    if first[0] == "-m":  # which stands there until the module that is run is found, in this package
+        return "msdwarp" in _sys.orig_argv
+    return _os.path.splitext(_os.path.basename(first[0]))[0] == "msdwarp"
+
+
+def _leave(number: int, _: object) -> None:
+    _os.write(2, b"interrupted\n")
+    _os._exit(128 + number)
+
+
+# Most of the command's first second goes by below. Nothing is begun yet: Ctrl-C ends the process, where an
+# exception would end as a traceback, or as whatever a half imported module makes of it. `msdwarp.cli.main` takes
+# over from here.
+if _is_the_command() and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+    _signal.signal(_signal.SIGINT, _leave)
+
 from .bodies import (
     COTTON,
     FOAM,

@@ -3,8 +3,9 @@
 import ast
 import inspect
 import sys
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
@@ -24,6 +25,7 @@ from .process import finish, start_warp, understood
 from .run import run_scene
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .tune import TuneOptions, tune_scene
+from .whole import with_wholes
 
 app = App(
     name="msdwarp",
@@ -53,6 +55,20 @@ def list_scenes() -> None:
         print(f"{name:12} {summary}")
 
 
+def _exact(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command whose flags for whole numbers take no others."""
+
+    @wraps(command)
+    def exact(*arguments: Any, **named: Any) -> Any:
+        return command(*arguments, **named)
+
+    signature = inspect.signature(command)
+    known = [one.replace(annotation=with_wholes(one.annotation)) for one in signature.parameters.values()]
+    exact.__signature__ = signature.replace(parameters=known)  # type: ignore[attr-defined]
+    exact.__annotations__ = {one.name: one.annotation for one in known}
+    return exact
+
+
 for _name, _command in (
     ("info", info_command),
     ("render", render_command),
@@ -61,7 +77,7 @@ for _name, _command in (
     ("resume", resume_command),
     ("rerun", rerun_command),
 ):
-    app.command(_command, name=_name)
+    app.command(_exact(_command), name=_name)
 app.register_install_completion_command(help="Have the shell complete commands, flags and the names of scenes.")
 
 
@@ -121,7 +137,10 @@ def _scene_app(origin: Origin, command: str, options_type: type, action: Any) ->
         action(chosen, chosen.scene(), options)
 
     own = inspect.signature(origin.build, eval_str=True).parameters.values()
-    own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
+    own = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=with_wholes(parameter.annotation))
+        for parameter in own
+    ]
     common = inspect.Parameter(
         "options", inspect.Parameter.KEYWORD_ONLY, annotation=options_type, default=defaults
     )

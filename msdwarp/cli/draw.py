@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from ..pictures import ADVICE, Renderer, Scale, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
+from .process import stop_asked_for
 from .results import overlay_path
+from .signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
 
@@ -50,7 +52,29 @@ def draw(
         The numbers of the frames that are drawn; by default all.
     fps
         Pictures per second of the film; by default as many as frames of a second.
+
+    Raises
+    ------
+    Interrupted
+        If a signal asks to end: between two pictures, and never while VTK is imported, which would crash.
     """
+    with stop_asked_for(progress.console) as asked:
+        return _draw(scene, trajectory, folder, name, pictures, progress, asked, shown=shown, fps=fps)
+
+
+def _draw(
+    scene: Scene,
+    trajectory: Trajectory,
+    folder: Path,
+    name: str,
+    pictures: Pictures,
+    progress: Progress,
+    asked: list[int],
+    *,
+    shown: Sequence[int] | None,
+    fps: float | None,
+) -> str:
+    """Draw, until a signal asks to end."""
     began = time.perf_counter()
     shown = range(len(trajectory)) if shown is None else shown
     fps, count = trajectory.fps if fps is None else fps, len(shown)
@@ -59,12 +83,13 @@ def draw(
     size = parse_resolution(pictures.resolution)
     seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
     renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=pictures.zoom)
+    _end_if(asked)
     if not renderer.uses_opengl:
         progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
     if not pictures.frames == pictures.video == "none":
         drawing = progress.track(shown, count, description="drawing")
-        images = (renderer.image(positions[k], times[k], values and values(k)) for k in drawing)
+        images = (renderer.image(positions[k], times[k], values and values(k)) for k in _until(asked, drawing))
         formats = {"frames": pictures.frames, "video": pictures.video}
         path = write_film(images, count, folder, name=name, fps=fps, **formats)
         drawn.append(f"{count} frame{'s' if count > 1 else ''}")
@@ -77,11 +102,25 @@ def draw(
         chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
         path = overlay_path(folder, name)
         all_values = None if values is None else np.array([values(k) for k in chosen])
+        _end_if(asked)
         Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
         drawn.append(f"an overlay of {len(chosen)} poses")
         results.append(str(path))
     seconds = time.perf_counter() - began
     return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
+
+
+def _end_if(asked: list[int]) -> None:
+    """Raise Interrupted if a signal has asked to end."""
+    if asked:
+        raise Interrupted(f"{word(asked[0])} while drawing", asked[0])
+
+
+def _until(asked: list[int], drawing: Iterable[int]) -> Iterator[int]:
+    """Pass numbers of frames on, until a signal asks to end."""
+    for k in drawing:
+        _end_if(asked)
+        yield k
 
 
 def _colouring(

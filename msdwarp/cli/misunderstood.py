@@ -1,7 +1,7 @@
 """Words of the command line that are not understood, told in the style of all other errors."""
 
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 
@@ -35,6 +35,8 @@ def _wrong(error: CycloptsError) -> str:
 
 def _allowed(kind: Any) -> str:
     """Return what a flag of some type may be."""
+    if get_origin(kind) is Annotated:
+        return _allowed(get_args(kind)[0])
     if get_origin(kind) is Literal:
         values = [str(value) for value in get_args(kind)]
         return values[0] if len(values) == 1 else f"one of {', '.join(values)}"

@@ -13,6 +13,7 @@ from .. import checks
 from ..pictures import check_formats
 from ..world import Look
 from .results import overlay_path
+from .whole import Whole, WholeOrAuto
 
 
 @Parameter(name="*")
@@ -44,7 +45,7 @@ class Pictures:
 
     frames: Literal["png", "none"] = "png"
     video: Literal["webp", "mp4", "gif", "none"] = "webp"
-    overlay: int | None = None
+    overlay: Whole | None = None
     resolution: str = "1280x720"
     colour: Literal["texture", "strain", "velocity", "energy"] | None = None
     azimuth: float | None = None
@@ -150,7 +151,7 @@ class Options:
         Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
         | None
     ) = None
-    substeps: int | Literal["auto"] = "auto"
+    substeps: WholeOrAuto = "auto"
     allow_unstable: Annotated[bool, Parameter(negative=())] = False
     tolerance: float | None = None
     duration: float | None = None
@@ -158,7 +159,7 @@ class Options:
     out: Path | None = None
     pictures: Pictures = field(default_factory=Pictures)
     trajectory: Literal["plain", "compressed", "none"] = "plain"
-    every: int = 1
+    every: Whole = 1
     strain: bool = True
     restart: float = 60.0
     log: str | None = None

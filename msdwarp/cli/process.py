@@ -1,10 +1,9 @@
-"""The process: a quiet start, signals, exit codes, the lock on a folder."""
+"""The process: a quiet start, exit codes, the lock on a folder."""
 
 import importlib.util
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,15 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from .. import quiet
 from ..simulation import SimulationDiverged
+from .blame import told_by_line
 from .misunderstood import misunderstood
-
-
-class _Terminated(BaseException):
-    """SIGTERM or a lost terminal: raised where the program is, so that files are closed and others removed."""
-
-
-def _terminate(number: int, _: Any) -> NoReturn:
-    raise _Terminated(number)
+from .signals import Interrupted, Terminated, ask, heard, noted
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
@@ -34,7 +27,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     said by it that a result differs.
     """
     for number in heard("SIGTERM", "SIGHUP"):
-        signal.signal(number, _terminate)
+        signal.signal(number, ask)
     try:
         command()
     except BrokenPipeError:  # whoever read the output has read enough
@@ -46,16 +39,19 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     except CycloptsError as error:
         print(f"error: {misunderstood(error)}", file=sys.stderr)
         sys.exit(1)
-    except (ValueError, OSError, SimulationDiverged) as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
     except Interrupted as interruption:
         print(interruption, file=sys.stderr)
         sys.exit(interruption.code)
+    except Exception as error:
+        said = told_by_line(error)
+        if said is None and not isinstance(error, ValueError | OSError | SimulationDiverged):
+            raise  # a mistake of ours, which its traceback explains
+        print(f"error: {said or error}", file=sys.stderr)
+        sys.exit(1)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
-    except _Terminated as termination:
+    except Terminated as termination:
         print("terminated", file=sys.stderr)
         sys.exit(128 + termination.args[0])
     sys.exit(0)
@@ -66,44 +62,19 @@ def understood(app: App, words: Sequence[str]) -> None:
     app(list(words), result_action="return_value", exit_on_error=False, print_error=False)
 
 
-class Interrupted(RuntimeError):
-    """A signal asked the run to end, and it has ended between two frames."""
-
-    def __init__(self, message: str, number: int) -> None:
-        super().__init__(message)
-        self.code = 128 + number
-        """What the process should exit with."""
-
-
-def heard(*names: str) -> list[int]:
-    """Return those of some signals that this system has and that are not ignored, as nohup ignores SIGHUP."""
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    return [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
-
-
 @contextmanager
 def stop_asked_for(talk: Console) -> Iterator[list[int]]:
-    """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does."""
-    asked: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield asked  # only there signals are heard
-        return
-    before = {number: signal.getsignal(number) for number in heard("SIGINT", "SIGTERM", "SIGHUP")}
+    """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does.
 
-    def ask(number: int, _: Any) -> None:
-        asked.append(number)
-        for each, handler in before.items():
-            signal.signal(each, handler)
+    What was not acted upon meanwhile is acted upon at the end.
+    """
+
+    def said() -> None:
         if talk.is_terminal:
             talk.print("ending after this frame; once more ends at once")
 
-    for number in before:
-        signal.signal(number, ask)
-    try:
+    with noted(said) as asked:
         yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
@@ -141,4 +112,5 @@ def start_warp(verbose: bool) -> None:
     """Start Warp, and let it speak if `verbose`."""
     if verbose:
         quiet.verbose()
-    quiet.start_warp()
+    with noted(lambda: None):  # not at once: standard error is turned aside meanwhile, and the word would be lost
+        quiet.start_warp()

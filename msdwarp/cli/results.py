@@ -1,10 +1,14 @@
 """Results: the folder of a run, and the files in it."""
 
+import os
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from .. import disk
 from ..disk import is_unfinished
 from ..pictures import FILM_FORMATS
+from .process import alone_in
 
 TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
 
@@ -24,11 +28,11 @@ def result_folder(name: str, out: Path | None, force: bool) -> Path:
     return folder
 
 
-def wanted_folder(name: str, out: Path | None, force: bool) -> Path:
+def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Path] = ()) -> Path:
     """Return the folder for results, which need not be there yet; raise FileExistsError as `result_folder`."""
     folder = out
     if folder is None:
-        folder = Path("out") / name if force else free_folder(Path("out") / name)
+        folder = Path("out") / name if force else free_folder(Path("out") / name, taken)
     elif not force and folder.is_dir() and _holds_something(folder):
         raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
     return folder
@@ -41,14 +45,57 @@ def remove_results(folder: Path, name: str) -> None:
         path.unlink(missing_ok=True)
 
 
+def check_names(name: str, out: Path) -> None:
+    """Raise ValueError if a file called after a scene would have a longer name than the file system takes."""
+    there = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
+    try:
+        most = os.pathconf(there, "PC_NAME_MAX")
+    except (AttributeError, OSError, ValueError):
+        most = 255  # where the system does not tell: what most take
+    longest = len(os.fsencode(f".{name}.unfinished.webp"))
+    if longest > most:
+        length = len(os.fsencode(name))
+        raise ValueError(
+            f"the name of scene {name[:20]!r}... is {length} bytes long; it must be at most "
+            f"{length - (longest - most)}, since files are called after it"
+        )
+
+
+@contextmanager
+def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
+    """Give the folder for results, there and locked; where none is named, the first that no other run has.
+
+    Raises
+    ------
+    FileExistsError, ValueError, OSError
+        If `out` is given, and holds something without `force`, or is another run's, or cannot be written to.
+    """
+    taken: set[Path] = set()
+    while True:
+        folder = wanted_folder(name, out, force, taken)
+        disk.writable_folder("out", folder, folder)
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(alone_in(folder))
+            except ValueError:
+                if out is not None or force:
+                    raise
+                taken.add(folder)
+                continue
+            if out is None and not force and _holds_something(folder):
+                continue  # of a run that began and ended meanwhile
+            yield folder
+            return
+
+
 def _holds_something(folder: Path) -> bool:
     return not all(map(is_unfinished, folder.iterdir()))
 
 
-def free_folder(wanted: Path) -> Path:
+def free_folder(wanted: Path, taken: Collection[Path] = ()) -> Path:
     """Return a folder that is not there or empty: the one wanted, or one with the next free number behind."""
     folder, k = wanted, 2
-    while folder.exists() and (not folder.is_dir() or _holds_something(folder)):
+    while folder in taken or (folder.exists() and (not folder.is_dir() or _holds_something(folder))):
         folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1
     return folder
 

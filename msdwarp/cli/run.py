@@ -1,7 +1,6 @@
 """Running a scene: simulate it, keep every frame, then draw them."""
 
 import shlex
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -13,7 +12,6 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from .. import disk
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
@@ -21,10 +19,11 @@ from ..studies import EnergyLog, cheapest, tune
 from ..world import Scene
 from .draw import draw
 from .options import Options
-from .process import Interrupted, alone_in, progress_on, stop_asked_for
+from .process import progress_on, stop_asked_for
 from .provenance import about
-from .results import RESTART, TRAJECTORY, overlay_path, remove_results, wanted_folder
+from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
 from .scene_files import Origin
+from .signals import Interrupted, at_once, word
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
@@ -43,16 +42,26 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
     options.check(last)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
-    simulation = simulation_by(scene, options)
+    if options.pictures.any or options.trajectory != "none":
+        check_names(origin.name, options.out or Path())
+    with at_once():  # kernels are compiled, which takes its time
+        simulation = simulation_by(scene, options)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder
-    folder = wanted_folder(origin.name, options.out, options.force) if wanted else None
-    log = _log(options, folder, origin.name)
-    if folder is not None:
-        disk.writable_folder("out", folder, folder)
-    made_by = about(origin, scene) | used(simulation, options) if options.trajectory != "none" else {}
-    with alone_in(folder):
-        if folder is not None and options.force:
-            remove_results(folder, origin.name)
+    # What is wrong with the log or the folder is said before anything is made.
+    tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
+    log = _log(options, tentative, origin.name)
+    made_by = {}
+    if options.trajectory != "none":
+        with at_once():
+            made_by = about(origin, scene) | used(simulation, options)
+    with ExitStack() as stack:
+        folder = None
+        if wanted:
+            folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
+            if folder != tentative:  # which another run has taken meanwhile
+                log = _log(options, folder, origin.name)
+            if options.force:
+                remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
 
 
@@ -63,7 +72,11 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         return None
     if folder is not None and path.with_suffix(".png") == overlay_path(folder, name):
         raise ValueError(f"log is {path}; its plot would have the name of the overlay")
-    return EnergyLog(path, force=options.force)
+    if not options.logs_in_folder and not path.parent.exists():
+        raise FileNotFoundError(
+            f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
+        )
+    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is free, or forced
 
 
 def last_frame(options: Options) -> int:
@@ -153,10 +166,15 @@ class Run:
             path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
-                with ExitStack() as files:
-                    log = files.enter_context(self.log) if self.log is not None else None
-                    writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
-                    self._simulate(last, behind, writer, log, progress)
+                # Signals are noted from before the files are opened until they are closed and the log is plotted:
+                # what is imported for that may not stand an exception meanwhile.
+                with stop_asked_for(self.talk) as asked:
+                    with ExitStack() as files:
+                        log = files.enter_context(self.log) if self.log is not None else None
+                        writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
+                        self._simulate(last, behind, writer, log, progress, asked)
+                    if asked:
+                        raise Interrupted(self._farewell(asked[0], last), asked[0])
             except SimulationDiverged as error:
                 trouble = error  # told once what there is has been drawn
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
@@ -167,7 +185,10 @@ class Run:
             if self.folder is not None and self.options.pictures.any:
                 with Trajectory(path) as trajectory:
                     pictures = self.options.pictures
-                    lines.append(draw(self.scene, trajectory, self.folder, self.name, pictures, progress))
+                    try:
+                        lines.append(draw(self.scene, trajectory, self.folder, self.name, pictures, progress))
+                    except Interrupted as error:
+                        raise Interrupted(self._continued(str(error)), error.number) from None
         if not self.options.quiet:
             print(*lines, sep="\n")
         if trouble is not None:
@@ -187,26 +208,31 @@ class Run:
         )
 
     def _simulate(
-        self, last: int, behind: int, writer: TrajectoryWriter | None, log: EnergyLog | None, progress: Progress
+        self,
+        last: int,
+        behind: int,
+        writer: TrajectoryWriter | None,
+        log: EnergyLog | None,
+        progress: Progress,
+        asked: list[int],
     ) -> None:
-        """Simulate frame by frame."""
+        """Simulate frame by frame, until a signal asks to end."""
         simulation, readback = self.simulation, Readback(self.simulation, strain=self._strain)
         saved = time.monotonic()
-        with stop_asked_for(self.talk) as asked:
-            for k in progress.track(range(behind, last + 1), description="simulating"):
-                if k:
-                    self._step(writer)
-                if writer is not None:
-                    writer.write_pending(readback.take() if writer.wants_next() else None)
-                if log is not None:
-                    log.write(simulation.time, simulation.measure())
-                if asked:
-                    self._save(writer)
-                    raise Interrupted(self._farewell(asked[0], last), asked[0])
-                if k == behind or time.monotonic() - saved > self.options.restart:
-                    self._save(writer)
-                    saved = time.monotonic()
-            self._save(writer)
+        for k in progress.track(range(behind, last + 1), description="simulating"):
+            if k:
+                self._step(writer)
+            if writer is not None:
+                writer.write_pending(readback.take() if writer.wants_next() else None)
+            if log is not None:
+                log.write(simulation.time, simulation.measure())
+            if asked:
+                self._save(writer)
+                raise Interrupted(self._farewell(asked[0], last), asked[0])
+            if k == behind or time.monotonic() - saved > self.options.restart:
+                self._save(writer)
+                saved = time.monotonic()
+        self._save(writer)
 
     def _step(self, writer: TrajectoryWriter | None) -> None:
         """Advance by a frame; if that fails, the simulation is at the frame before."""
@@ -226,13 +252,14 @@ class Run:
 
     def _farewell(self, number: int, last: int) -> str:
         """Say where the run has ended, and how it goes on."""
-        word = "interrupted" if number == signal.SIGINT else "terminated"
-        said = f"{word} at {self.simulation.time:.4g} s, after frame {self.simulation.frame_index} of {last}"
-        return (
-            f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
-            if self._keeps and self.options.restart
-            else said
-        )
+        said = f"{word(number)} at {self.simulation.time:.4g} s"
+        return self._continued(f"{said}, after frame {self.simulation.frame_index} of {last}")
+
+    def _continued(self, said: str) -> str:
+        """Say how a run that has ended goes on, if it can."""
+        if self._keeps and self.options.restart:
+            return f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
+        return said
 
 
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from .. import scenes
 from ..world import Scene
+from .blame import remember
+from .signals import at_once
 
 Build = Callable[..., Scene]
 
@@ -28,7 +30,8 @@ class Origin(NamedTuple):
 
     def scene(self) -> Scene:
         """Return the scene; raise ValueError if `build` returns something else."""
-        scene = self.build(**self.parameters)
+        with at_once():  # what it imports, PyVista for one, may not stand an exception meanwhile
+            scene = self.build(**self.parameters)
         if not isinstance(scene, Scene):
             raise ValueError(f"build of scene {self.name!r} returned {scene!r}; it must return a Scene")
         return scene
@@ -49,16 +52,22 @@ def find_scene(scene: str) -> Origin:
     """
     path = Path(scene)
     if scene in scene_names():
-        name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
+        with at_once():
+            name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
-        spec = importlib.util.spec_from_file_location(path.stem, path)
+        remember(path)
+        # Not by its own name: a scene called numpy.py or msdwarp.py would take the place of the module.
+        spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
         assert spec.loader is not None
         name, module = path.stem, importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
-        sys.path.insert(0, str(path.parent.resolve()))  # as `python my_scene.py` has it
+        folder = str(path.parent.resolve())
+        if folder not in sys.path:  # for what it imports from beside it, behind the modules that all import
+            sys.path.append(folder)
         try:
-            spec.loader.exec_module(module)
+            with at_once():
+                spec.loader.exec_module(module)
         except SystemExit as error:
             guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
             raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
@@ -76,4 +85,6 @@ def origin_of(build: Build) -> Origin:
     """Return the origin of the scenes that a script's `build` makes."""
     path = Path(inspect.getfile(build)).resolve()
     own = path.parent in {Path(folder).resolve() for folder in scenes.__path__}
+    if not own:
+        remember(path)
     return Origin(path.stem, path.stem if own else str(path), build, {})

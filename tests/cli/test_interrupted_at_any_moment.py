@@ -1,0 +1,127 @@
+"""Ctrl-C at any moment of a run: the command ends with a word and 130, and what it had begun can go on."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from msdwarp import Trajectory
+
+ROOT = Path(__file__).parents[2]
+RUN = ["run", "cube", "--size", "6", "--duration", "0.3", "--resolution", "64x64", "--device", "cpu"]
+RUN += ["--log", "energy.csv"]
+posix = pytest.mark.skipif(os.name != "posix", reason="needs signals")
+
+
+def begun(folder, *arguments, **options):
+    """Start the command in a folder, hearing SIGINT as in a terminal."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "msdwarp", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", **options.pop("env", {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        **options,
+    )
+
+
+def ended(process, seconds=120):
+    """Return what a process ended with: exit code, standard output, standard error."""
+    out, err = process.communicate(timeout=seconds)
+    return process.returncode, out, err
+
+
+def resumed(folder):
+    """Go on with the run in a folder; return what was said if it could not."""
+    code, _, err = ended(begun(folder.parents[1], "resume", str(folder), "--force"))
+    return "" if code == 0 else f"resume: {code} {err}"
+
+
+def interrupted(folder, after):
+    """Interrupt a run so many seconds after Python has started; return what of it was not as it must be."""
+    folder.mkdir()
+    process = begun(folder, *RUN)
+    # Until Python has set up its own handler nothing of ours is heard: the system ends it, without a word.
+    status = Path("/proc", str(process.pid), "status")
+    while status.exists() and not int(status.read_text().partition("SigCgt:")[2].split()[0], 16) & 2:
+        time.sleep(0.001)
+    time.sleep(after)
+    process.send_signal(signal.SIGINT)
+    code, out, err = ended(process)
+    return judged(folder, code, out, err)
+
+
+def judged(folder, code, out, err):
+    """Return what of an interrupted run was not as it must be."""
+    results = folder / "out" / "cube"
+    if code == 0 and "drew" in out:
+        return "" if err == "" else f"complete: {err}"  # all was told before the signal came
+    if "init_import_site" in err or (code, err) == (-signal.SIGINT, ""):
+        return "" if not results.exists() else "begun"  # while Python itself starts, before anything of ours
+    if code != 130 or not err.startswith("interrupted") or err.count("\n") != 1:
+        return f"{code}: {out}{err}"
+    if not results.exists() or not any(results.iterdir()):
+        return ""  # nothing begun
+    if not (results / "restart.h5").exists():
+        return f"begun, and no restart file: {sorted(results.iterdir())}"
+    with Trajectory(results / "trajectory.vtkhdf") as found:
+        if not len(found):
+            return "no frames"
+    left = [path.name for path in results.iterdir() if ".unfinished" in path.name]
+    return f"left: {left}" if left else ""
+
+
+@posix
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path):
+    assert ended(begun(tmp_path, *RUN, "--out", "whole"))[0] == 0  # compiles kernels
+    began = time.monotonic()
+    assert ended(begun(tmp_path, *RUN, "--out", "again"))[0] == 0
+    whole, chance = time.monotonic() - began, random.Random(2026)
+    for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "12"))):
+        after = chance.uniform(0.0, 1.1 * whole)
+        wrong = interrupted(tmp_path / f"run{k}", after)
+        assert not wrong, f"after {after:.3f} s: {wrong}"
+        results = tmp_path / f"run{k}" / "out" / "cube"
+        if (results / "restart.h5").exists() and k % 3 == 0:
+            assert not resumed(results)
+
+
+# Where it is interrupted, by the module that is being imported: the scene's script does it.
+HEARD = """
+import importlib.abc, os, signal, sys
+
+class Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+"""
+
+
+@posix
+@pytest.mark.parametrize(
+    ("module", "resumable"),
+    [("warp", False), ("cyclopts", False), ("h5py._hl", True), ("pyvista.core", True)],
+)
+def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
+    # A module that Python imports as it starts sends the signal in the midst of another import.
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module))
+    path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
+    code, out, err = ended(begun(tmp_path, *RUN, env={"PYTHONPATH": path}))
+    assert (code, out) == (130, "")
+    assert err.startswith("interrupted")
+    assert err.count("\n") == 1
+    assert (tmp_path / "out" / "cube" / "restart.h5").exists() == resumable
+    assert ("resume out/cube` goes on" in err) == resumable

@@ -1,0 +1,101 @@
+"""Scene scripts of the user's: their names, their mistakes, and flags for whole numbers."""
+
+import sys
+
+import pytest
+
+UNDRAWN = ["--frames", "none", "--video", "none", "--device", "cpu", "--duration", "0.05"]
+SCENE = "from msdwarp import Plane, Scene, Sphere, at, box\n\n"
+
+
+@pytest.mark.parametrize("name", ["numpy", "msdwarp", "json"])
+def test_a_script_takes_no_module_s_place(msdwarp, tmp_path, name):
+    before = __import__(name)
+    (tmp_path / f"{name}.py").write_text(SCENE + "def build():\n    return Scene(system=box((2, 2, 2), 0.1))\n")
+    path = list(sys.path)
+    assert msdwarp("run", f"{name}.py", *UNDRAWN)[0] == 0
+    assert sys.modules[name] is before
+    assert sys.path[: len(path)] == path  # what lies beside the script comes behind
+    assert (tmp_path / "out" / name / "trajectory.vtkhdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("script", "line", "said"),
+    [
+        ("def build(:\n", 3, "invalid syntax"),
+        ("import not_there\n", 3, "ModuleNotFoundError: No module named 'not_there'"),
+        ("def build():\n    return box((2, 2), no_such=1)\n", 4, "TypeError: "),
+        ("def build():\n    return {}['key']\n", 4, "KeyError: 'key'"),
+        (
+            "def motion(t):\n    return 1 / 0\n"
+            "def build():\n    ball = Sphere((0, 0, -1), 0.5, motion=motion)\n"
+            "    return Scene(system=box((2, 2, 2), 0.1), colliders=[ball])\n",
+            4,
+            "division by zero",
+        ),
+        (
+            "def build():\n    stiffer = at(0.0, stiffness=lambda k: k.none)\n"
+            "    return Scene(system=box((2, 2, 2), 0.1), schedule=[stiffer])\n",
+            4,
+            "AttributeError: ",
+        ),
+    ],
+)
+def test_a_mistake_in_a_script_is_told_by_its_line(msdwarp, tmp_path, script, line, said):
+    (tmp_path / "own.py").write_text(SCENE + script)
+    code, out, err = msdwarp("run", "own.py", *UNDRAWN)
+    assert (code, out) == (1, "")
+    assert err.startswith(f"error: own.py, line {line}: ")
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_what_explains_itself_is_told_as_it_is(msdwarp, tmp_path):
+    (tmp_path / "own.py").write_text(SCENE + "def build():\n    return Scene(system=box((2, 2, 2), -1))\n")
+    err = msdwarp("run", "own.py", *UNDRAWN)[2]
+    assert err.startswith("error: spacing is -1")
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--substeps", "150.5"], "substeps is '150.5'; it must be a whole number or auto"),
+        (["--every", "1.5"], "every is '1.5'; it must be a whole number"),
+        (["--overlay", "2.4"], "overlay is '2.4'; it must be a whole number"),
+        (["--size", "3.7"], "size is '3.7'; it must be a whole number"),
+    ],
+)
+def test_whole_numbers_are_not_rounded(msdwarp, tmp_path, flags, said):
+    code, out, err = msdwarp("run", "cube", *flags)
+    assert (code, out) == (1, "")
+    assert said in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_whole_numbers_of_other_commands_and_in_tuples_are_not_rounded(msdwarp, tmp_path):
+    assert "every is '2.5'; it must be a whole number" in msdwarp("render", "none", "--every", "2.5")[2]
+    assert (
+        "frame is '1.2'; it must be a whole number" in msdwarp("export", "x", "--to", "obj", "--frame", "1.2")[2]
+    )
+    (tmp_path / "own.py").write_text(
+        SCENE
+        + "def build(*, shape: tuple[int, int, int] = (2, 2, 2)):\n    return Scene(system=box(shape, 0.1))\n"
+    )
+    assert "it must be a whole number" in msdwarp("run", "own.py", "--shape", "2", "2.5", "2")[2]
+    assert "12 particles" in msdwarp("run", "own.py", "--shape", "2", "3", "2", *UNDRAWN)[1]
+
+
+def test_a_name_too_long_for_files_is_refused_before_simulating(msdwarp, tmp_path):
+    name = "n" * 240
+    (tmp_path / f"{name}.py").write_text(SCENE + "def build():\n    return Scene(system=box((2, 2, 2), 0.1))\n")
+    code, out, err = msdwarp("run", f"{name}.py")
+    assert (code, out) == (1, "")
+    assert "is 240 bytes long; it must be at most 238" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_log_makes_no_folders(msdwarp, tmp_path):
+    code, out, err = msdwarp("run", "cube", "--size", "3", "--log", "deep/down/energy.csv", *UNDRAWN)
+    assert (code, out) == (1, "")
+    assert err.startswith("error: log is deep/down/energy.csv, whose folder is not there")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,62 @@
+"""What surrounds the command: terminals, closed streams, encodings, and other runs beside it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from msdwarp.cli.process import alone_in
+from msdwarp.cli.results import own_folder
+
+ROOT = Path(__file__).parents[2]
+UNDRAWN = ["--frames", "none", "--video", "none", "--device", "cpu", "--duration", "0.05", "--size", "3"]
+posix = pytest.mark.skipif(os.name != "posix", reason="needs a POSIX system")
+
+
+def command(folder, *arguments, env=(), **options):
+    """Run the command in a process of its own."""
+    words = [sys.executable, "-P", "-m", "msdwarp", *arguments]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), **dict(env)}
+    return subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=100, **options)
+
+
+def test_the_narrowest_terminal_shows_help(tmp_path):
+    done = command(tmp_path, "run", "cube", "--help", env={"COLUMNS": "1"})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "--size" in done.stdout
+
+
+def test_an_encoding_without_a_unit_fails_nothing(tmp_path):
+    done = command(tmp_path, "plot", "--help", env={"PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "m/s\\xb2" in done.stdout
+
+
+@posix
+def test_no_file_takes_the_number_of_a_closed_stream(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import os\nfrom msdwarp import Scene, box\n"
+        "def build(*, size: int = 2):\n"
+        "    null = os.stat(os.devnull)\n"
+        "    assert os.path.samestat(os.fstat(2), null)\n"
+        "    return Scene(system=box((size, 2, 2), 0.1))\n"
+    )
+    done = command(tmp_path, "run", "own.py", *UNDRAWN, preexec_fn=lambda: os.close(2))
+    assert done.returncode == 0
+    assert "wrote out/own/trajectory.vtkhdf" in done.stdout
+    done = command(tmp_path, "run", "own.py", "--size", "0", preexec_fn=lambda: os.close(2))
+    assert done.returncode == 1
+    assert done.stdout.startswith("error: ")  # said where somebody listens
+
+
+@posix
+def test_runs_that_begin_at_once_each_take_a_folder(msdwarp, tmp_path):
+    (tmp_path / "out" / "cube").mkdir(parents=True)
+    with alone_in(tmp_path / "out" / "cube"):  # another run has taken it, and has nothing in it yet
+        code, out, _ = msdwarp("run", "cube", *UNDRAWN)
+        assert (code, "wrote out/cube-2/trajectory.vtkhdf" in out) == (0, True)
+        with own_folder("cube", None, False) as one, own_folder("cube", None, False) as other:
+            assert (one.name, other.name) == ("cube-3", "cube-4")
+        assert "another run is writing in out/cube" in msdwarp("run", "cube", "--out", "out/cube", *UNDRAWN)[2]
