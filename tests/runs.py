@@ -42,7 +42,7 @@ def build(
 ):
     body = box((size, size, 3), 0.1, mass=0.01, stiffness=stiffness, damping=0.2).rotate(0.3, (1, 0, 0))
     assert isinstance(where, Path) and isinstance(origin, tuple) and isinstance(shade, Shade)
-    body = body.translate((0, 0, 0.2)).replace(yield_strain=0.05)
+    body = body.translate((0, 0, 0.23)).replace(yield_strain=0.05)
     ball = Sphere((0, 0, -0.4), 0.5, motion=motion)
     schedule = [at(0.1, stiffness=lambda k: 2 * k), at(0.25, mass=0.02)]
     return Scene(system=body, colliders=[Plane(), ball], schedule=schedule, duration=0.4)

@@ -13,6 +13,9 @@ from msdwarp.engine.dynamics import Dynamics
 from msdwarp.engine.lattice_search import find_lattice
 from msdwarp.engine.model import Model
 
+# Routes are compared from wherever bodies start, in the floor too.
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")
+
 
 @pytest.fixture
 def in_columns(monkeypatch) -> None:

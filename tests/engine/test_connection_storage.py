@@ -12,6 +12,9 @@ from msdwarp.engine.dynamics import Dynamics
 from msdwarp.engine.model import Model
 from msdwarp.engine.routes import scatter_order
 
+# Routes are compared from wherever bodies start, in the floor too.
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")
+
 # Order of scattering.
 
 
