@@ -47,9 +47,8 @@ def build(*, across: int = 18, stiffness: float = 50.0, damping: float = 0.05, m
     mass
         Mass of each particle [kg].
     """
-    body = from_mesh(mould(), across=across, mass=mass, stiffness=stiffness, damping=damping).translate(
-        (0, 0, 0.13)
-    )
+    body = from_mesh(mould(), across=across, mass=mass, stiffness=stiffness, damping=damping)
+    body = body.translate((0, 0, 0.125 - body.position[:, 2].min()))  # the lattice reaches below the mould
     tray = Box((0, 0, 0.06), (1.9, 1.9, 0.12), restitution=0.0, friction=5.0, motion=shake)
     look = Look(texture=jelly("#b3123f", "#ff6a7a"), gloss=0.9, obstacle="#e9e4da", elevation=20)
     warm = at(4.0, stiffness=lambda k: 0.15 * k, damping=lambda b: 2 * b)
