@@ -173,9 +173,8 @@ def test_a_run_killed_twenty_times_ends_as_if_nothing_had_happened(own, kind):
     )
     assert (done.returncode, done.stderr) == (0, "")
     resumed, seen = map(int, done.stdout.split())
-    assert resumed > 0  # how many of the twenty kills came while it ran is up to the machine
-    assert seen > 0
-    )  # how many of the twenty kills came while it ran, and in how many frames, is up to the machine
+    # How many of the twenty kills came while it ran, and in how many frames, is up to the machine.
+    assert resumed > 0
     assert seen > 0
     assert_same_run(own.parent / "killed", own.parent / "whole")
 
