@@ -191,7 +191,7 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     assert "duration is 0" in msdwarp("resume", str(folder), "--duration", "0")[2]
     assert msdwarp("resume", "nothing")[2] == "error: nothing does not exist; it must be the folder of a run\n"
     own.write_text(SCENE.replace("0.01", "0.011"))
-    longer = ("resume", str(folder), "--duration", "0.2")
+    longer = ("resume", str(folder), "--duration", "0.2", "--trust")
     assert "own.py' is no longer what it was when the run began" in msdwarp(*longer)[2]
     own.write_text(
         SCENE.replace("    stiffness: float = 300.0,\n", "").replace("stiffness=stiffness", "stiffness=300.0")
@@ -375,7 +375,7 @@ def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
 def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
     assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
     own.write_text(SCENE.replace(old, new))
-    assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2")[2]
+    assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2", "--trust")[2]
 
 
 def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
@@ -447,7 +447,7 @@ def test_a_rerun_is_the_same_or_says_in_what_it_differs(msdwarp, own, tmp_path):
     assert out == "out/own/trajectory.vtkhdf was made again: the same to the last bit\n"
     assert sorted(p.name for p in path.parent.iterdir()) == ["restart.h5", "trajectory.vtkhdf"]
     own.write_text(SCENE.replace("(0, 0, -0.4), 0.5", "(0, 0, -0.4), 0.51"))
-    code, out, err = msdwarp("rerun", str(path), "--out", "again")
+    code, out, err = msdwarp("rerun", str(path), "--out", "again", "--trust")
     assert (code, out) == (1, "")
     assert "was not made again: it differs from frame" in err
     assert "digest was" in err
