@@ -1,6 +1,7 @@
 """The commands that begin with a file of a run: to look at it, draw it, go on with it, make it again."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,17 +10,18 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from .. import checks, disk
-from ..files import Trajectory, export
+from ..files import Trajectory, export, probe
 from ..studies import plot_history, write_history
-from ..world import Scene
+from ..world import Change, Scene, known_until, scene_from_stored
 from .draw import draw
-from .info import told
+from .info import printable, told
 from .options import Pictures
 from .process import progress_on, start_warp
-from .provenance import built_again
+from .provenance import UNTOLD, built_again
 from .rerun import rerun
 from .results import TRAJECTORY, free_folder, pictures_in
 from .resume import resume_run
+from .trust import Script
 
 PICTURES = Pictures()
 _MOST_FPS = 60.0
@@ -28,12 +30,20 @@ Flag = Annotated[bool, Parameter(negative=())]
 
 
 def trajectory_in(file: Path) -> Path:
-    """Return a trajectory, given by itself or by the folder of its run; raise OSError if there is none."""
+    """Return a trajectory that can be read, given by itself or by the folder of its run.
+
+    Raises
+    ------
+    OSError, ValueError
+        If there is none, or HDF5 cannot read it.
+    """
     if file.is_dir() and not (file / TRAJECTORY).exists():
         raise FileNotFoundError(f"file is {file}, a folder without {TRAJECTORY}; it must be the folder of a run")
     if not file.exists():
         raise FileNotFoundError(f"file is {file}, which does not exist; it must be a trajectory or a run's folder")
-    return file / TRAJECTORY if file.is_dir() else file
+    path = file / TRAJECTORY if file.is_dir() else file
+    probe(path)
+    return path
 
 
 def info_command(file: Path, /) -> None:
@@ -90,13 +100,14 @@ def render_command(
     every: int = 1,
     speed: float = 1.0,
     out: Path | None = None,
+    script: Script = UNTOLD,
     force: Flag = False,
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
 ) -> None:
     """Draw a trajectory: single frames, a film, several poses in one picture.
 
-    Obstacles and looks are those of the scene that made it, whose script is run where it came from one.
+    Obstacles and looks are those in the file; with --scene or --trust those of the script as it is now.
 
     Parameters
     ----------
@@ -129,7 +140,7 @@ def render_command(
         pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
-        name, scene = _scene_of(trajectory, talk)
+        name, scene = _scene_of(trajectory, talk, script)
         folder = out or (path.parent / "render" if force else free_folder(path.parent / "render"))
         there = pictures_in(folder, name)
         if there and not force:
@@ -146,6 +157,8 @@ def render_command(
 def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: float) -> tuple[range, float]:
     """Return the numbers of the frames that are drawn, and how many of them the film shows in a second."""
     count = len(trajectory)
+    if not count:
+        raise ValueError(f"{trajectory.path} has no frames to draw")
     for name, k in (("first", first), ("last", last)):
         if not -count <= k < count:
             raise ValueError(
@@ -160,17 +173,39 @@ def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: flo
     return shown[::step], fps / step
 
 
-def _scene_of(trajectory: Trajectory, talk: Console) -> tuple[str, Scene]:
+def _scene_of(trajectory: Trajectory, talk: Console, script: Script) -> tuple[str, Scene]:
     """Return the name and the scene of a trajectory; without obstacles where it does not tell what they were."""
-    system = trajectory.system
+    system, stored = trajectory.system, trajectory.scene
+    kept = None if stored is None or script.asked_for else scene_from_stored(system, *stored)
+    end = trajectory.times[-1]
+    if kept is not None and end < known_until(kept) + 1e-9:
+        return _name_of(trajectory), kept
     try:
-        origin, scene = built_again(trajectory.attributes)
+        origin, scene = built_again(trajectory.attributes, script)
         if scene.system.position.shape != system.position.shape:
             raise ValueError(f"scene {origin.place!r} has another system now")
     except Exception as error:  # of a script of any kind, or none
-        talk.print(f"drawn without obstacles, in a plain look: {error}", soft_wrap=True, highlight=False)
-        return trajectory.path.stem, Scene(system=system)
+        if kept is not None:
+            without = f"drawn with moving obstacles that stand still from {known_until(kept):.4g} s on"
+        else:
+            without = "drawn without obstacles, in a plain look"
+        talk.print(f"{without}: {printable(str(error))}", soft_wrap=True, highlight=False, markup=False)
+        return (trajectory.path.stem, Scene(system=system)) if kept is None else (_name_of(trajectory), kept)
     return origin.name, replace(scene, system=system)
+
+
+def _name_of(trajectory: Trajectory) -> str:
+    """Return what pictures are called: as the scene is, by the file, or as the file is."""
+    name = Path(str(trajectory.attributes.get("scene", ""))).stem
+    return name if name and name.isprintable() else trajectory.path.stem
+
+
+def _schedule_of(trajectory: Trajectory, script: Script) -> Sequence[Change]:
+    """Return what changes on the way: by the file, or by the scene's script where an earlier version wrote it."""
+    stored = trajectory.scene
+    if stored is None or script.asked_for:
+        return built_again(trajectory.attributes, script)[1].schedule
+    return scene_from_stored(trajectory.system, *stored).schedule
 
 
 def plot_command(
@@ -179,6 +214,7 @@ def plot_command(
     *,
     out: Path | None = None,
     gravity: float | None = None,
+    script: Script = UNTOLD,
     force: Flag = False,
     verbose: Flag = False,
 ) -> None:
@@ -202,8 +238,7 @@ def plot_command(
     with Trajectory(path) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")
-        # What changes on the way is known to the scene alone.
-        schedule = built_again(trajectory.attributes)[1].schedule if trajectory.attributes.get("schedule") else ()
+        schedule = _schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
         target = out or path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
@@ -217,6 +252,7 @@ def resume_command(
     *,
     duration: float | None = None,
     device: str | None = None,
+    script: Script = UNTOLD,
     force: Flag = False,
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
@@ -244,7 +280,7 @@ def resume_command(
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
-    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet_)
+    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet_, script=script)
 
 
 def rerun_command(
@@ -253,6 +289,7 @@ def rerun_command(
     *,
     device: str | None = None,
     out: Path | None = None,
+    script: Script = UNTOLD,
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
 ) -> None:
@@ -275,7 +312,7 @@ def rerun_command(
     """
     start_warp(verbose)
     path = trajectory_in(file)
-    differences = rerun(path, device=device, out=out, quiet=quiet_)
+    differences = rerun(path, device=device, out=out, quiet=quiet_, script=script)
     if differences is not None:
         raise ValueError(f"{path} was not made again: {differences}")
     if not quiet_:

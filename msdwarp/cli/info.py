@@ -18,16 +18,22 @@ def told(trajectory: Trajectory) -> str:
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
     text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
+    # What a file says is shown and not obeyed: a terminal would take some characters as its commands.
     groups = [("What it is", _what(trajectory)), ("How it was simulated", _how(about)), ("Made by", _by(about))]
     rest = about.keys() - _TOLD
     groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
     for title, lines in groups:
-        said = "".join(f"  {name}: {value}\n" for name, value in lines)
+        said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
         text += f"\n{title}\n{said}" if said else ""
     if path.with_name(RESTART).exists():
         going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"
         text += f"\n{path.with_name(RESTART)}: `{going_on}` goes on from it\n"
     return text
+
+
+def printable(text: str) -> str:
+    """Return a text with what a terminal would not print, but obey, written out by its number."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _what(trajectory: Trajectory) -> Lines:
@@ -80,13 +86,15 @@ def _by(about: Mapping[str, Any]) -> Lines:
     if about.get("commit"):
         changed = about["commit"].endswith("+")
         yield "commit", about["commit"].rstrip("+") + (", changed since" if changed else "")
+    if "script" in about:
+        yield "script", _words(about["script"].get("sha256"))
     if "digest" in about:
         yield "digest", f"{about['digest']}, the same for two scenes in which the same moves"
 
 
 _TOLD = {
     *("scene", "parameters", "integrator", "precision", "substeps", "route", "device", "device_name", "gravity"),
-    *("schedule", "options", "command", "versions", "commit", "digest"),
+    *("schedule", "options", "command", "versions", "commit", "digest", "script"),
 }
 """What a run stores, and one of the groups tells."""
 

@@ -19,6 +19,10 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
 from ..world import Scene
 from .scene_files import Origin, find_scene
+from .trust import Script, script_as_stored
+
+UNTOLD = Script()
+"""Nothing was said of scripts: one that a file names runs only where this user ran it."""
 
 
 def about(origin: Origin, scene: Scene) -> dict[str, Any]:
@@ -34,23 +38,25 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
         "command": list(sys.argv),
         "versions": {package: _version(package) for package in ("msdwarp", "warp-lang", "numpy", "h5py")},
         "commit": commit(),
-    }
+    } | script_as_stored(origin.place, origin.script)
 
 
-def built_again(attributes: Mapping[str, Any]) -> tuple[Origin, Scene]:
+def built_again(attributes: Mapping[str, Any], script: Script = UNTOLD) -> tuple[Origin, Scene]:
     """Return the scene that a file's attributes say it came from, built again.
 
-    Its script is run, if it came from one.
+    Its script is run, if it came from one and that may be run.
 
     Raises
     ------
     ValueError
-        If they do not say so, or it cannot be built.
+        If they do not say so, or it cannot be built, or the script may not be run.
     """
-    place = str(checks.member("the file", attributes, "scene"))
+    place = script.place_in(str(checks.member("the file", attributes, "scene")), attributes)
+    stored = checks.member("the file", attributes, "parameters")
+    if not isinstance(stored, Mapping):
+        raise ValueError(f"the file's parameters are {stored!r}; they must be a mapping")
     found = find_scene(place)
     known = inspect.signature(found.build, eval_str=True).parameters
-    stored = checks.member("the file", attributes, "parameters")
     unknown = stored.keys() - known.keys()
     if unknown:
         raise ValueError(f"build of scene {place!r} no longer has the parameters {sorted(unknown)}")

@@ -8,16 +8,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.console import Console
 
+from .. import checks
 from ..files import Trajectory
 from ..studies import compare
 from .options import Options, Pictures
 from .process import alone_in
-from .provenance import about, built_again
+from .provenance import UNTOLD, about, built_again
 from .results import TRAJECTORY, result_folder
 from .run import Run, simulation_by, used
+from .trust import Script
 
 
-def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> str | None:
+def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTOLD) -> str | None:
     """Simulate again what a trajectory holds; return in what it differs, None if in nothing.
 
     Parameters
@@ -30,6 +32,8 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> s
         A folder to keep the result in, with the pictures that the run asked for; by default it is not kept.
     quiet
         Show no progress.
+    script
+        Which script may be run.
 
     Raises
     ------
@@ -38,9 +42,14 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> s
     """
     with Trajectory(path) as trajectory, contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
-        origin, scene = built_again(attributes)
-        changes = {"log": None, "restart": 0.0, "quiet": True, "device": device or attributes["device"]}
-        options = Options.stored(attributes["options"], **changes)
+        origin, scene = built_again(attributes, script)
+        changes = {
+            "log": None,
+            "restart": 0.0,
+            "quiet": True,
+            "device": device or checks.member("the file", attributes, "device"),
+        }
+        options = Options.stored(checks.member("the file", attributes, "options"), **changes)
         if options.trajectory == "none":
             options = replace(options, trajectory="plain")
         if out is None:
@@ -50,7 +59,9 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool) -> s
             folder = result_folder(origin.name, out, False)
         simulation = simulation_by(scene, options)
         new = about(origin, scene) | used(simulation, options)
-        last = (len(trajectory) - 1) * options.every
+        if not len(trajectory):
+            raise ValueError(f"{path} has no frames to make again")
+        last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
         with alone_in(folder):
             Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)

@@ -7,14 +7,15 @@ import numpy as np
 from rich.console import Console
 
 from .. import checks
-from ..files import Trajectory, read_restart
+from ..files import Trajectory, probe, read_restart
 from ..simulation import Simulation
 from ..studies import EnergyLog
 from .options import Options
 from .process import alone_in
-from .provenance import built_again, digest
+from .provenance import UNTOLD, built_again, digest
 from .results import RESTART, TRAJECTORY, pictures_in
 from .run import Run, last_frame, simulation_by
+from .trust import Script
 
 
 def resume_run(
@@ -24,6 +25,7 @@ def resume_run(
     device: str | None = None,
     force: bool = False,
     quiet: bool = False,
+    script: Script = UNTOLD,
 ) -> None:
     """Go on with a run from its restart file, to its end or another duration [s], and draw it as it asked for.
 
@@ -42,18 +44,20 @@ def resume_run(
     if not (folder / RESTART).exists():
         raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
     with alone_in(folder):
+        for name in (RESTART, TRAJECTORY):
+            probe(folder / name)
         arrays, attributes = read_restart(folder / RESTART)
-        made_by = checks.member(f"{folder / RESTART}", attributes, "run")
-        origin, scene = built_again(made_by)
+        made_by, checkpoint = _parts(folder / RESTART, attributes)
+        origin, scene = built_again(made_by, script)
         if digest(scene) != made_by["digest"]:
             raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
         if duration is not None:
             made_by["options"]["duration"] = duration
         device = device or made_by["device"]
         options = Options.stored(made_by["options"], device=device, quiet=quiet, force=force)
-        last, behind = last_frame(options), int(attributes["checkpoint"]["frame_index"]) + 1
+        last, behind = last_frame(options), checks.count("frame_index", checkpoint["frame_index"], 0) + 1
         simulation = simulation_by(scene, options)
-        simulation.restore(arrays, attributes["checkpoint"])
+        simulation.restore(arrays, checkpoint)
         _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)
         pictures = pictures_in(folder, origin.name) if options.pictures.any else []
         if behind > last and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
@@ -66,6 +70,18 @@ def resume_run(
         log = None if path is None or behind > last else EnergyLog(path, behind=behind)
         talk = Console(stderr=True, quiet=quiet)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+
+
+def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what made a run, and the numbers it goes on from; raise ValueError if a part of them is missing."""
+    parts = []
+    wanted = {"run": ("scene", "parameters", "digest", "device", "options"), "checkpoint": ("frame_index",)}
+    for part, names in wanted.items():
+        found = checks.member(str(path), attributes, part)
+        for name in names:
+            checks.member(f"{path}: {part}", found, name)
+        parts.append(found)
+    return parts[0], parts[1]
 
 
 def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:

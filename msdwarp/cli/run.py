@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
@@ -16,7 +17,7 @@ from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ..studies import EnergyLog, cheapest, tune
-from ..world import Scene
+from ..world import Scene, Stored, scene_as_stored
 from .draw import draw
 from .options import Options
 from .process import progress_on, stop_asked_for
@@ -24,6 +25,9 @@ from .provenance import about
 from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
+
+_POSES, _MOST_POSES = 61, 1 << 14
+"""Times at which it is kept where moving obstacles are: over the scene's duration, and in frames at most."""
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
@@ -204,8 +208,14 @@ class Run:
             every=self.options.every,
             strain=self._strain,
             attributes=self.made_by,
+            scene=None if behind else self._scene_as_stored(last),
             behind=behind,
         )
+
+    def _scene_as_stored(self, last: int) -> Stored:
+        """Return the scene by value, with moving obstacles where they are in the frames and over the whole run."""
+        frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / self.options.fps
+        return scene_as_stored(self.scene, [*frames, *np.linspace(0, self.scene.duration, _POSES)])
 
     def _simulate(
         self,

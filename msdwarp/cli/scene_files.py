@@ -1,5 +1,6 @@
 """Scene files: a scene found by its name or its script."""
 
+import hashlib
 import importlib.util
 import inspect
 import pkgutil
@@ -27,6 +28,8 @@ class Origin(NamedTuple):
     """Builds it."""
     parameters: Mapping[str, Any]
     """What it was built with; what is not among them is as `build` has it."""
+    script: str | None = None
+    """The SHA-256 of its script as it was run; None for a scene that comes with msdwarp."""
 
     def scene(self) -> Scene:
         """Return the scene; raise ValueError if `build` returns something else."""
@@ -50,7 +53,7 @@ def find_scene(scene: str) -> Origin:
     ValueError
         If there is no such scene, or its script has no `build`.
     """
-    path = Path(scene)
+    path, digest = Path(scene), None
     if scene in scene_names():
         with at_once():
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
@@ -59,7 +62,8 @@ def find_scene(scene: str) -> Origin:
         # Not by its own name: a scene called numpy.py or msdwarp.py would take the place of the module.
         spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
-        assert spec.loader is not None
+        source = path.read_bytes()  # once: what runs is what the digest is of, and no compiled file beside it
+        digest = hashlib.sha256(source).hexdigest()
         name, module = path.stem, importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
         folder = str(path.parent.resolve())
@@ -67,7 +71,7 @@ def find_scene(scene: str) -> Origin:
             sys.path.append(folder)
         try:
             with at_once():
-                spec.loader.exec_module(module)
+                exec(compile(source, str(path), "exec"), module.__dict__)
         except SystemExit as error:
             guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
             raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
@@ -78,7 +82,7 @@ def find_scene(scene: str) -> Origin:
     if not callable(getattr(module, "build", None)):
         raise ValueError(f"scene is {scene!r}, whose script has no function `build`")
     place = scene if scene in scene_names() else str(path.resolve())
-    return Origin(name, place, module.build, {})
+    return Origin(name, place, module.build, {}, digest)
 
 
 def origin_of(build: Build) -> Origin:
@@ -87,4 +91,5 @@ def origin_of(build: Build) -> Origin:
     own = path.parent in {Path(folder).resolve() for folder in scenes.__path__}
     if not own:
         remember(path)
-    return Origin(path.stem, path.stem if own else str(path), build, {})
+    digest = None if own else hashlib.sha256(path.read_bytes()).hexdigest()
+    return Origin(path.stem, path.stem if own else str(path), build, {}, digest)

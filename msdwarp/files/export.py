@@ -95,6 +95,8 @@ def _told(path: Path) -> Iterator[None]:
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
     """Return the frames' numbers, counted from the start."""
+    if not count:
+        raise ValueError("the trajectory has no frames to export")
     try:
         numbers = np.atleast_1d(np.arange(count)[frames]).tolist()
     except IndexError as error:
@@ -108,11 +110,18 @@ def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDA
     """Yield, frame by frame, points [m], cells of two or three of them, and texture coordinates."""
     surface, connections = trajectory.system.surface, trajectory.system.connections
     for k in numbers:
-        position = trajectory.positions[k]
+        position = _finite(trajectory, k, "position")
         if surface is None:
             yield in_space(position), connections, None
         else:
             yield in_space(surface.points(position)), surface.triangles, surface.uv
+
+
+def _finite(trajectory: Trajectory, k: int, name: str) -> NDArray:
+    """Return positions or velocities in frame k; raise ValueError if one is no number: a run writes none."""
+    values: NDArray = getattr(trajectory.frame(k), name)
+    checks.every(f"frame {k} of {trajectory.path} is damaged: {name}", values, np.isfinite(values), "finite")
+    return values
 
 
 def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
@@ -196,13 +205,14 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
         for name, values in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.ascontiguousarray(values))
-        for name, values in (("positions", trajectory.positions), ("velocities", trajectory.velocities)):
+        for name, values in (("position", trajectory.positions), ("velocity", trajectory.velocities)):
             shape = (len(numbers), *values.shape[1:])
             header = {"descr": np.lib.format.dtype_to_descr(values.dtype), "fortran_order": False, "shape": shape}
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+            plural = {"position": "positions", "velocity": "velocities"}[name]
+            with archive.open(f"{plural}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array_header_2_0(file, header)
                 for k in numbers:
-                    file.write(np.ascontiguousarray(values[k]).tobytes())
+                    file.write(np.ascontiguousarray(_finite(trajectory, k, name)).tobytes())
 
 
 _MESHES: dict[str, Callable[[Path, NDArray, NDArray, NDArray | None], None]] = {

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from ..bodies import Frame, System
 from ..disk import replacing, reserve
-from .vtkhdf import Layout
+from .vtkhdf import Layout, Scene
 
+About = tuple[float, dict, Scene | None]
+"""Frames per second, what made the run, and what pictures need of its scene."""
 _SLACK = 1 << 18
 """Bytes that HDF5's own records of one frame can take."""
 
@@ -25,7 +28,7 @@ class GrowingFile:
     before HDF5 learns of a frame, as HDF5 does not recover from a disk that is full.
     """
 
-    def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: tuple[float, dict]):
+    def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: About):
         self.path, self.force, self._layout_for, self._about = path, force, layout, about
         self.written = 0
         self._file: Any = None
@@ -76,7 +79,9 @@ class GrowingFile:
                 pass
             self._open(unfinished)
             try:
-                self._reserve(self._layout.static_size)
+                arrays = () if self._about[2] is None else self._about[2][1].values()
+                scene = sum(len(zlib.compress(values.tobytes(), 1)) for values in arrays)
+                self._reserve(self._layout.static_size + scene)
                 self._layout.begin(self._file, *self._about)
                 self._layout.open(self._file)
                 self._append(frame, strain)

@@ -19,6 +19,15 @@ def store(group: Any, name: str, values: NDArray, compress: bool) -> None:
     group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
 
 
+def store_text(group: Any, name: str, text: str) -> None:
+    """Store a text as one of a fixed length.
+
+    HDF5 lays texts of any length into a heap that has no checksum; where a disk has lost a part of that, reading
+    it never ends.
+    """
+    group.create_dataset(name, data=np.bytes_(text.encode()))
+
+
 def fault(file: Any) -> str | None:
     """Return what tells a file from a trajectory that can be read, None where nothing does."""
     if ROOT not in file:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
-from .names import OWN, ROOT, store
+from .names import OWN, ROOT, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
 
@@ -32,7 +32,8 @@ def write_system(group: Any, system: System, compress: bool) -> None:
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
     damper = (type(system.damper).__name__, asdict(system.damper))
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
-    group["description"] = json.dumps({"damper": damper, "directions": bodies, "groups": list(system.groups)})
+    described = {"damper": damper, "directions": bodies, "groups": list(system.groups)}
+    store_text(group, "description", json.dumps(described))
     for name, values in arrays_of(system).items():
         store(group, f"system/{name}", np.asarray(values), compress)
 

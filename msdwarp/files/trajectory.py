@@ -9,11 +9,16 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..bodies import AXES, Frame, System, counted
 from .frame_array import FrameArray
 from .names import KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, fault
+from .sound import too_large, unsound
 from .stored_system import read_system
 from .vtkhdf import read_times
+
+_ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
+"""What reading a damaged file may raise."""
 
 
 class Trajectory:
@@ -41,17 +46,40 @@ class Trajectory:
             own, root = self._file[OWN], self._file[ROOT]
             self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
             self._points, self._lines = int(root["NumberOfPoints"][0]), int(root["Lines/NumberOfCells"][0])
+            checks.one_of("dim", self._dim, AXES)
+            if not 0 < self._particles <= self._points:
+                raise ValueError(f"it has {self._particles} particles among {self._points} points")
             self._cells = sum(int(root[kind]["NumberOfCells"][0]) for kind in KINDS)
             whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
+            self._check_size(root, "Steps/Values", min(whole, int(root["Steps"].attrs["NSteps"])))
             self.times: NDArray[np.float64] = read_times(root)[:whole]
             """Time of each frame [s], shape [frame_count]."""
-            self.fps = float(own.attrs["fps"])
+            self._check_sizes(root)
+            self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
             self.attributes: dict[str, Any] = json.loads(own["attributes"][()])
             """What made the run."""
-        except (KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
+            if not isinstance(self.attributes, dict):
+                raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
+        except _ERRORS as error:
             self.close()
             raise ValueError(f"{self.path} is a damaged trajectory: {error}") from error
+
+    def _check_sizes(self, root: Any) -> None:
+        """Raise ValueError unless what is said to be in the frames can be in the file."""
+        each = {POINTS: (self._points, 3), VELOCITY: (self._points, 3), STRAIN: (self._cells, 1)}
+        for name, (rows, width) in each.items():
+            if name not in root:
+                continue
+            shape = root[name].shape
+            if shape[1:] != ((width,) if width > 1 else ()) or shape[0] < len(self) * rows:
+                raise ValueError(f"{name} has shape {shape}, for {len(self)} frames of {rows}")
+            self._check_size(root, name, len(self) * rows * width)
+
+    def _check_size(self, root: Any, name: str, count: int) -> None:
+        """Raise ValueError if so many numbers cannot be in the file, which may still be growing."""
+        if wrong := too_large(root[name], count, self.path.stat().st_size):
+            raise ValueError(f"{name} {wrong}")
 
     def close(self) -> None:
         """Close the file; nothing can be read then."""
@@ -87,8 +115,26 @@ class Trajectory:
         """The system as it was at the start; ValueError if that part of the file is damaged."""
         try:
             return read_system(self._file)
-        except (KeyError, OSError, TypeError, ValueError) as error:
+        except _ERRORS as error:
             raise ValueError(f"{self.path} is a damaged trajectory: its system cannot be read: {error}") from error
+
+    @cached_property
+    def scene(self) -> tuple[dict[str, Any], dict[str, NDArray]] | None:
+        """What pictures need of its scene, as the writer was given it; None if it was given none.
+
+        Raises
+        ------
+        ValueError
+            If that part of the file is damaged.
+        """
+        own = self._file[OWN]
+        if "scene" not in own:
+            return None
+        try:
+            described, names = json.loads(own["scene/description"][()])
+            return described, {name: own[f"scene/arrays/{k}"][()] for k, name in enumerate(names)}
+        except _ERRORS as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its scene cannot be read: {error}") from error
 
     @property
     def positions(self) -> FrameArray:
@@ -140,7 +186,10 @@ def _opened(path: Path) -> Any:
     try:
         file = h5py.File(path, "r", locking=False)
         wrong = fault(file)
-    except (KeyError, OSError, RuntimeError) as error:
+        if wrong is None and (found := unsound(file)) is not None:
+            file.close()
+            raise ValueError(f"{path} cannot be read: {found}")
+    except (AttributeError, KeyError, OSError, RuntimeError, TypeError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} cannot be read: {reason}") from error
     if wrong is not None:

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import AXES, System
-from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, store
+from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, store, store_text
 from .stored_system import arrays_of, write_system
 
+Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
+"""What pictures need of a scene: what JSON can hold, and arrays by name."""
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
 _FORESEEN = 1024
@@ -82,11 +84,16 @@ class Layout:
             size += chunks * rows * self._row_size(name)
         return size
 
-    def begin(self, file: Any, fps: float, attributes: Mapping[str, Any]) -> None:
-        """Write what there is once: the attributes of the run among it, which JSON can hold."""
+    def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
+        """Write what there is once: the attributes of the run among it, and its scene, which JSON can hold."""
         group = file.create_group(OWN)
         group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
-        group["attributes"] = json.dumps(attributes)
+        store_text(group, "attributes", json.dumps(attributes))
+        if scene is not None:
+            described, arrays = scene
+            store_text(group, "scene/description", json.dumps([described, list(arrays)]))
+            for k, values in enumerate(arrays.values()):
+                store(group, f"scene/arrays/{k}", values, compress=True)  # images, for the most part
         write_system(group, self._system, self._compress)
         root = file.create_group(ROOT)
         root.attrs["Version"] = np.array([2, 2])

@@ -17,7 +17,7 @@ from ..bodies import Frame, System
 from .growing_file import GrowingFile
 from .stored_system import DAMPERS
 from .trajectory import Trajectory
-from .vtkhdf import Layout, as_json
+from .vtkhdf import Layout, Scene, as_json
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
@@ -60,6 +60,9 @@ class TrajectoryWriter:
         Write the strain of every connection: one number each, of which a lattice has many more than positions.
     attributes
         What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
+    scene
+        What pictures need of the surroundings: what JSON can hold, and arrays by name. `Trajectory.scene` gives it
+        back.
     force
         Replace a file that is there.
     behind
@@ -89,6 +92,7 @@ class TrajectoryWriter:
         every: int = 1,
         strain: bool = True,
         attributes: Mapping[str, Any] | None = None,
+        scene: Scene | None = None,
         force: bool = False,
         behind: int = 0,
     ) -> None:
@@ -100,7 +104,8 @@ class TrajectoryWriter:
         self._every = checks.count("every", every, 1)
         if frame_count is not None:
             frame_count = -(-checks.count("frame_count", frame_count, 1) // self._every)
-        about = (checks.positive("fps", fps) / self._every, as_json(attributes or {}))
+        scene = None if scene is None else (as_json(scene[0]), scene[1])
+        about = (checks.positive("fps", fps) / self._every, as_json(attributes or {}), scene)
         self._system, self._offered = system, checks.count("behind", behind, 0)
         if self.path.exists() and not force and not behind:
             raise FileExistsError(f"path is {self.path}, which exists; name another file or add --force")

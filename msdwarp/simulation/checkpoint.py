@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
 from ..engine import Rates
-from ..integrators import StepChoice
+from ..integrators import MOST_SUBSTEPS, StepChoice
 from .stepping import Stepping
 
 Arrays = Mapping[str, NDArray]
@@ -53,7 +53,9 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
     known = {f"rates.{name}": value for name, value in Rates._field_defaults.items()} | dict(numbers)
     rates = Rates(*(float(checks.member("checkpoint", known, f"rates.{name}")) for name in Rates._fields))
     limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
-    return StepChoice(rates, float(limit), int(least), int(substeps), fps)
+    if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
+        raise ValueError(f"substeps of the checkpoint is {substeps}; it must be at most {MOST_SUBSTEPS}")
+    return StepChoice(rates, float(limit), checks.count("least", least, 0), int(substeps), fps)
 
 
 def check_arrays(stepping: Stepping, arrays: Arrays) -> None:

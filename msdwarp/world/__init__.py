@@ -4,5 +4,21 @@ from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .look import Look
 from .scene import Scene
 from .schedule import Change, at
+from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
 
-__all__ = ["Box", "Capsule", "Change", "Collider", "Cone", "Look", "Plane", "Scene", "Sphere", "at"]
+__all__ = [
+    "Box",
+    "Capsule",
+    "Change",
+    "Collider",
+    "Cone",
+    "Look",
+    "Plane",
+    "Scene",
+    "Sphere",
+    "Stored",
+    "at",
+    "known_until",
+    "scene_as_stored",
+    "scene_from_stored",
+]

@@ -97,10 +97,7 @@ class Collider:
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
-        given = self.motion(time)
-        # A displacement in 2-D may be a pair too, of numbers.
-        turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
-        displacement, turn = given if turned else (given, None)
+        displacement, turn = displacement_and_turn(self.motion(time))
         name = f"motion({time:g})"
         shift = checks.vector(
             name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim
@@ -333,6 +330,13 @@ class Cone(Collider):
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return the apex as a and the middle of the base as b."""
         return {"a": self.apex, "b": self.base, "radius": self.radius}
+
+
+def displacement_and_turn(given: Any) -> tuple[Any, Any]:
+    """Return what a motion gave as a pair; the turn is None where it gave a displacement alone."""
+    # A displacement in 2-D may be a pair too, of numbers.
+    turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
+    return given if turned else (given, None)
 
 
 def _check_ends(collider: Any, first: str, second: str) -> None:

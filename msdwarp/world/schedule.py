@@ -55,8 +55,7 @@ class Change:
         ValueError
             If the group is unknown, or a value is out of its range.
         """
-        chosen = self._particles(system)
-        joined: NDArray[np.bool_] = np.all(chosen[system.connections], axis=1)
+        chosen, joined = self.chosen(system)
         values = dict(self.parameters)
         if self.freeze:
             values["rest_length"] = system.length[joined]
@@ -72,6 +71,11 @@ class Change:
             pinned = np.isinf(checks.broadcast("mass", fields["mass"], system.mass.shape))
             fields["velocity"] = np.where(pinned[:, None], 0.0, system.velocity)
         return system.replace(**fields)
+
+    def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which particles are meant, and which connections: those between them; ValueError if unknown."""
+        chosen = self._particles(system)
+        return chosen, np.all(chosen[system.connections], axis=1)
 
     def _particles(self, system: System) -> NDArray[np.bool_]:
         """Return which particles are meant."""

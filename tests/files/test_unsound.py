@@ -1,0 +1,205 @@
+"""Files that a disk has damaged, or that someone has made so: they are refused in a way that ends."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import suppress
+
+import h5py
+import numpy as np
+import pytest
+from trajectories import SYSTEMS, write
+
+from msdwarp import Trajectory
+from msdwarp.files import export, probe
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes={"note": "x" * 9000})
+
+
+def changed(path, change):
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+def as_before(file):
+    """Store the texts as earlier versions did: in a heap without checksums."""
+    for name in ("attributes", "description"):
+        text = file["msdwarp"][name][()].decode()
+        del file["msdwarp"][name]
+        file["msdwarp"][name] = text
+
+
+def lose_a_page_of_the_heap(path):
+    whole = bytearray(path.read_bytes())
+    start = whole.index(b"GCOL") + 16  # behind its head, where sizes of 0 follow each other for ever
+    whole[start : start + 4080] = bytes(4080)
+    path.write_bytes(whole)
+
+
+def test_a_lost_page_on_which_hdf5_does_not_come_back_is_told(tmp_path, path):
+    changed(path, as_before)
+    probe(path)
+    lose_a_page_of_the_heap(path)
+    with pytest.raises(ValueError, match=r"a\.vtkhdf is damaged: reading its structures does not end"):
+        probe(path)
+    code = "import sys; sys.argv = ['msdwarp', 'info', 'a.vtkhdf']; from msdwarp.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("error: a.vtkhdf is damaged: reading its structures does not end")
+
+
+def test_new_files_have_no_texts_in_a_heap_without_checksums(path):
+    assert b"GCOL" not in path.read_bytes()
+
+
+def test_any_lost_page_of_a_new_file_ends(path, tmp_path):
+    whole = path.read_bytes()
+    for place in range(0, min(len(whole), 40960), 4096):
+        bad = tmp_path / "bad.vtkhdf"
+        bad.write_bytes(whole[:place] + bytes(4096) + whole[place + 4096 :])
+        with suppress(ValueError):
+            probe(bad)
+            with Trajectory(bad) as found:
+                _ = found.system
+
+
+def test_a_sound_file_is_probed_in_little_time(path):
+    def spent():
+        began = time.process_time(), time.perf_counter()
+        probe(path)
+        return time.perf_counter() - began[1]
+
+    base = [sys.executable, "-I", "-c", "import h5py"]
+    began = time.perf_counter()
+    subprocess.run(base, check=True)
+    imported = time.perf_counter() - began
+    # Beside starting Python and loading HDF5, which takes as long as the machine is busy: next to nothing.
+    assert min(spent() for _ in range(3)) < 3 * imported + 0.5
+
+
+def test_what_lies_outside_is_not_followed(tmp_path, path):
+    other = shutil.copy(path, tmp_path / "other.vtkhdf")
+
+    def out(file):
+        del file["VTKHDF/Points"]
+        file["VTKHDF/Points"] = h5py.ExternalLink(str(other), "VTKHDF/Points")
+
+    def soft(file):
+        file["VTKHDF/again"] = h5py.SoftLink("/VTKHDF/Points")
+
+    def virtual(file):
+        source = h5py.VirtualSource(str(other), "VTKHDF/Points", shape=file["VTKHDF/Points"].shape)
+        layout = h5py.VirtualLayout(source.shape, "f4")
+        layout[:] = source
+        del file["VTKHDF/Points"]
+        file["VTKHDF"].create_virtual_dataset("Points", layout)
+
+    def raw(file):
+        del file["msdwarp/system/mass"]
+        place = [(str(other), 0, h5py.h5f.UNLIMITED)]
+        file["msdwarp/system"].create_dataset("mass", shape=(36,), dtype="f8", external=place)
+
+    whole = path.read_bytes()
+    for change, said in [(out, "is a link"), (soft, "is a link"), (virtual, "other files"), (raw, "other files")]:
+        path.write_bytes(whole)
+        changed(path, change)
+        for look in (probe, Trajectory):
+            with pytest.raises(ValueError, match=rf"a\.vtkhdf cannot be read: .*{said}"):
+                look(path)
+
+
+def test_sizes_that_the_file_does_not_have_are_not_believed(path):
+    def mass(file):
+        del file["msdwarp/system/mass"]
+        file["msdwarp/system"].create_dataset("mass", shape=(2 << 30,), dtype="f8", chunks=(1 << 20,))
+
+    def points(file):
+        file["VTKHDF/Points"].resize(10**9, axis=0)
+        file["VTKHDF/PointData/velocity"].resize(10**9, axis=0)
+        file["VTKHDF/Steps/Values"].resize(10**9, axis=0)
+        file["VTKHDF/Steps"].attrs["NSteps"] = 10**9
+
+    whole = path.read_bytes()
+    for change, said in [
+        (mass, r"system/mass' should hold 17179869184 bytes, and 0 are there"),
+        (points, "hold"),
+    ]:
+        path.write_bytes(whole)
+        changed(path, change)
+        with pytest.raises(ValueError, match=said):
+            Trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda file: file["VTKHDF/NumberOfPoints"].write_direct(np.array([0])), "36 particles among 0 points"),
+        (lambda file: file["msdwarp"].attrs.modify("dim", 7), "dim is 7; it must be one of 1, 2, 3"),
+        (lambda file: file["msdwarp"].attrs.modify("fps", 0.0), "fps is 0; it must be a number above 0"),
+        (lambda file: file["msdwarp"].attrs.modify("fps", np.nan), "fps is nan; it must be a number above 0"),
+        (lambda file: file["msdwarp"].attrs.modify("particle_count", -3), "-3 particles among 36 points"),
+    ],
+)
+def test_numbers_that_cannot_be_are_told(path, change, said):
+    changed(path, change)
+    with pytest.raises(ValueError, match=rf"damaged trajectory: .*{said}"):
+        Trajectory(path)
+
+
+def test_positions_that_are_no_numbers_are_not_exported(path, tmp_path):
+    def spoil(file):
+        file["VTKHDF/Points"][36 + 5, 1] = np.nan
+
+    changed(path, spoil)
+    with Trajectory(path) as found:
+        for to in ("obj", "npz", "gltf"):
+            with pytest.raises(ValueError, match=r"frame 1 of .* is damaged: position\[5, 1\] is nan"):
+                export(found, tmp_path / f"b.{to}", to)
+            assert not (tmp_path / "b_0001.obj").exists()
+        export(found, tmp_path / "c.npz", "npz", 2)
+
+
+def test_a_file_of_no_frames_is_told(msdwarp, path):
+    changed(path, lambda file: file["VTKHDF/Steps"].attrs.modify("NSteps", 0))
+    assert "no frames" in msdwarp("info", "a.vtkhdf")[1]
+    assert "has no frames to export" in msdwarp("export", "a.vtkhdf", "--to", "obj")[2]
+    assert "has no frames to draw" in msdwarp("render", "a.vtkhdf")[2]
+
+
+def test_a_terminal_is_not_told_what_to_do(msdwarp, tmp_path):
+    about = {"scene": "\x1b[2Jcube", "parameters": {"\x1b]0;x\x07": "\u202e"}, "note\x1b": "a\nb"}
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about)
+    out = msdwarp("info", "a.vtkhdf")[1]
+    assert out.replace("\n", "").isprintable()
+    assert r"scene: \x1b[2Jcube" in out
+    err = msdwarp("render", "a.vtkhdf", "--video", "none", "--resolution", "128x72")[2]
+    assert err.replace("\n", "").isprintable()
+
+
+def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
+    from msdwarp.cli.resume import resume_run
+    from msdwarp.files import read_restart, write_restart
+
+    short = ("--size", "3", "--duration", "0.05", "--frames", "none", "--video", "none", "--device", "cpu")
+    assert msdwarp("run", "cube", *short)[0] == 0
+    path = tmp_path / "out" / "cube" / "restart.h5"
+    arrays, whole = read_restart(path)
+    needed = [("run", name) for name in ("scene", "parameters", "digest", "device", "options")]
+    for part, name in [*needed, *(("checkpoint", name) for name in ("frame_index", "substeps", "fps"))]:
+        spoiled = json.loads(json.dumps(whole))
+        del spoiled[part][name]
+        write_restart(path, arrays, spoiled)
+        with pytest.raises(ValueError, match=f"lacks '{name}'"):
+            resume_run(tmp_path / "out" / "cube", quiet=True)
+    spoiled = json.loads(json.dumps(whole))
+    spoiled["checkpoint"]["substeps"] = 10**9
+    write_restart(path, arrays, spoiled)
+    assert "it must be at most 100000" in msdwarp("resume", "out/cube", "--duration", "0.1")[2]
