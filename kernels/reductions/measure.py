@@ -14,9 +14,10 @@ from ..forces import Law, damper_force
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
 """Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
 PARTICLE_COLUMNS = 8
-ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
-"""Columns of what `sum_connections` gives: [J], [W] and a strain, which is the largest, not a sum."""
-CONNECTION_COLUMNS = 3
+ELASTIC, STORING, DISSIPATED, STRAIN = 0, 1, 2, 3
+"""Columns of what `sum_connections` gives: [J], what springs take up [W], what dampers turn to heat [W], and a strain,
+which is the largest, not a sum."""
+CONNECTION_COLUMNS = 4
 
 
 @functools.cache
@@ -112,6 +113,7 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
             shares[share, wp.static(ELASTIC)] += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
+                shares[share, wp.static(STORING)] += wp.float64(stiffness[c]) * stretch * rate
                 shares[share, wp.static(DISSIPATED)] += resistance(rate, wp.float64(damping[c])) * rate
             shares[share, wp.static(STRAIN)] = wp.max(shares[share, wp.static(STRAIN)], wp.abs(stretch) / rest)
             c += shares.shape[0]

@@ -4,6 +4,7 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
+from .balance import Balance, balance, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_strain
@@ -16,6 +17,7 @@ from .watch import Backup, Baseline, Watch
 
 __all__ = [
     "Backup",
+    "Balance",
     "Baseline",
     "Blocks",
     "Dynamics",
@@ -26,10 +28,14 @@ __all__ = [
     "Stepper",
     "Watch",
     "add_linearised",
+    "balance",
     "check_blocks",
     "doubt_start",
     "measure",
     "rate_bounds",
+    "rounding_energy",
+    "size",
+    "weight",
     "write_diagonal_blocks",
     "write_strain",
 ]

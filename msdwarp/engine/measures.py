@@ -54,17 +54,8 @@ def measure(
         What the positions have lost by rounding, in compensated precision.
     """
     v = state.v if velocity is None else velocity
-    compensated = model.compensated and x_lost is not None
     particles = particle_sums(model, state.x, v)
-    connections = np.zeros(columns.CONNECTION_COLUMNS)
-    if model.connection_count:
-        constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-        shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
-        inputs = [*constants, state.x, v, x_lost if compensated else state.x]
-        kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
-        _launch(kernel, inputs, shares, model)
-        parts = shares.numpy()
-        connections = np.append(parts[:, : columns.STRAIN].sum(axis=0), parts[:, columns.STRAIN].max())
+    connections = connection_sums(model, state.x, v, x_lost)
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
         float(particles[columns.KINETIC]),
@@ -83,6 +74,19 @@ def particle_sums(model: Model, x: wp.array, v: wp.array) -> NDArray[np.float64]
     shares = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
     _launch(sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v], shares, model)
     return shares.numpy().sum(axis=0)
+
+
+def connection_sums(model: Model, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> NDArray[np.float64]:
+    """Return the sums over connections, and the largest strain, in the columns of the same."""
+    if not model.connection_count:
+        return np.zeros(columns.CONNECTION_COLUMNS)
+    compensated = model.compensated and x_lost is not None
+    constants = [model.connections, model.rest_length, model.stiffness, model.damping]
+    shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
+    kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
+    _launch(kernel, [*constants, x, v, x_lost if compensated else x], shares, model)
+    parts = shares.numpy()
+    return np.append(parts[:, : columns.STRAIN].sum(axis=0), parts[:, columns.STRAIN].max())
 
 
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:

@@ -5,8 +5,8 @@ from typing import NamedTuple, Self
 import numpy as np
 import warp as wp
 
-from ..bodies import stored
 from ..kernels.reductions import look_over
+from .balance import rounding_energy, size, weight
 from .measures import measure
 from .model import Model
 from .state import State, copy_vectors, moving
@@ -27,8 +27,8 @@ class Baseline(NamedTuple):
     def of(cls, model: Model, state: State) -> Self:
         """Return the baseline of a run that starts in this state."""
         start = measure(model, state)
-        scale = start.kinetic_energy + start.elastic_energy + _weight(model) * _size(state)
-        return cls(start.energy, scale + _rounding_energy(model, state))
+        scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
+        return cls(start.energy, scale + rounding_energy(model, state))
 
 
 class Watch:
@@ -45,6 +45,8 @@ class Watch:
         self.baseline = baseline or Baseline.of(model, state)
         """The start of the run: it stays, though the number of substeps changes on the way."""
         self._look_over = look_over(model.dim, model.scalar)
+        self.energy = 0.0
+        """Kinetic and gravitational energy of the state last found out about [J]."""
         self._first = wp.empty(1, dtype=int, device=model.device)
         threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
         self._energies = wp.zeros((threads, 2), dtype=wp.float64, device=model.device)
@@ -73,7 +75,8 @@ class Watch:
         if self._model.device.is_cuda:
             wp.synchronize_stream(self._model.device.stream)
         first, energies = (array.numpy() for array in self._found)
-        return int(first[0]) < self._model.particle_count or not energies.sum() <= self._most
+        self.energy = float(energies.sum())
+        return int(first[0]) < self._model.particle_count or not self.energy <= self._most
 
     def culprit(self) -> int:
         """Return the first particle that is not finite, else the fastest."""
@@ -109,29 +112,3 @@ class Backup:
             copy_vectors(live, kept)
         for live, kept in self._changing:
             wp.copy(live, kept)
-
-
-def _weight(model: Model) -> float:
-    """Return the weight of all that is not pinned [N]."""
-    mass = model.system.mass
-    one = stored(mass)
-    share = len(mass) / len(one)  # how often a mass stands for itself
-    g = np.linalg.norm(np.array(list(model.gravity), dtype=np.float64))
-    return float(one[np.isfinite(one)].sum() * share * g)
-
-
-def _size(state: State) -> float:
-    """Return the largest extent of a system [m], at least a metre for a single particle."""
-    return float(np.ptp(state.x.numpy(), axis=0).max()) or 1.0
-
-
-def _rounding_energy(model: Model, state: State) -> float:
-    """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
-
-    A thousand times that, since rounding errors of many substeps add up.
-    """
-    off = float(np.finfo(model.dtype).eps) * float(np.abs(state.x.numpy()).max())
-    stiffness = model.system.stiffness
-    one = stored(stiffness)
-    total = float(one.sum()) * (len(stiffness) / len(one) if len(one) else 0.0)
-    return 1e3 * total * off**2

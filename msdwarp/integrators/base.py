@@ -20,6 +20,9 @@ class Integrator(ABC):
     one_kernel: ClassVar[bool] = True
     """Whether all that a substep launches is stages of one method (see `msdwarp.engine.Stepper`)."""
 
+    lag: ClassVar[float] = 0.0
+    """Substeps by which velocities lag behind positions, as far as energy goes (see `msdwarp.engine.balance`)."""
+
     @property
     def evaluations(self) -> int:
         """Force evaluations per substep."""

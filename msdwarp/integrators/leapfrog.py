@@ -44,6 +44,7 @@ class Leapfrog(Integrator):
     damper_extrapolation: float = 0.0
 
     order: ClassVar[int] = 2
+    lag: ClassVar[float] = 0.5
 
     def __post_init__(self) -> None:
         """Check the argument."""

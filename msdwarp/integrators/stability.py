@@ -42,6 +42,12 @@ class StepChoice:
     """The number chosen or asked for."""
     fps: float
     """Frames per second."""
+    refinement: float = 1.0
+    """How many times as many as the stability limit asks for, since energy grew or the frame could not be done."""
+
+    def refined(self, refinement: float) -> "StepChoice":
+        """Return the choice with so many times the substeps that the stability limit asks for."""
+        return replace(self, substeps=math.ceil(self.substeps * refinement - 1e-9), refinement=refinement)
 
     @property
     def step(self) -> float:
@@ -62,9 +68,10 @@ class StepChoice:
         """Say it in a line."""
         frequency = math.sqrt(self.rates.stiffness) / (2 * math.pi)
         zeta = f"{self.rates.damping_ratio:.2g}"
+        finer = f"; {self.refinement:.3g} times as many as for small motions" if self.refinement > 1 else ""
         return (
             f"{self.substeps} substeps a frame (at least {self.least} are stable: fastest oscillation at most "
-            f"{frequency:.3g} Hz, damping ratio {zeta})"
+            f"{frequency:.3g} Hz, damping ratio {zeta}{finer})"
         )
 
 

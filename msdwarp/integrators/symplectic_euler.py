@@ -18,6 +18,7 @@ class SymplecticEuler(Integrator):
     """
 
     order: ClassVar[int] = 1
+    lag: ClassVar[float] = 0.5
 
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""

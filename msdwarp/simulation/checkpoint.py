@@ -27,6 +27,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     choice = stepping.choice
     numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
     numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
+    numbers["refinement"] = choice.refinement
     return arrays, numbers
 
 
@@ -55,7 +56,8 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
     limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
     if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
         raise ValueError(f"substeps of the checkpoint is {substeps}; it must be at most {MOST_SUBSTEPS}")
-    return StepChoice(rates, float(limit), checks.count("least", least, 0), int(substeps), fps)
+    refinement = checks.positive("refinement", numbers.get("refinement", 1.0))
+    return StepChoice(rates, float(limit), checks.count("least", least, 0), int(substeps), fps, refinement)
 
 
 def check_arrays(stepping: Stepping, arrays: Arrays) -> None:

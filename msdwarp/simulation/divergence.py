@@ -46,6 +46,7 @@ def describe(
     substeps: int,
     needed: int,
     inside: str | None = None,
+    gained: float | None = None,
 ) -> SimulationDiverged:
     """Return the exception for a frame that began at `time` [s], in which trouble was found.
 
@@ -63,6 +64,9 @@ def describe(
         How many would have been stable when the frame began; 0 where none are.
     inside
         What is to be said about a particle that started inside an obstacle: that is then the cause.
+    gained
+        The share of its scale by which energy has grown from nothing though substeps were refined; None if it is
+        not for that.
     """
     position, substep, particle = trouble
     connection, strain, stretched = None, float("nan"), ""
@@ -81,8 +85,11 @@ def describe(
     if inside and time < INSIDE_MATTERS:
         advice = inside
     when = time + substep * dt
+    what = "diverged"
+    if gained is not None:
+        what = f"energy has grown by {gained:.0%} of its scale from nothing, which shorter steps did not prevent, so it ended"
     return SimulationDiverged(
-        f"diverged at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
+        f"{what} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
         f"{advice}. The last good frame, at {time:.4g} s, is kept",
         time=when,
         substep=substep,

@@ -33,6 +33,7 @@ from ..integrators import (
 from ..world import Change, Collider, Scene
 from . import checkpoint
 from .divergence import SimulationDiverged, describe
+from .pace import Hopeless, Pace
 from .stepping import Stepping
 
 MOST_FRAMES = 10**9
@@ -187,6 +188,8 @@ class Simulation:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
         self._due = list(self._schedule)
+        watched = self._forced is None and math.isfinite(self._energy_limit)
+        self._pace = Pace() if watched else None
         self._load(self._initial)
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
@@ -194,9 +197,12 @@ class Simulation:
         model = Model(system, **self._surroundings)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = State.of(system, model, self._method.carried)
-        choice = choice or self._choose(rate_bounds(system, model, state))
+        refinement = self._pace.refinement if self._pace is not None else 1.0
+        choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
         how = {"energy_limit": self._energy_limit, "blocks": self._blocks}
         self.stepping = Stepping(Dynamics(model), state, self._method, choice, **how)
+        if self._pace is not None:
+            self._pace.begin(self.stepping)
 
     def _choose(self, rates: Rates) -> StepChoice:
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
@@ -269,9 +275,24 @@ class Simulation:
                 self._change_as_due()
             if self._refresh:
                 self._choose_anew()
+            self._advance()
+            self.frame_index += 1
+
+    def _advance(self) -> None:
+        """Advance by a frame: with the substeps asked for, or as many as it takes."""
+        if self._pace is None:
             if not self.stepping.advance(self.time):
                 raise self._divergence()
-            self.frame_index += 1
+            return
+        try:
+            self.stepping = self._pace.advance(self.stepping, self.time, self._bound)
+        except Hopeless as end:
+            self.stepping = end.stepping
+            raise self._divergence(end.gained) from None
+
+    def _bound(self) -> StepChoice:
+        """Return the substeps that the system as it is now asks for; raise UnstableStep if there are none."""
+        return self._choose(rate_bounds(self.system, self.model, self.state))
 
     def _change_as_due(self) -> None:
         """Apply the next change of the schedule."""
@@ -283,17 +304,20 @@ class Simulation:
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
-        choice = self._choose(rate_bounds(self.system, self.model, self.state))
-        if choice.substeps != self.substeps:
-            self.stepping = self.stepping.with_choice(choice)
+        bound = self._bound()
+        if self._pace is not None:
+            self.stepping = self._pace.follow(self.stepping, bound)
+        elif bound.substeps != self.substeps:
+            self.stepping = self.stepping.with_choice(bound)
 
-    def _divergence(self) -> SimulationDiverged:
+    def _divergence(self, gained: float | None = None) -> SimulationDiverged:
         """Find out what went wrong in the frame just simulated, and go back to its start."""
         trouble = self.stepping.find_trouble()
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside)
+        how = (self.time, self.dt, self.substeps, needed, self._inside, gained)
+        return describe(system, trouble, *how)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
@@ -336,7 +360,8 @@ class Simulation:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
         arrays, numbers = checkpoint.saved(self.stepping)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
-        return arrays, own | {"fps": self.fps, "integrator": repr(self._method)} | numbers
+        pace = self._pace.saved() if self._pace is not None else {}
+        return arrays, own | {"fps": self.fps, "integrator": repr(self._method)} | numbers | pace
 
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
         """Go back, or forward, to a checkpoint of a simulation made with the same arguments.
@@ -353,11 +378,16 @@ class Simulation:
         changes = checks.count("changes", checks.member("checkpoint", numbers, "changes"), 0)
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
+        pace = self._pace and Pace.restored(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         self._load(system, choice)
         self.frame_index = frame_index
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
+        if pace is not None:  # a checkpoint of before there was one goes on as a run that begins here
+            self._pace = pace
+        elif self._pace is not None:
+            self._pace.begin(self.stepping)
 
     def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
