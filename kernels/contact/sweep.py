@@ -62,16 +62,16 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
         start = carried(obstacles, p, x_old)
         way = x - start
         t = scalar(0.0)
-        gap, normal = look(obstacles, p, start)
-        distance = gap + wp.dot(way, normal)
-        if gap < -slack * obstacles.inradius or distance >= gap:  # it begins inside, or leaves
-            distance = scalar(0.0)
-        steps = int(0)
-        while distance < zero and gap > near * obstacles.inradius and steps < STEPS:
-            t += (one - t) * gap / (gap - distance)
+        distance = scalar(0.0)
+        normal = V()
+        for step in range(STEPS):
             gap, normal = look(obstacles, p, start + t * way)
             distance = gap + (one - t) * wp.dot(way, normal)
-            steps += 1
+            if step == 0 and (gap < -slack * obstacles.inradius or distance >= gap):  # begins inside, or leaves
+                distance = scalar(0.0)
+            if distance >= zero or gap <= near * obstacles.inradius:
+                break
+            t += (one - t) * gap / (gap - distance)
         return t, distance, normal
 
     return enter
