@@ -1,7 +1,8 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
 What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.contact`; a shape says
-only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`).
+only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`). All shapes are convex:
+what goes further in a substep than they are thick is swept (`msdwarp.kernels.contact.sweep`).
 """
 
 import math
@@ -85,7 +86,7 @@ class Collider:
         raise NotImplementedError
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]: what goes further in a substep may pass it."""
+        """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
         return math.inf
 
     def centre(self, dim: int) -> NDArray[np.float64]:
