@@ -1,7 +1,8 @@
 """Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn.
 
-In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them: then
-its whole way is swept. A plane, which has all below it inside, cannot be passed.
+In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them:
+then its whole way is swept. A plane cannot be passed, all below it being inside: among planes alone nothing of
+that is compiled.
 """
 
 import functools

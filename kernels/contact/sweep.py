@@ -11,24 +11,27 @@ import warp as wp
 from ..basis import vector
 
 SLACK = 0.01
-"""What is a start on the surface, or a corner cut, and not worth a sweep, as a share of `inradius`.
+"""How deep inside a start still counts as on the surface, and how little of a corner may be cut.
 
-Far more than roundings of places, even in float32, and far less than what anybody sees of the solid.
+A share of `inradius`: far more than roundings of places, also in float32, and less than what is seen of a solid.
 """
 STEPS = 32
-"""Newton's steps to a surface, of which five are common. Of a convex function each makes value times slope a quarter
-at most: after all of them the distance or the speed of approach is less than 2^−32 of what it was."""
+"""Newton's steps to a surface, of which five are common.
+
+Of a convex function each leaves a quarter at most of its value times its slope: after all of them the distance, or
+the speed of approach, is less than 2^−32 of what it was.
+"""
 NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
 """What is as good as on the surface, as a share of `inradius`: more than roundings, less than what matters."""
 
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`: whether it takes a sweep to say what a particle met on its way to x, `distance` from a solid.
+    """Compose `passes`: whether the end of a way does not tell what was met on it, by its distance from one solid.
 
-    The normal n at the end belongs to a supporting plane. A particle that came from before that plane did not
-    meet the solid or came in by that side; one that came from behind it, way · n > distance, went through or
-    past the middle. A way longer than a solid is thick may also end inside, but far from where it came in.
+    The normal n there is that of a supporting plane. A particle that came from before that plane missed the solid,
+    or came in by that side; one that came from behind it, way · n > distance, may have gone through, or past the
+    middle. And a way longer than the thinnest solid is thick may have come to its end by way of another.
     """
     V = vector(dim, scalar)
     zero, slack = wp.constant(scalar(0.0)), wp.constant(scalar(SLACK))
@@ -43,12 +46,12 @@ def passing(dim: int, scalar: type):
 
 
 def entry(dim: int, scalar: type, Obstacles, look, carried):
-    """Compose `enter(obstacles, p, x_old, x)`: (t, distance, normal) of where a way from outside enters obstacle p.
+    """Compose `enter(obstacles, p, x_old, x)` -> (t, distance, normal) where a way from outside enters obstacle p.
 
     t is the share of the way before it. The last two are those of x from the tangent plane there; distance >= 0
     means that the way misses the obstacle, or begins in it.
 
-    Newton's method for distance = 0: from each place on to its supporting plane. Distances being convex, that never
+    Newton's method for distance = 0: from each place on to its supporting plane. Distances being convex, it never
     goes too far, and never less far than sphere tracing (Hart, The Visual Computer 12, 1996), which goes on by the
     distance itself. A flat face takes one step. As soon as the end lies before such a plane the way is a miss;
     what after all steps still comes nearer grazes, and is kept before the last plane, which is safe.

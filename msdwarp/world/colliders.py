@@ -350,7 +350,7 @@ class Cone(Collider):
         return {"a": self.apex, "b": self.base, "radius": self.radius}
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]: that of the circle in the triangle of its cross section."""
+        """Return the radius of the largest ball inside [m]: of the circle in its cross section, a triangle."""
         height = math.dist(self.apex, self.base)
         return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
 

@@ -278,6 +278,7 @@ FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
 # A plane cannot be passed; what can be is swept.
 SWEPT = {"passes", "sweep_way", "first_on_way", "enter", "look", "carried", "answer"}
 AT = (0, 0, -9)
+KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
 
 
 @pytest.mark.parametrize("route", ["scatter", "gather"])
@@ -296,7 +297,7 @@ AT = (0, 0, -9)
         ({}, [Plane(motion=lambda t: (0, 0, -t))], MOVING | {"plane"}),
         ({}, [Sphere(AT, motion=lambda t: (0, 0, -t))], MOVING | SWEPT | {"sphere", "from_point"}),
     ],
-    ids="yielding quadratic coulomb plane sphere box capsule cone two_kinds moving moving_sphere".split(),
+    ids=["yielding", "quadratic", "coulomb", *KINDS_ALONE, "two kinds", "moving", "moving sphere"],
 )
 def test_each_effect_brings_its_own_pieces_alone(route, changes, colliders, more):
     without = pieces(DAMPED, route=route)

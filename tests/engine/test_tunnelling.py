@@ -1,6 +1,7 @@
 """What goes further in a substep than an obstacle is thick: met where it enters, never passed unseen."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,9 +31,7 @@ def simulate(device: str, x, v, colliders, *, h: float = H, **options) -> Simula
     system = System(position=x, velocity=np.array(v, dtype=float))
     options = {"gravity": 0.0, "precision": "float64"} | options
     company = [] if any(one.motion for one in colliders) else far(system.dim)
-    return Simulation(
-        system, colliders=[*colliders, *company], fps=1 / h, substeps=1, device=device, **options
-    )
+    return Simulation(system, colliders=[*colliders, *company], fps=1 / h, substeps=1, device=device, **options)
 
 
 def after_one(device: str, x, v, colliders, **options) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +67,7 @@ def entries(collider: Collider, start: np.ndarray, way: np.ndarray) -> tuple[np.
 
 
 E, MU, F = 0.6, 0.2, 0.7
-COEFFICIENTS = {"restitution": E, "friction": MU, "tangential_factor": F}
+COEFFICIENTS: dict[str, Any] = {"restitution": E, "friction": MU, "tangential_factor": F}
 SMALL = {
     2: [
         Sphere((0.03, -0.02), 0.1, **COEFFICIENTS),
@@ -209,7 +208,8 @@ def test_a_bat_that_flies_past_takes_a_ball_along(device, e):
 def test_a_turning_bat_takes_a_ball_along(device):
     # By 0.5 rad in a substep, over a ball that lies 0.3 rad ahead of it, 60 cm out.
     omega = 0.5 / H
-    bat = Box(size=(2.0, 0.02, 0.5), restitution=0.0, friction=0.0, motion=lambda t: ([0, 0, 0], [0, 0, omega * t]))
+    size, motion = (2.0, 0.02, 0.5), lambda t: (np.zeros(3), (0.0, 0.0, omega * t))
+    bat = Box(size=size, restitution=0.0, friction=0.0, motion=motion)
     start = 0.6 * np.array([math.cos(0.3), math.sin(0.3), 0.0])
     (x,), (v,) = after_one(device, [start], [(0.0, 0.0, 0.0)], [bat])
     # Seen from the bat where it then is, the ball has come from 0.3 to −0.2 rad: it stays at its front, n.
