@@ -128,6 +128,8 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
             return result(axis, end)
         t = wp.clamp((off * r + along * height) / (slope * slope), zero, one)
         to_side = (off - t * r) * outward + (along - t * height) * axis
+        if t > zero and t < one:  # the same, whose direction no rounding turns however near it is
+            to_side = side / slope * (height * outward - r * axis)
         to_end = (off - wp.min(off, r)) * outward + end * axis
         if wp.length_sq(to_end) < wp.length_sq(to_side):
             to_side = to_end

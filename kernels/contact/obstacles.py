@@ -1,4 +1,9 @@
-"""Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn."""
+"""Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn.
+
+In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them:
+then its whole way is swept. A plane cannot be passed, all below it being inside: among planes alone nothing of
+that is compiled.
+"""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,6 +13,7 @@ import warp as wp
 from ..basis import vector
 from .distance import signed_distance, solids
 from .rule import surface, touch
+from .sweep import passing, sweep
 
 
 @wp.struct
@@ -35,21 +41,53 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
     """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other."""
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
     distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
     class Obstacles:
         count: int
         solids: Solids  # their shapes
         surface: Surface  # their coefficients
+        if swept:
+            inradius: scalar  # of the largest ball inside the thinnest [m]
+
+    @wp.func
+    def look(obstacles: Obstacles, p: int, x: V):
+        found = distance_from(obstacles.solids, p, x)
+        normal = V()
+        for k in range(wp.static(dim)):
+            normal[k] = found[k]
+        return found[wp.static(dim)], normal
+
+    @wp.func
+    def carried(obstacles: Obstacles, p: int, x_old: V) -> V:
+        return x_old
+
+    @wp.func
+    def answer(
+        obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
+    ):
+        return put_back(obstacles.surface, p, distance, normal, x, v, start, v_old)
+
+    sweep_way = sweep(dim, scalar, Obstacles, look, carried, answer) if swept else None
 
     @wp.func
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
+        if wp.static(swept):
+            x_free = x
+            v_free = v
+            passed = bool(False)
         for p in range(obstacles.count):
             found = distance_from(obstacles.solids, p, x)
             normal = V()
             for k in range(wp.static(dim)):
                 normal[k] = found[k]
+            if wp.static(swept):
+                passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
+        if wp.static(swept):
+            if passed:
+                x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
         return x, v
 
     return Obstacles, collide
@@ -66,6 +104,7 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
     Turn = wp.types.matrix((dim, dim), scalar)
     distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
     class MovingObstacles:
@@ -79,10 +118,53 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
         speed: wp.array2d(dtype=V)  # [m/s]
         substep: int  # n, from 0 on
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
+        if swept:
+            inradius: scalar  # of the largest ball inside the thinnest [m]
+
+    @wp.func
+    def look(obstacles: MovingObstacles, p: int, x: V):
+        turn = obstacles.turn[obstacles.substep + 1, p]
+        y = wp.transpose(turn) * (x - obstacles.shift[obstacles.substep + 1, p])
+        found = distance_from(obstacles.solids, p, y)
+        normal = V()
+        for k in range(wp.static(dim)):
+            normal[k] = found[k]
+        return found[wp.static(dim)], turn * normal
+
+    @wp.func
+    def carried(obstacles: MovingObstacles, p: int, x_old: V) -> V:
+        n = obstacles.substep
+        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+        return obstacles.turn[n + 1, p] * y_old + obstacles.shift[n + 1, p]
+
+    @wp.func
+    def answer(
+        obstacles: MovingObstacles,
+        p: int,
+        distance: scalar,
+        normal: V,
+        x: V,
+        v: V,
+        start: V,
+        x_old: V,
+        v_old: V,
+    ):
+        n = obstacles.substep
+        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+        u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+        u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
+        x, v = put_back(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
+        return x, v + u
+
+    sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
 
     @wp.func
     def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
         n = obstacles.substep
+        if wp.static(swept):
+            x_free = x
+            v_free = v
+            passed = bool(False)
         for p in range(obstacles.count):
             turn = obstacles.turn[n + 1, p]
             shift = obstacles.shift[n + 1, p]
@@ -97,8 +179,13 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
             u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
             u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
             start = turn * y_old + shift
+            if wp.static(swept):
+                passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
             v = v + u
+        if wp.static(swept):
+            if passed:
+                x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
         return x, v
 
     return MovingObstacles, collide

@@ -58,6 +58,8 @@ class Contact(Effect):
         for k, collider in enumerate(colliders):
             _check_range(f"colliders[{k}]", collider, model)
         self._describe(data.solids, model.scalar)
+        if kinds != ("Plane",):
+            data.inradius = min(collider.inradius() for collider in colliders)
         for name in COEFFICIENTS:
             values = [float(getattr(collider, name)) for collider in colliders]
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))

@@ -1,9 +1,11 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
 What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.contact`; a shape says
-only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`).
+only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`). All shapes are convex:
+what goes further in a substep than they are thick is swept (`msdwarp.kernels.contact.sweep`).
 """
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -82,6 +84,10 @@ class Collider:
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return what `kernels.contact.distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
         raise NotImplementedError
+
+    def inradius(self) -> float:
+        """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
+        return math.inf
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the point about which it turns [m], shape [dim]."""
@@ -193,6 +199,10 @@ class Sphere(Collider):
         """Return the centre as a."""
         return {"a": self.position, "radius": self.radius}
 
+    def inradius(self) -> float:
+        """Return the radius of the largest ball inside [m]."""
+        return self.radius
+
 
 @dataclass(frozen=True, repr=False)
 class Box(Collider):
@@ -241,6 +251,10 @@ class Box(Collider):
         axes = np.eye(dim) if self.turn is None else rotation(self.turn, dim, "turn")
         return {"a": self.position, "b": np.array(self.size) / 2, "axes": axes}
 
+    def inradius(self) -> float:
+        """Return the radius of the largest ball inside [m]."""
+        return min(self.size) / 2
+
 
 @dataclass(frozen=True, repr=False)
 class Capsule(Collider):
@@ -282,6 +296,10 @@ class Capsule(Collider):
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return the ends as a and b."""
         return {"a": self.start, "b": self.end, "radius": self.radius}
+
+    def inradius(self) -> float:
+        """Return the radius of the largest ball inside [m]."""
+        return self.radius
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the middle of the line [m]."""
@@ -330,6 +348,11 @@ class Cone(Collider):
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return the apex as a and the middle of the base as b."""
         return {"a": self.apex, "b": self.base, "radius": self.radius}
+
+    def inradius(self) -> float:
+        """Return the radius of the largest ball inside [m]: of the circle in its cross section, a triangle."""
+        height = math.dist(self.apex, self.base)
+        return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
