@@ -2,10 +2,11 @@
 
     python -m benchmarks.accuracy.campaign [--first N] [--count N] [--workers N] [--device D] [--quick]
 
-Each body of `random_bodies` is simulated twice: with the number of substeps that the stability limit asks for at the start,
+Each body of `random_bodies` is simulated twice: with the substeps that the stability limit asks for at the start,
 which is what "auto" once meant, and with "auto" as it is. Growth is the largest energy in the second half of a run
-less the largest in the first second, over the largest kinetic and elastic energy in that second and the weight times
-the size. Where nothing outside does work on the body it is to be nothing; a body has heated where it is above 0.1.
+less the largest in the first second, over the largest kinetic and elastic energy in that second and the weight
+times the size. Where nothing outside does work on the body it is to be nothing. A body has heated where it is
+above 0.1.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Random bodies that are mistreated at random: what the automatic step is tested on.
 
-Body number `seed` is the same wherever it is made. A body is a chain, a sheet, a box or a ball of few particles; it
-is spun, stretched, squashed, displaced at random, thrown apart, dropped or pressed, and no two of its particles lie in
-the same place at the start.
+Body number `seed` is the same wherever it is made. A body is a chain, a sheet, a box or a ball of few particles.
+It is spun, stretched, squashed, displaced at random, thrown apart, dropped or pressed, and no two of its particles
+lie in the same place at the start.
 """
 
 from typing import Any, NamedTuple

@@ -1,6 +1,6 @@
 """How much work buys how much accuracy? Position error against force evaluations and against time.
 
-    python -m benchmarks.accuracy.work_precision [--device D] [--quick] [--plot-only]
+    python -m benchmarks.accuracy.work_precision [--device D] [--quick] [--plot-only] [--auto-only]
 
 Error: RMS distance from a reference at the end of a scene's span over the RMS way of its particles. Before contact
 the reference is exact (chain) or SciPy's DOP853 on a NumPy right-hand side of its own, whose error is taken from a
@@ -8,9 +8,11 @@ hundredfold looser tolerance; points within 100 times that error are left out. A
 float64 with steps 32 times finer than the finest plotted, its error taken from steps twice as long; points within
 10 times that are left out. Each curve's first point is just below the longest step that linear theory calls stable
 (RKC2: that the simulator allows). Time is a substep's measured time (median of interleaved repeats, 32 substeps a
-frame) times substeps per simulated second.
+frame) times substeps per simulated second. What automatic substeps reach, at 60 frames a second, is written to
+automatic.csv, and drawn as a star: `--auto-only` measures nothing else.
 """
 
+import argparse
 import math
 import sys
 import time
@@ -18,7 +20,7 @@ from statistics import median
 
 import warp as wp
 
-from msdwarp import RKC2, Simulation, stability_limit
+from msdwarp import RKC2, Simulation, UnstableStep, stability_limit
 
 from ..cases import CASES, CONTACT_CASES, Case, reference, relative_error
 from ..common import METHODS, arguments, machine, read_csv, run, table, write_csv
@@ -80,6 +82,43 @@ def substep_times(case: Case, limit: dict[str, float], keys: list, device: str, 
     return {key: median(values) for key, values in times.items()}
 
 
+def reference_of(case: Case, steps: float, device: str):
+    """Return (positions at the end, their own error); after contact by so many steps of leapfrog."""
+    if case.colliders:
+        leapfrog = METHODS["leapfrog"]
+        fine, coarse = (run(case, leapfrog, share * steps, device=device)[0] for share in (1, 0.5))
+    else:
+        fine, coarse = reference(case, 1e-12), reference(case, 1e-10)
+    return fine, max(relative_error(case, coarse, fine), 1e-14)
+
+
+def measure_automatic(name: str, case: Case, device: str) -> list[dict]:
+    """Return a row for every method: what automatic substeps cost and reach at 60 frames a second."""
+    limit = limits(name, case)
+    steps = 32 * (8 if case.colliders else 16) * case.duration / limit["symplectic Euler"]
+    fine, own = reference_of(case, steps, device)
+    rows = []
+    for method, integrator in METHODS.items():
+        if not limit[method] > 0:
+            continue
+        frames = round(60 * case.duration)
+        around = {"gravity": case.gravity, "colliders": case.colliders, "precision": "float64"}
+        how = {"integrator": integrator, "fps": frames / case.duration, "device": device}
+        try:
+            simulation = Simulation(case.system, **around, **how)
+        except UnstableStep:
+            continue
+        work = 0
+        for _ in range(frames):
+            simulation.step()
+            work += simulation.substeps * simulation.integrator.evaluations
+        error = relative_error(case, simulation.frame().position.astype("float64"), fine)
+        counts = [count for _, count in simulation.chosen]
+        row = {"scene": case.name, "method": method, "evaluations": work, "error": error, "reference_error": own}
+        rows.append(row | {"least_substeps": min(counts), "most_substeps": max(counts)})
+    return rows
+
+
 def measure_case(name: str, case: Case, options) -> list[dict]:
     """Return a row for every method, precision and step of a scene."""
     limit, contact = limits(name, case), bool(case.colliders)
@@ -88,14 +127,7 @@ def measure_case(name: str, case: Case, options) -> list[dict]:
     finer = [share for share in (FINER_CONTACT if contact else FINER) if share <= finest]
     finer = finer[: 5 if options.quick else None]
     most = finer[-1] * cheapest
-    if contact:
-        leapfrog = METHODS["leapfrog"]
-        fine, coarse = (
-            run(case, leapfrog, 32 * share * finer[-1] * cheapest, device=options.device)[0] for share in (1, 0.5)
-        )
-    else:
-        fine, coarse = reference(case, 1e-12), reference(case, 1e-10)
-    own = max(relative_error(case, coarse, fine), 1e-14)
+    fine, own = reference_of(case, 32 * finer[-1] * cheapest, options.device)
 
     def starts(method: str) -> bool:
         if method not in METHODS and case.name != "soft_cube":
@@ -136,15 +168,15 @@ def measure_case(name: str, case: Case, options) -> list[dict]:
     return rows
 
 
-def measure(options) -> list[dict]:
-    """Measure every scene before contact and after it."""
+def measure(options, measure_one) -> list[dict]:
+    """Return the rows of every scene before contact and after it, by `measure_one(name, case)`."""
     cases = [(name, build()) for name, build in [*CASES.items(), *CONTACT_CASES.items()]]
     if options.quick:
         cases = [(n, c) for n, c in cases if n in ("chain", "mattress")]
     rows = []
     for name, case in cases:
         start = time.perf_counter()
-        rows += measure_case(name, case, options)
+        rows += measure_one(name, case)
         print(f"{case.title}: {time.perf_counter() - start:.0f} s", flush=True)
     return rows
 
@@ -178,14 +210,23 @@ def show(rows: list[dict]) -> None:
 
 def main() -> None:
     """Measure, write, print and draw."""
-    options = arguments(__doc__.splitlines()[0])
-    path = options.folder / "work_precision.csv"
+    own = argparse.ArgumentParser(add_help=False)
+    own.add_argument("--auto-only", action="store_true", help="measure automatic substeps alone")
+    options = arguments(__doc__.splitlines()[0], own)
+    path, automatic = (options.folder / name for name in ("work_precision.csv", "automatic.csv"))
+    if not (options.plot_only or options.auto_only):
+        write_csv(path, measure(options, lambda n, case: measure_case(n, case, options)), machine(options.device))
     if not options.plot_only:
-        write_csv(path, measure(options), machine(options.device))
+        found = measure(options, lambda n, case: measure_automatic(n, case, options.device))
+        write_csv(automatic, found, machine(options.device))
+    _, found = read_csv(automatic)
+    table("What automatic substeps cost and reach", list(found[0]), [list(row.values()) for row in found])
+    if options.quick and options.auto_only:
+        return
     _, rows = read_csv(path)
     show(rows)
     if not options.quick:
-        draw(rows)
+        draw(rows, found)
         for folder in sorted(path.parents[1].iterdir()):  # every machine that was measured
             line, rows = read_csv(folder / path.name)
             draw_time(rows, line, folder.name)

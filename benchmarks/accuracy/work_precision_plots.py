@@ -1,11 +1,21 @@
 """Draws the charts of work_precision.py from its CSV rows."""
 
+from collections.abc import Sequence
+
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..common import COLOURS, MARKERS, pyplot, save
 
 LINES = {"float64": "-", "float32": ":", "float32-compensated": "--"}
 FOUND = {"xlabel": "force evaluations", "ylabel": "relative position error"}
+
+
+def _stars(axis, automatic: Sequence[dict], scene: str, methods=COLOURS) -> None:
+    """Draw what automatic substeps cost and reach."""
+    for row in automatic:
+        if row["scene"] == scene and row["method"] in methods:
+            style = {"markersize": 13, "markeredgecolor": "black", "color": COLOURS[row["method"]], "zorder": 5}
+            axis.plot(row["evaluations"], row["error"], "*", **style)
 
 
 def _curves(axis, rows: list[dict], x: str, scene: str, *, precisions=("float64",), methods=COLOURS) -> None:
@@ -39,11 +49,21 @@ def _legend(figure, axes, columns: int = 8) -> None:
     ring = axes[0].plot([], [], "o", markersize=11, fillstyle="none", color="#555555")[0]
     lines = [*(handles[m] for m in COLOURS if m in handles), ring]
     labels = [*(m for m in COLOURS if m in handles), "longest stable step"]
+    if any(line.get_marker() == "*" for line in axes[0].get_lines()):
+        lines += axes[0].plot([], [], "*", markersize=13, color="#999999", markeredgecolor="black")
+        labels.append("automatic substeps")
     figure.legend(lines, labels, loc="outside lower center", ncols=min(columns, len(labels)))
 
 
 def _grid(
-    rows: list[dict], scenes: list[str], x: str, xlabel: str, title: str, name: str, columns: int = 3
+    rows: list[dict],
+    scenes: list[str],
+    x: str,
+    xlabel: str,
+    title: str,
+    name: str,
+    columns: int = 3,
+    automatic: Sequence[dict] = (),
 ) -> None:
     plt = pyplot()
     height = -(-len(scenes) // columns)
@@ -55,6 +75,7 @@ def _grid(
         axis.set_visible(False)
     for axis, scene in zip(used, scenes, strict=True):
         _curves(axis, rows, x, scene)
+        _stars(axis, automatic, scene)
         first = next(r for r in rows if r["scene"] == scene)
         axis.set_title(f"{first['title']} · {first['duration']:g} s")
     for axis in axes[:, 0]:
@@ -114,8 +135,8 @@ def draw_time(rows: list[dict], machine: str, name: str) -> None:
     _grid(rows, free, "seconds_per_second", seconds, title, f"work_precision_time_{name}.png")
 
 
-def draw(rows: list[dict]) -> None:
-    """Draw every chart of error against evaluations for which there are rows."""
+def draw(rows: list[dict], automatic: list[dict]) -> None:
+    """Draw every chart of error against evaluations for which there are rows; automatic substeps as stars."""
     scenes = list(dict.fromkeys(r["scene"] for r in rows))
     free = [s for s in scenes if not s.endswith("_contact")]
     contact = [s for s in scenes if s.endswith("_contact")]
@@ -126,9 +147,10 @@ def draw(rows: list[dict]) -> None:
         FOUND["xlabel"],
         "What a force evaluation buys, before any contact (float64)",
         "work_precision.png",
+        automatic=automatic,
     )
     if contact:
         title = "With contact every method is of first order at best (float64)"
-        _grid(rows, contact, "evaluations", FOUND["xlabel"], title, "work_precision_contact.png", columns=2)
+        _grid(rows, contact, "evaluations", FOUND["xlabel"], title, "work_precision_contact.png", 2, automatic)
     _float32(rows)
     _readme(rows)

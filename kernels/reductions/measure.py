@@ -15,8 +15,8 @@ KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
 """Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
 PARTICLE_COLUMNS = 8
 ELASTIC, STORING, DISSIPATED, STRAIN = 0, 1, 2, 3
-"""Columns of what `sum_connections` gives: [J], what springs take up [W], what dampers turn to heat [W], and a strain,
-which is the largest, not a sum."""
+"""Columns of what `sum_connections` gives: [J], what springs take up [W], what dampers turn to heat [W], and a
+strain, which is the largest, not a sum."""
 CONNECTION_COLUMNS = 4
 
 
@@ -119,6 +119,29 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
             c += shares.shape[0]
 
     return sum_over_connections
+
+
+MOST_FOLDED = 1024
+"""Rows that `fold` leaves for the host to add up."""
+
+
+@kernel
+def fold(
+    shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, columns]
+    largest: int,  # the column of which the largest is wanted, not the sum; -1: none
+    folded: wp.array2d(dtype=wp.float64),  # shape [rows, columns], a thread for each entry
+):
+    """Sum the shares of many threads to those of few, in an order that is the same each time."""
+    row, column = wp.tid()
+    total = wp.float64(0.0)
+    share = row
+    while share < shares.shape[0]:
+        if column == largest:
+            total = wp.max(total, shares[share, column])
+        else:
+            total += shares[share, column]
+        share += folded.shape[0]
+    folded[row, column] = total
 
 
 @functools.cache

@@ -4,6 +4,9 @@ import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..bodies import counted
 from ..files import Trajectory
 from .options import Options
@@ -19,7 +22,11 @@ def told(trajectory: Trajectory) -> str:
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
     text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
     # What a file says is shown and not obeyed: a terminal would take some characters as its commands.
-    groups = [("What it is", _what(trajectory)), ("How it was simulated", _how(about)), ("Made by", _by(about))]
+    groups = [
+        ("What it is", _what(trajectory)),
+        ("How it was simulated", _how(about, trajectory.substeps)),
+        ("Made by", _by(about)),
+    ]
     rest = about.keys() - _TOLD
     groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
     for title, lines in groups:
@@ -51,7 +58,7 @@ def _what(trajectory: Trajectory) -> Lines:
     yield "frames", f"{trajectory.fps:.4g} a second of simulated time{interval}"
 
 
-def _how(about: Mapping[str, Any]) -> Lines:
+def _how(about: Mapping[str, Any], counts: NDArray[np.int32] | None) -> Lines:
     options = about.get("options", {})
     for name in ("integrator", "precision"):
         if name in about:
@@ -59,6 +66,8 @@ def _how(about: Mapping[str, Any]) -> Lines:
     if "substeps" in about:
         steps, fps = about["substeps"], options.get("fps")
         each = f", {1e3 / fps / steps:.4g} ms each" if fps and steps else ""
+        if counts is not None and len(np.unique(counts)) > 1:
+            steps, each = f"{counts.min()} to {counts.max()}, {counts.mean():.3g} on average,", ""
         yield "substeps", f"{steps} for each {f'1/{fps:g} s' if fps else 'frame'}{each}"
     if "route" in about:
         yield "forces", f"summed by route {about['route']}"

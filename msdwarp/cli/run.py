@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +28,8 @@ from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
 """Times at which it is kept where moving obstacles are: over the scene's duration, and in frames at most."""
+MOST_CHANGES_SAID = 6
+"""More changes of the number of substeps are summed up."""
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
@@ -235,7 +237,7 @@ class Run:
             if writer is not None:
                 writer.write_pending(readback.take() if writer.wants_next() else None)
             if log is not None:
-                log.write(simulation.time, simulation.measure())
+                log.write(simulation.time, simulation.measure(), simulation.substeps)
             if asked:
                 self._save(writer)
                 raise Interrupted(self._farewell(asked[0], last), asked[0])
@@ -272,6 +274,14 @@ class Run:
         return said
 
 
+def _over_time(chosen: Sequence[tuple[float, int]]) -> str:
+    """Say when how many substeps a frame took: each time where these are few, else the first and the range."""
+    if len(chosen) <= MOST_CHANGES_SAID:
+        return ", ".join(f"{count} from {time:.4g} s on" for time, count in chosen)
+    counts = [count for _, count in chosen]
+    return f"{counts[0]} at first, changed {len(counts) - 1} times, {min(counts)} to {max(counts)}"
+
+
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
     """Say what was simulated, with which steps and why, and how fast."""
     system = simulation.system
@@ -281,5 +291,7 @@ def _summary(simulation: Simulation, options: Options, start: float, seconds: fl
         f"(forces by {simulation.model.route}): "
         f"{simulation.choice}"
     )
+    if len(simulation.chosen) > 1:
+        yield f"substeps: {_over_time(simulation.chosen)}"
     time_simulated = simulation.time - start
     yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {time_simulated / seconds:.2g} times real time"

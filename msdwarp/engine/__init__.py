@@ -4,7 +4,7 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, balance, rounding_energy, size, weight
+from .balance import Balance, Ledger, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_strain
@@ -21,6 +21,7 @@ __all__ = [
     "Baseline",
     "Blocks",
     "Dynamics",
+    "Ledger",
     "Measures",
     "Model",
     "Rates",
@@ -28,7 +29,6 @@ __all__ = [
     "Stepper",
     "Watch",
     "add_linearised",
-    "balance",
     "check_blocks",
     "doubt_start",
     "measure",

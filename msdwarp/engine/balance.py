@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import warp as wp
 
 from ..bodies import stored
 from ..kernels.reductions import measure as columns
-from .measures import connection_sums, particle_sums
+from .measures import Sums
 from .model import Model
 from .state import State
 
@@ -27,31 +26,46 @@ class Balance(NamedTuple):
     """Largest |l / l0 − 1|."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
-def balance(model: Model, state: State, lag: float) -> Balance:
-    """Return the balance of a state whose velocities lag `lag` seconds behind its positions.
+class Ledger:
+    """Tells the balance of a state, of what the kernels sum on its device in one recorded go.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability: for x'' = −ω²x both v_(n−½)² − hω² x_n v_(n−½) + ω²x_n² and its successor are the quadratic form that
-    the step leaves alone (Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed. (2006), VI.3 and IX.3). Since
-    m v_(n+½) = m v_(n−½) + h f, it is K(v_(n−½)) + U + (h/2) Σ v·f: `lag` is h/2 there. With 0 it is the plain sum,
-    which Runge-Kutta's methods and implicit Euler let only fall.
+    stability; docs/stability.md derives it. As m v_(n+½) = m v_(n−½) + h f, that is K(v_(n−½)) + U + (h/2) Σ v·f.
+    Methods of other kinds let K + U itself only fall.
+
+    Parameters
+    ----------
+    model, state
+        The system on a device.
+    lag
+        The time by which velocities lag behind positions [s]: h/2 above, 0 for methods that keep them together.
     """
-    particles = particle_sums(model, state.x, state.v)
-    connections = connection_sums(model, state.x, state.v, state.lost.x)
-    kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
-    free = kinetic + float(particles[columns.POTENTIAL])
-    energy = free + elastic
-    energy += sum(effect.energy(state.x) for effect in model.effects)
-    momentum = particles[columns.MOMENTUM :][: model.dim]
-    if lag:
-        g = np.array(list(model.gravity), dtype=np.float64)
-        energy += lag * float(
-            (g * momentum).sum() - connections[columns.STORING] - connections[columns.DISSIPATED]
-        )
-    together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / mass(model)
-    inner = max(kinetic - together, 0.0) + elastic
-    return Balance(energy, inner, kinetic, free, float(connections[columns.STRAIN]))
+
+    def __init__(self, model: Model, state: State, lag: float) -> None:
+        self._model, self._state, self._lag = model, state, lag
+        self._sums = Sums(model)
+        self._mass = mass(model)
+
+    def launch(self) -> None:
+        """Launch what `balance` reads; it may be recorded."""
+        self._sums.launch(self._state.x, self._state.v, self._state.lost.x)
+
+    @np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
+    def balance(self) -> Balance:
+        """Return the balance of the state that `launch` found."""
+        model = self._model
+        particles, connections = self._sums.totals()
+        kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
+        free = kinetic + float(particles[columns.POTENTIAL])
+        energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects)
+        momentum = particles[columns.MOMENTUM :][: model.dim]
+        if self._lag:
+            g = np.array(list(model.gravity), dtype=np.float64)
+            power = (g * momentum).sum() - connections[columns.STORING] - connections[columns.DISSIPATED]
+            energy += self._lag * float(power)
+        together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / self._mass
+        inner = max(kinetic - together, 0.0) + elastic
+        return Balance(energy, inner, kinetic, free, float(connections[columns.STRAIN]))
 
 
 def mass(model: Model) -> float:

@@ -6,10 +6,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..kernels.reductions import MOST_FOLDED, fold, strain_each, sum_connections, sum_particles
 from ..kernels.reductions import measure as columns
-from ..kernels.reductions import strain_each, sum_connections, sum_particles
 from .model import Model
 from .state import State
+
+MOST_THREADS = 65536
+"""Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
 
 
 class Measures(NamedTuple):
@@ -53,9 +56,9 @@ def measure(
     x_lost
         What the positions have lost by rounding, in compensated precision.
     """
-    v = state.v if velocity is None else velocity
-    particles = particle_sums(model, state.x, v)
-    connections = connection_sums(model, state.x, v, x_lost)
+    v, sums = state.v if velocity is None else velocity, Sums(model)
+    sums.launch(state.x, v, x_lost)
+    particles, connections = sums.totals()
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
         float(particles[columns.KINETIC]),
@@ -69,24 +72,44 @@ def measure(
     )
 
 
-def particle_sums(model: Model, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-    """Return the sums over particles in the columns of `msdwarp.kernels.reductions.measure`."""
-    shares = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
-    _launch(sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v], shares, model)
-    return shares.numpy().sum(axis=0)
+class Sums:
+    """Sums over the particles and connections of a model, in the columns of `msdwarp.kernels.reductions.measure`.
 
+    On a GPU every thread sums a share of its own, in two steps, so that few rows have to come to the host. The
+    order of sums is fixed, so that a state has the same sums each time.
+    """
 
-def connection_sums(model: Model, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> NDArray[np.float64]:
-    """Return the sums over connections, and the largest strain, in the columns of the same."""
-    if not model.connection_count:
-        return np.zeros(columns.CONNECTION_COLUMNS)
-    compensated = model.compensated and x_lost is not None
-    constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-    shares = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
-    kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
-    _launch(kernel, [*constants, x, v, x_lost if compensated else x], shares, model)
-    parts = shares.numpy()
-    return np.append(parts[:, : columns.STRAIN].sum(axis=0), parts[:, columns.STRAIN].max())
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._particles = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
+        self._connections = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
+
+    def launch(self, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> None:
+        """Launch the sums for particles at x that move at v; x_lost is what x lost by rounding."""
+        model = self._model
+        compensated = model.compensated and x_lost is not None
+        particles = sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v]
+        constants = [model.connections, model.rest_length, model.stiffness, model.damping]
+        connections = (
+            sum_connections(model.dim, model.scalar, compensated, model.system.damper.law),
+            [*constants, x, v, x_lost if compensated else x],
+        )
+        for (kernel, inputs), levels, largest in (
+            (particles, self._particles, -1),
+            (connections, self._connections, columns.STRAIN),
+        ):
+            levels[0].zero_()
+            if kernel is connections[0] and not model.connection_count:
+                continue
+            wp.launch(kernel, levels[0].shape[0], inputs, [levels[0]], device=model.device)
+            if len(levels) > 1:
+                wp.launch(fold, levels[1].shape, [levels[0], largest], [levels[1]], device=model.device)
+
+    def totals(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what was launched last: the sums over particles, and over connections with the largest strain."""
+        particles, connections = self._particles[-1].numpy(), self._connections[-1].numpy()
+        sums = connections[:, : columns.STRAIN].sum(axis=0)
+        return particles.sum(axis=0), np.append(sums, connections[:, columns.STRAIN].max())
 
 
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
@@ -99,11 +122,8 @@ def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
 
 
-def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return the place for the shares of a sum over `count` things: enough threads to fill a GPU, or one."""
-    threads = min(count, 16384) if model.device.is_cuda else 1
-    return wp.zeros((threads, width), dtype=wp.float64, device=model.device)
-
-
-def _launch(kernel: Any, inputs: list, shares: wp.array, model: Model) -> None:
-    wp.launch(kernel, dim=shares.shape[0], inputs=inputs, outputs=[shares], device=model.device)
+def _shares(model: Model, count: int, width: int) -> list[Any]:
+    """Return the places for the shares of a sum over `count` things and, where they are many, for their sums."""
+    threads = min(max(count, 1), MOST_THREADS) if model.device.is_cuda else 1
+    rows = [threads, MOST_FOLDED] if threads > MOST_FOLDED else [threads]
+    return [wp.zeros((n, width), dtype=wp.float64, device=model.device) for n in rows]

@@ -9,6 +9,8 @@ FORMAT = 1
 """Version of the group `msdwarp` in a file; VTK's own has another."""
 OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
+SUBSTEPS = "substeps"
+"""Of each frame how many it took, in the group `msdwarp`; 0 where that is unknown."""
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 """VTK's kinds of cells, in the order in which it counts them."""
 GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, System, counted
 from .frame_array import FrameArray
-from .names import KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, fault
+from .names import KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault
 from .sound import too_large, unsound
 from .stored_system import read_system
 from .vtkhdf import read_times
@@ -158,6 +158,17 @@ class Trajectory:
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
         return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
+
+    @property
+    def substeps(self) -> NDArray[np.int32] | None:
+        """How many substeps each frame took, shape [frame_count]; None in files of before they were kept.
+
+        Of the first frame it is how many the next one was to take; 0 is unknown.
+        """
+        kept = self._file[OWN].get(SUBSTEPS)
+        if kept is None or kept.shape < (len(self),):
+            return None
+        return np.asarray(kept[: len(self)], dtype=np.int32)
 
     def frame(self, k: int) -> Frame:
         """Return frame k, from the end where k is negative; raise IndexError if there is none."""

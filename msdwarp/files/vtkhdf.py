@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import AXES, System
-from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, VELOCITY, store, store_text
+from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, store, store_text
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
@@ -76,7 +76,7 @@ class Layout:
         """Return by how many bytes frame k lets the arrays grow, at most, as chunks are taken whole."""
         size = 0
         if k % self._foreseen == 0:
-            numbers = 1 + sum(stride.size for stride in self._offsets().values())
+            numbers = 2 + sum(stride.size for stride in self._offsets().values())
             size += self._foreseen * numbers * 8
         for name, count in self._per_frame.items():
             rows = self._chunk(name)
@@ -95,6 +95,7 @@ class Layout:
             for k, values in enumerate(arrays.values()):
                 store(group, f"scene/arrays/{k}", values, compress=True)  # images, for the most part
         write_system(group, self._system, self._compress)
+        _create_growing(group, SUBSTEPS, (), np.int32, self._foreseen)
         root = file.create_group(ROOT)
         root.attrs["Version"] = np.array([2, 2])
         root.attrs["Type"] = np.bytes_("PolyData")
@@ -119,6 +120,7 @@ class Layout:
         self._file, self._steps = file, file[ROOT]["Steps"]
         self._times = self._steps["Values"]
         self._datasets = {name: file[ROOT][name] for name in self._per_frame}
+        self._substeps = file[OWN].get(SUBSTEPS)  # which files of before have not
 
     def truncate(self, k: int) -> None:
         """Let a file have its first k frames only; where the others were, the next ones will be written."""
@@ -128,7 +130,7 @@ class Layout:
         self._steps.attrs.modify("NSteps", np.int64(k))
         self._file.flush()
 
-    def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> None:
+    def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None, substeps: int) -> None:
         """Write frame k, behind the others, and flush it."""
         if k % self._foreseen == 0:
             until = k + self._foreseen
@@ -136,6 +138,10 @@ class Layout:
                 _at_least(self._steps[name], until)
                 offsets = np.multiply.outer(np.arange(k, until), stride)
                 self._steps[name][k:until] = offsets + (name == "NumberOfParts")
+            if self._substeps is not None:
+                _at_least(self._substeps, until)
+        if self._substeps is not None:
+            self._substeps[k] = substeps
         for name, dataset in self._datasets.items():
             count = self._per_frame[name]
             _at_least(dataset, (k + 1) * count)

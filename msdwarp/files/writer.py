@@ -27,6 +27,11 @@ _QUEUED = 4
 class Pending(Protocol):
     """A frame that is still on its way to the host."""
 
+    @property
+    def substeps(self) -> int:
+        """How many it took; 0 where that is unknown."""
+        ...
+
     def arrived(self) -> tuple[Frame, NDArray | None]:
         """Wait for it; return it, and the strains of the connections if they come with it."""
         ...
@@ -215,7 +220,7 @@ class TrajectoryWriter:
         """Write what comes; after an error, only let go of it."""
         while (frame := self._queue.get()) is not None:
             if self._error is None:
-                self._attempt(lambda frame=frame: self._file.append(*frame.arrived()))
+                self._attempt(lambda frame=frame: self._file.append(*frame.arrived(), frame.substeps))
             frame.release()
             self._queue.task_done()
         self._attempt(self._file.close)
@@ -262,7 +267,7 @@ class _Arrived:
     """A frame that was on the host from the start."""
 
     def __init__(self, frame: Frame, strain: NDArray | None) -> None:
-        self._both = frame, strain
+        self._both, self.substeps = (frame, strain), 0
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
         return self._both

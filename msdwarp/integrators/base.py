@@ -49,6 +49,10 @@ class Integrator(ABC):
         `work` is what `workspace` returned; it keeps nothing from one substep to the next.
         """
 
+    def hand_over(self, dynamics: Dynamics, state: State, work: Any, h: float, h_next: float) -> wp.array:
+        """Return the velocities that substeps of another length, h_next [s], are to start from."""
+        return self.velocity(dynamics, state, work, h)
+
     def velocity(self, dynamics: Dynamics, state: State, work: Any, h: float) -> wp.array:
         """Return the velocities at the instant of the positions [m/s]."""
         return state.v

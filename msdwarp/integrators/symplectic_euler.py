@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import warp as wp
+
 from ..engine import Dynamics, Rates, State
-from ..kernels.integrators import symplectic_euler
+from ..kernels.integrators import kick, symplectic_euler
 from .base import Integrator, kick_drift_limit
 
 
@@ -25,6 +27,17 @@ class SymplecticEuler(Integrator):
         now, then = state.here, state.there
         dynamics.launch(symplectic_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)
         state.flip()
+
+    def hand_over(self, dynamics: Dynamics, state: State, work: None, h: float, h_next: float) -> wp.array:
+        """Return the velocities half a substep before the positions, of the next length.
+
+        The method is leapfrog seen at velocities half a substep old. Were they taken for others, each change of
+        the step would give or take energy: (h/2) Σ v·f is up to 0.8 of that of the fastest mode.
+        """
+        now, (v,) = state.here, state.empty_vectors(1)
+        fields = {"lost": now.lost, "x": now.x, "v": now.v, "v_half": now.v, "v_out": v}
+        dynamics.launch(kick, h=0.5 * (h - h_next), **fields)
+        return v
 
     def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""

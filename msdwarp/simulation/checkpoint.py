@@ -60,6 +60,21 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
     return StepChoice(rates, float(limit), checks.count("least", least, 0), int(substeps), fps, refinement)
 
 
+def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
+    """Return the frame, the changes made, and from when on [s] frames took how many substeps.
+
+    The last is empty where an older checkpoint did not keep it. Raises ValueError for what is none of these.
+    """
+    frame_index, changes = (
+        checks.count(name, checks.member("checkpoint", numbers, name), 0) for name in ("frame_index", "changes")
+    )
+    chosen = numbers.get("chosen", [])
+    if not isinstance(chosen, list) or not all(isinstance(one, list) and len(one) == 2 for one in chosen):
+        raise ValueError(f"chosen of the checkpoint is {checks.said(chosen)}; it must be a list of pairs")
+    counts = [(checks.non_negative("chosen", time), checks.count("chosen", count, 1)) for time, count in chosen]
+    return frame_index, changes, counts
+
+
 def check_arrays(stepping: Stepping, arrays: Arrays) -> None:
     """Raise ValueError unless `take_back` can take the arrays of a checkpoint back."""
     own = {name: array.numpy() for name, array in _moving(stepping).items()}

@@ -87,7 +87,7 @@ def describe(
     when = time + substep * dt
     what = "diverged"
     if gained is not None:
-        what = f"energy has grown by {gained:.0%} of its scale from nothing, which shorter steps did not prevent, so it ended"
+        what = f"energy has grown by {gained:.0%} from nothing, and shorter steps did not prevent it: ended"
     return SimulationDiverged(
         f"{what} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
         f"{advice}. The last good frame, at {time:.4g} s, is kept",

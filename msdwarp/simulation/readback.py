@@ -62,7 +62,7 @@ class Readback:
             write_strain(stepping.model, state, self._place_in(stepping.model), room.here["strain"])
         if self._stream is not None:
             room.send(self._stream)
-        return Taken(self._simulation.time, room, self._free)
+        return Taken(self._simulation, room, self._free)
 
     def _place_in(self, model: Model) -> wp.array | None:
         """Return, for each connection on the device, its number in the system; None where it is the same."""
@@ -75,8 +75,10 @@ class Readback:
 class Taken:
     """A frame on its way to the host; its memory is the readback's."""
 
-    def __init__(self, time: float, room: "_Room", free: "queue.LifoQueue[_Room]") -> None:
-        self._time, self._room, self._free = time, room, free
+    def __init__(self, simulation: Simulation, room: "_Room", free: "queue.LifoQueue[_Room]") -> None:
+        self._time, self._room, self._free = simulation.time, room, free
+        self.substeps = simulation.substeps
+        """How many the frame took, or of the first one is to take."""
         self._released = False
 
     def arrived(self) -> tuple[Frame, NDArray | None]:

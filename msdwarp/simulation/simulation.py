@@ -21,7 +21,6 @@ from ..engine import (
     rate_bounds,
 )
 from ..integrators import (
-    MOST_SUBSTEPS,
     SAFETY,
     Integrator,
     StepChoice,
@@ -32,25 +31,10 @@ from ..integrators import (
 )
 from ..world import Change, Collider, Scene
 from . import checkpoint
+from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
 from .pace import Hopeless, Pace
 from .stepping import Stepping
-
-MOST_FRAMES = 10**9
-"""Frames of the longest run."""
-
-
-def frame_count(duration: float, fps: float) -> int:
-    """Return how many frames of 1/fps s a duration [s] has, rounded; raise ValueError if there is none."""
-    frames = checks.positive("duration", duration) * checks.positive("fps", fps)
-    count = round(min(frames, 2.0 * MOST_FRAMES))
-    if count > MOST_FRAMES:
-        raise ValueError(
-            f"duration is {duration:g}; it must be at most {MOST_FRAMES} frames, {MOST_FRAMES / fps:g} s"
-        )
-    if count == 0:
-        raise ValueError(f"duration is {duration:g}; it must be at least one frame, {1 / fps:g} s")
-    return count
 
 
 class Simulation:
@@ -71,19 +55,20 @@ class Simulation:
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame; "auto" takes the least that stay within `safety` of the stability limit
-        of the system at the start (see `msdwarp.integrators.stability`). What was chosen, and why, is in `choice`.
+        Integrator steps per frame; "auto" takes the least that stay within `safety` of the stability limit of
+        small motions (see `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
+        `msdwarp.simulation.pace`). What is chosen, and why, is in `choice`; what was, and when, in `chosen`.
     safety
         Share of the stability limit that automatic substeps may use, 0 … 1.
     refresh
-        Choose automatic substeps anew before every frame, from the system as it is then: for bodies that are
-        stretched to several times their length.
+        Compute the stability limit anew before every frame, not only where stretching has changed by much.
     allow_unstable
         Accept substeps beyond the stability limit.
     energy_limit
         The run has diverged when its energy has grown by this multiple of its scale, the energy at the start
         and what falling by the system's own size would give, and of the swing that a step near the limit
-        gives a stable method's energy (`StepChoice.energy_swing`). Nothing in a scene is a source of energy.
+        gives a stable method's energy (`StepChoice.energy_swing`). With inf nothing is watched but that numbers
+        are finite: automatic substeps then stay those of the stability limit.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -137,13 +122,13 @@ class Simulation:
             raise ValueError(
                 f"integrator is {checks.said(integrator)}; it must be an instance of one, such as RK4()"
             )
-        self._forced = _forced(substeps)
+        self._forced = forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
         for name, choice in (("refresh", refresh), ("allow_unstable", allow_unstable)):
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        self._schedule = _in_order(schedule, system)
+        self._schedule = in_order(schedule, system)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
@@ -191,18 +176,22 @@ class Simulation:
         watched = self._forced is None and math.isfinite(self._energy_limit)
         self._pace = Pace() if watched else None
         self._load(self._initial)
+        self.chosen: list[tuple[float, int]] = [(0.0, self.substeps)]
+        """From when on [s] a frame took how many substeps."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = State.of(system, model, self._method.carried)
-        refinement = self._pace.refinement if self._pace is not None else 1.0
+        refinement, above = 1.0, 0.0
+        if self._pace is not None and self._pace.scale > 0:
+            refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
-        how = {"energy_limit": self._energy_limit, "blocks": self._blocks}
-        self.stepping = Stepping(Dynamics(model), state, self._method, choice, **how)
+        how: Any = (Dynamics(model), state, self._method, choice)
+        self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks)
         if self._pace is not None:
-            self._pace.begin(self.stepping)
+            self._pace.begin(self.stepping, above)
 
     def _choose(self, rates: Rates) -> StepChoice:
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
@@ -243,7 +232,7 @@ class Simulation:
 
     @property
     def substeps(self) -> int:
-        """Integrator steps per frame."""
+        """Integrator steps per frame, with automatic substeps those that the last one took."""
         return self.choice.substeps
 
     @property
@@ -267,8 +256,8 @@ class Simulation:
         Raises
         ------
         SimulationDiverged
-            If a position or velocity is no longer finite, or energy has grown from nowhere. The simulation
-            is then back at the last good frame.
+            If a position or velocity is no longer finite, or energy has grown from nowhere, and with
+            automatic substeps only if more of them did not help. It is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -276,6 +265,8 @@ class Simulation:
             if self._refresh:
                 self._choose_anew()
             self._advance()
+            if self.substeps != self.chosen[-1][1]:
+                self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
 
     def _advance(self) -> None:
@@ -304,11 +295,11 @@ class Simulation:
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
-        bound = self._bound()
+        choice = self._bound()
         if self._pace is not None:
-            self.stepping = self._pace.follow(self.stepping, bound)
-        elif bound.substeps != self.substeps:
-            self.stepping = self.stepping.with_choice(bound)
+            self.stepping = self._pace.follow(self.stepping, choice)
+        elif choice.substeps != self.substeps:
+            self.stepping = self.stepping.with_choice(choice)
 
     def _divergence(self, gained: float | None = None) -> SimulationDiverged:
         """Find out what went wrong in the frame just simulated, and go back to its start."""
@@ -316,8 +307,7 @@ class Simulation:
         rates = rate_bounds(self.system, self.model, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        how = (self.time, self.dt, self.substeps, needed, self._inside, gained)
-        return describe(system, trouble, *how)
+        return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
 
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
@@ -359,9 +349,9 @@ class Simulation:
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
         arrays, numbers = checkpoint.saved(self.stepping)
-        own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due)}
-        pace = self._pace.saved() if self._pace is not None else {}
-        return arrays, own | {"fps": self.fps, "integrator": repr(self._method)} | numbers | pace
+        own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
+        own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.chosen]}
+        return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
 
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
         """Go back, or forward, to a checkpoint of a simulation made with the same arguments.
@@ -374,20 +364,19 @@ class Simulation:
         for name, own in {"fps": self.fps, "integrator": repr(self._method)}.items():
             if checks.member("checkpoint", numbers, name) != own:
                 raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {own}")
-        frame_index = checks.count("frame_index", checks.member("checkpoint", numbers, "frame_index"), 0)
-        changes = checks.count("changes", checks.member("checkpoint", numbers, "changes"), 0)
+        frame_index, changes, chosen = checkpoint.restored_progress(numbers)
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
         pace = self._pace and Pace.restored(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
+        self._pace = self._pace and Pace()
         self._load(system, choice)
         self.frame_index = frame_index
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
-        if pace is not None:  # a checkpoint of before there was one goes on as a run that begins here
+        self.chosen = chosen or [(0.0, self.substeps)]
+        if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
             self._pace = pace
-        elif self._pace is not None:
-            self._pace.begin(self.stepping)
 
     def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
@@ -409,22 +398,3 @@ class Simulation:
         """
         change = Change(self.time, group, freeze, parameters)
         self._load(change.applied_to(self.snapshot()))
-
-
-def _forced(substeps: int | str) -> int | None:
-    """Return the number of substeps asked for, None if they are chosen; raise ValueError if it is none."""
-    if isinstance(substeps, str):
-        if substeps != "auto":
-            raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
-        return None
-    if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
-        raise ValueError(f"substeps is {substeps}; it must be at most {MOST_SUBSTEPS}")
-    return int(substeps)
-
-
-def _in_order(schedule: Sequence[Change], system: System) -> list[Change]:
-    """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
-    changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
-    for change in changes:
-        change.applied_to(system)  # what is wrong with it is said before anything runs
-    return sorted(changes, key=lambda change: change.time)

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
-from ..engine import Backup, Baseline, Blocks, Dynamics, State, Stepper, Watch
+from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Watch
 from ..integrators import Integrator, StepChoice
 
 RECORDING = threading.Lock()
@@ -80,11 +80,14 @@ class Stepping:
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
         self.graph: Any = None
+        self._sums: Any = None
+        self._ledger: Ledger | None = None
         self.integrator.start(dynamics, state, self._work, choice.step)
 
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
-        wp.copy(self.state.v, self.velocity())
+        from_to = self.choice.step, choice.step
+        wp.copy(self.state.v, self.integrator.hand_over(self.dynamics, self.state, self._work, *from_to))
         baseline = self.watch.baseline
         return type(self)(self.dynamics, self.state, choice=choice, baseline=baseline, **self._how)
 
@@ -103,6 +106,16 @@ class Stepping:
             self.stepper.take(self.choice.substeps)
             self.watch.look()
         return capture.graph
+
+    def balance(self) -> Balance:
+        """Return the energies of the present state, summed by a graph of its own."""
+        if self._ledger is None:
+            self._ledger = Ledger(self.model, self.state, self.integrator.lag * self.choice.step)
+            with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
+                self._ledger.launch()
+            self._sums = capture.graph
+        wp.capture_launch(self._sums)
+        return self._ledger.balance()
 
     def find_trouble(self) -> Trouble:
         """Find out what went wrong in the frame just simulated, and go back to its start.

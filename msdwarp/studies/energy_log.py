@@ -25,6 +25,10 @@ COLUMNS: dict[str, Callable[[Measures], float]] = {
 }
 
 
+HEAD = ["time_s", *COLUMNS, "substeps"]
+"""The first line of a file: the last column says how many substeps the frame took."""
+
+
 class EnergyLog:
     """Writes a line of measures per frame, at once to disk.
 
@@ -68,14 +72,14 @@ class EnergyLog:
             return []
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
-        if head != ["time_s", *COLUMNS] or len(lines) < behind:
+        if head not in (HEAD, HEAD[:-1]) or len(lines) < behind:  # files of before have no substeps
             raise ValueError(f"log is {self.path}, which is not what the run had written there; move it away")
-        return lines[:behind]
+        return [line + [""] * (len(HEAD) - len(head)) for line in lines[:behind]]
 
     def __enter__(self) -> Self:
         """Open the file."""
         with replacing(self.path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([["time_s", *COLUMNS], *self._kept])
+            csv.writer(file).writerows([HEAD, *self._kept])
         self._file = self.path.open("a", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file)
         return self
@@ -90,11 +94,12 @@ class EnergyLog:
             if kind is None:
                 raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
 
-    def write(self, time: float, measures: Measures) -> None:
-        """Add a line."""
+    def write(self, time: float, measures: Measures, substeps: int) -> None:
+        """Add a line: the time [s], the measures then, and how many substeps the frame before took."""
         assert self._file is not None
         try:
-            self._writer.writerow([f"{time:.9g}", *(f"{of(measures):.9g}" for of in COLUMNS.values())])
+            numbers = [time, *(of(measures) for of in COLUMNS.values()), substeps]
+            self._writer.writerow([f"{number:.9g}" for number in numbers])
             self._file.flush()
         except OSError as error:
             raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error

@@ -1,0 +1,43 @@
+"""What the arguments of a simulation and of a run stand for, checked."""
+
+from collections.abc import Sequence
+
+from .. import checks
+from ..bodies import System
+from ..integrators import MOST_SUBSTEPS
+from ..world import Change
+
+MOST_FRAMES = 10**9
+"""Frames of the longest run."""
+
+
+def frame_count(duration: float, fps: float) -> int:
+    """Return how many frames of 1/fps s a duration [s] has, rounded; raise ValueError if there is none."""
+    frames = checks.positive("duration", duration) * checks.positive("fps", fps)
+    count = round(min(frames, 2.0 * MOST_FRAMES))
+    if count > MOST_FRAMES:
+        raise ValueError(
+            f"duration is {duration:g}; it must be at most {MOST_FRAMES} frames, {MOST_FRAMES / fps:g} s"
+        )
+    if count == 0:
+        raise ValueError(f"duration is {duration:g}; it must be at least one frame, {1 / fps:g} s")
+    return count
+
+
+def forced(substeps: int | str) -> int | None:
+    """Return the number of substeps asked for, None if they are chosen; raise ValueError if it is none."""
+    if isinstance(substeps, str):
+        if substeps != "auto":
+            raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
+        return None
+    if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
+        raise ValueError(f"substeps is {substeps}; it must be at most {MOST_SUBSTEPS}")
+    return int(substeps)
+
+
+def in_order(schedule: Sequence[Change], system: System) -> list[Change]:
+    """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
+    changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
+    for change in changes:
+        change.applied_to(system)  # what is wrong with it is said before anything runs
+    return sorted(changes, key=lambda change: change.time)
