@@ -7,6 +7,7 @@ from typing import Any
 from ..bodies import counted
 from ..files import Trajectory
 from .options import Options
+from .printable import printable
 from .results import RESTART
 
 Lines = Iterator[tuple[str, str]]
@@ -18,7 +19,6 @@ def told(trajectory: Trajectory) -> str:
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
     text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
-    # What a file says is shown and not obeyed: a terminal would take some characters as its commands.
     groups = [("What it is", _what(trajectory)), ("How it was simulated", _how(about)), ("Made by", _by(about))]
     rest = about.keys() - _TOLD
     groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
@@ -29,11 +29,6 @@ def told(trajectory: Trajectory) -> str:
         going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"
         text += f"\n{path.with_name(RESTART)}: `{going_on}` goes on from it\n"
     return text
-
-
-def printable(text: str) -> str:
-    """Return a text with what a terminal would not print, but obey, written out by its number."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _what(trajectory: Trajectory) -> Lines:

@@ -45,9 +45,13 @@ class GrowingFile:
         """Open the file that is there, to go on behind so many of its frames."""
         _count_in_all(self.path)
         self._open(self.path)
-        self._layout = Layout.of(self._file, system)
-        self._layout.open(self._file)
-        self._layout.truncate(kept)
+        try:
+            self._layout = Layout.of(self._file, system)
+            self._layout.open(self._file)
+            self._layout.truncate(kept)
+        except BaseException:
+            self.close()
+            raise
         self.written, self._size = kept, os.fstat(self._room).st_size
 
     def sync(self) -> None:

@@ -1,5 +1,6 @@
 """Ctrl-C at any moment of a run: the command ends with a word and 130, and what it had begun can go on."""
 
+import importlib
 import os
 import random
 import signal
@@ -9,8 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
+from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory
+from msdwarp.cli import signals
 
 ROOT = Path(__file__).parents[2]
 RUN = ["run", "cube", "--size", "6", "--duration", "0.3", "--resolution", "64x64", "--device", "cpu"]
@@ -95,6 +98,37 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
             assert not resumed(results)
 
 
+def test_what_is_imported_late_is_let_come_to_its_end(tmp_path, monkeypatch, heard):
+    (tmp_path / "heard_late.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\nwhole = True\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    signal.signal(signal.SIGINT, signals.ask)
+
+    def sleep_behind():
+        importlib.import_module("heard_late")
+        time.sleep(30)
+
+    with pytest.raises(KeyboardInterrupt):
+        sleep_behind()
+    assert sys.modules.pop("heard_late").whole
+
+
+def test_what_python_lets_not_out_is_heard_again(monkeypatch, heard):
+    class Deaf:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(sys, "unraisablehook", signals.lost)
+    signal.signal(signal.SIGTERM, signals.ask)
+
+    def let_go():
+        deaf = Deaf()
+        del deaf
+        time.sleep(30)
+
+    with pytest.raises(signals.Terminated):
+        let_go()
+
+
 # Where it is interrupted, by the module that is being imported: the scene's script does it.
 HEARD = """
 import importlib.abc, os, signal, sys
@@ -125,3 +159,16 @@ def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
     assert err.count("\n") == 1
     assert (tmp_path / "out" / "cube" / "restart.h5").exists() == resumable
     assert ("resume out/cube` goes on" in err) == resumable
+
+
+@posix
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["h5py._hl", "pyvista.core", "pyvista.plotting"])
+def test_an_import_of_export_is_a_safe_moment(tmp_path, module):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module))
+    path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
+    done = ended(begun(tmp_path, "export", "a.vtkhdf", "--to", "obj", env={"PYTHONPATH": path}))
+    assert done == (130, "", "interrupted\n")
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["a.vtkhdf", "own"]
