@@ -123,10 +123,10 @@ def _printable(text: str) -> bool:
     return text.replace("\n", "").isprintable()
 
 
-def case(k: int, seed: int, root: Path, sounds: list[Sound]) -> list[dict]:
+def case(k: int, seed: int, given: str | None, root: Path, sounds: list[Sound]) -> list[dict]:
     """Return what became of damaged file number k, by command."""
     chance = random.Random(f"{seed} {k}")
-    way, sound = WAYS[k % len(WAYS)], sounds[k // len(WAYS) % len(sounds)]
+    way, sound = given or WAYS[k % len(WAYS)], sounds[k // len(WAYS) % len(sounds)]
     file = "restart.h5" if chance.random() < 0.35 else "trajectory.vtkhdf"
     folder = root / f"case{k}"
     (folder / "run").mkdir(parents=True)
@@ -168,6 +168,7 @@ def main() -> None:
     own.add_argument("--files", type=int, default=1000, help="how many")
     own.add_argument("--seed", type=int, default=1, help="of chance; a file is the same again by seed and number")
     own.add_argument("--minutes", type=float, default=60.0, help="after which no other is begun")
+    own.add_argument("--way", choices=WAYS, help="damage files in this way alone")
     own.add_argument("--only", type=int, help="this file alone, by its number")
     options = arguments(__doc__ or "", own)
     path = options.folder / "corrupt_files.csv"
@@ -176,13 +177,13 @@ def main() -> None:
     else:
         count = 24 if options.quick else options.files
         numbers = range(count) if options.only is None else [options.only]
-        line, rows = machine("cpu"), campaign(numbers, options.seed, options.minutes)
+        line, rows = machine("cpu"), campaign(numbers, options.seed, options.way, options.minutes)
         if options.only is None:
             write_csv(path, rows, line)
     report(line, rows)
 
 
-def campaign(numbers: range | list[int], seed: int, minutes: float) -> list[dict]:
+def campaign(numbers: range | list[int], seed: int, way: str | None, minutes: float) -> list[dict]:
     """Return what became of damaged files of these numbers, by command."""
     import_all()
     probed_once()
@@ -195,7 +196,7 @@ def campaign(numbers: range | list[int], seed: int, minutes: float) -> list[dict
         for k in numbers:
             if time.monotonic() - began > 60 * minutes:
                 break
-            rows += case(k, seed, root, sounds)
+            rows += case(k, seed, way, root, sounds)
             if k % 50 == 49:
                 print(f"{k + 1} files in {time.monotonic() - began:.0f} s", flush=True)
     return rows

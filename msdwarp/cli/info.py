@@ -23,7 +23,10 @@ def told(trajectory: Trajectory) -> str:
     rest = about.keys() - _TOLD
     groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
     for title, lines in groups:
-        said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
+        try:
+            said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
+        except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} says of itself what no run writes: {error}") from error
         text += f"\n{title}\n{said}" if said else ""
     if path.with_name(RESTART).exists():
         going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"

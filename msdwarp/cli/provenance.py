@@ -52,9 +52,7 @@ def built_again(attributes: Mapping[str, Any], script: Script = UNTOLD) -> tuple
         If they do not say so, or it cannot be built, or the script may not be run.
     """
     place = script.scene or str(checks.member("the file", attributes, "scene"))
-    stored = checks.member("the file", attributes, "parameters")
-    if not isinstance(stored, Mapping):
-        raise ValueError(f"the file's parameters are {stored!r}; they must be a mapping")
+    stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
     found = script.found(place, attributes)
     known = inspect.signature(found.build, eval_str=True).parameters
     unknown = stored.keys() - known.keys()

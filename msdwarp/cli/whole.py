@@ -15,8 +15,8 @@ def _whole(kind: Any, tokens: Sequence[Token]) -> Any:
         except ValueError:
             between = False  # no number: what else it may be is for cyclopts to tell
         if between and all(one is int or get_origin(one) is Literal for one in _kinds(kind, place)):
-            kinds = tuple(_kinds(kind, place))
-            raise CoercionError(token=token, target_type=Union[kinds])  # noqa: UP007
+            takes: Any = Union[tuple(_kinds(kind, place))]  # noqa: UP007
+            raise CoercionError(token=token, target_type=takes)
     return convert(kind, tokens)
 
 

@@ -253,6 +253,37 @@ def test_a_terminal_is_not_told_what_to_do(msdwarp, tmp_path):
     assert err.replace("\n", "").isprintable()
 
 
+@pytest.mark.parametrize(
+    "about", [{"options": "x"}, {"command": 3}, {"gravity": "x"}, {"script": []}, {"versions": {}, "device": []}]
+)
+def test_what_no_run_says_of_itself_is_told(msdwarp, tmp_path, about):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about)
+    code, out, err = msdwarp("info", "a.vtkhdf")
+    assert (code, out) == (1, "")
+    assert err.startswith("error: a.vtkhdf says of itself what no run writes: ")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"options": []}, "the run's options is []; it must be a mapping"),
+        ({"options": {"pictures": 3}}, "the run's pictures is 3; it must be a mapping"),
+        ({"options": {"fps": {}}}, "the run's fps is {}, which no run stores"),
+        ({"options": {"every": True}}, "the run's every is True, which no run stores"),
+        ({"options": {"route": ["auto"]}}, "the run's route is ['auto'], which no run stores"),
+        ({"options": {"out": 3}}, "the run's out is 3, which no run stores"),
+        ({"parameters": "x" * 9999}, "parameters of the file is 'xxx"),
+        ({"device": {}}, "the run's device is {}, which no run stores"),
+    ],
+)
+def test_a_file_asks_for_nothing_that_a_run_cannot(msdwarp, tmp_path, changes, said):
+    about = {"scene": "cube", "parameters": {"size": 3}, "options": {"fps": 60.0}, "device": "cpu"} | changes
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about)
+    code, _, err = msdwarp("rerun", "a.vtkhdf")
+    assert (code, err[:7], len(err) < 500) == (1, "error: ", True)
+    assert said in err
+
+
 def test_errors_do_not_tell_a_terminal_what_to_do(msdwarp):
     assert r"error: file is \x1b[2Jx.vtkhdf, which does not exist" in msdwarp("info", "\x1b[2Jx.vtkhdf")[2]
     assert r"\x1b]0;x" in msdwarp("\x1b]0;x")[2]
@@ -273,6 +304,10 @@ def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
         write_restart(path, arrays, spoiled)
         with pytest.raises(ValueError, match=f"lacks '{name}'"):
             resume_run(tmp_path / "out" / "cube", quiet=True)
+    for odd in (None, [], "x" * 9999):
+        write_restart(path, arrays, whole | {"checkpoint": odd})
+        code, _, err = msdwarp("resume", "out/cube", *longer)
+        assert (code, "restart.h5: checkpoint is " in err, len(err) < 500) == (1, True, True)
     spoiled = json.loads(json.dumps(whole))
     spoiled["checkpoint"]["rates.damping"] = {}
     write_restart(path, arrays, spoiled)
