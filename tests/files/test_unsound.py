@@ -13,7 +13,7 @@ import pytest
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory, TrajectoryWriter
-from msdwarp.files import export, probe
+from msdwarp.files import export, probe, read_restart, write_restart
 
 
 @pytest.fixture
@@ -284,6 +284,15 @@ def test_a_file_asks_for_nothing_that_a_run_cannot(msdwarp, tmp_path, changes, s
     assert said in err
 
 
+@pytest.mark.parametrize("text", ["[]", "{}", '{"shapes": 3}', '{"shapes": {"x": {"a": 1}}, "attributes": {}}'])
+def test_a_restart_file_that_says_nothing_of_its_arrays_is_told(tmp_path, text):
+    write_restart(tmp_path / "restart.h5", {"x": np.arange(3.0)}, {})
+    with h5py.File(tmp_path / "restart.h5", "r+") as file:
+        put(file, "description", np.frombuffer(text.encode(), np.uint8))
+    with pytest.raises(ValueError, match=r"restart\.h5 is damaged: "):
+        read_restart(tmp_path / "restart.h5")
+
+
 def test_errors_do_not_tell_a_terminal_what_to_do(msdwarp):
     assert r"error: file is \x1b[2Jx.vtkhdf, which does not exist" in msdwarp("info", "\x1b[2Jx.vtkhdf")[2]
     assert r"\x1b]0;x" in msdwarp("\x1b]0;x")[2]
@@ -291,7 +300,6 @@ def test_errors_do_not_tell_a_terminal_what_to_do(msdwarp):
 
 def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
     from msdwarp.cli.resume import resume_run
-    from msdwarp.files import read_restart, write_restart
 
     short = ("--size", "3", "--duration", "0.05", "--frames", "none", "--video", "none", "--device", "cpu")
     assert msdwarp("run", "cube", *short)[0] == 0
