@@ -316,6 +316,8 @@ def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
         write_restart(path, arrays, whole | {"checkpoint": odd})
         code, _, err = msdwarp("resume", "out/cube", *longer)
         assert (code, "restart.h5: checkpoint is " in err, len(err) < 500) == (1, True, True)
+    write_restart(path, arrays, whole | {"run": whole["run"] | {"options": []}})
+    assert "the run's options is []; it must be a mapping" in msdwarp("resume", "out/cube", *longer)[2]
     spoiled = json.loads(json.dumps(whole))
     spoiled["checkpoint"]["rates.damping"] = {}
     write_restart(path, arrays, spoiled)
