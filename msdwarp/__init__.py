@@ -14,15 +14,17 @@ def _is_the_command() -> bool:
 
 
 def _leave(number: int, _: object) -> None:
-    _os.write(2, b"interrupted\n")
+    _os.write(2, b"interrupted\n" if number == _signal.SIGINT else b"terminated\n")
     _os._exit(128 + number)
 
 
-# Most of the command's first second goes by below. Nothing is begun yet: Ctrl-C ends the process, where an
-# exception would end as a traceback, or as whatever a half imported module makes of it. `msdwarp.cli.main` takes
-# over from here.
-if _is_the_command() and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-    _signal.signal(_signal.SIGINT, _leave)
+# Most of the command's first second goes by below. Nothing is begun yet: Ctrl-C and SIGTERM end the process with a
+# word, where an exception would end as a traceback, or as whatever a half imported module makes of it.
+# `msdwarp.cli.main` takes over from here.
+if _is_the_command():
+    for _number in (_signal.SIGINT, _signal.SIGTERM):
+        if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):
+            _signal.signal(_number, _leave)
 
 from .bodies import (
     COTTON,

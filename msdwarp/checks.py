@@ -52,6 +52,10 @@ def said(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python writes no whole number of more than some thousand digits
         return "a whole number of very many digits"
+    return _short(text)
+
+
+def _short(text: str) -> str:
     return text if len(text) <= _MOST_SAID else f"{text[: _MOST_SAID // 2]} ... {text[-_MOST_SAID // 4 :]}"
 
 
@@ -166,10 +170,17 @@ def count(name: str, value: int, least: int) -> int:
     return int(value)
 
 
+def mapping(name: str, value: Any) -> Mapping[str, Any]:
+    """Return a mapping; raise ValueError if it is none."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} is {said(value)}; it must be a mapping")
+    return value
+
+
 def member(name: str, of: Mapping[str, Any], key: str) -> Any:
-    """Return an entry of a mapping; raise ValueError that names both if it is missing."""
-    if key not in of:
-        raise ValueError(f"{name} lacks {key!r}; it has {', '.join(map(repr, of)) or 'nothing'}")
+    """Return an entry of a mapping; raise ValueError that names both if it is missing, or that is no mapping."""
+    if key not in mapping(name, of):
+        raise ValueError(f"{name} lacks {key!r}; it has {_short(', '.join(map(repr, of))) or 'nothing'}")
     return of[key]
 
 

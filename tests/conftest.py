@@ -79,7 +79,7 @@ def msdwarp(tmp_path, monkeypatch, capsys):
         return stop.value.code, *capsys.readouterr()
 
     # The command has handlers of its own to the end of its process, which here goes on with other tests.
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     yield run
     for number, handler in before.items():

@@ -60,6 +60,15 @@ HUGE_NUMBERS = [
 TYPES = [
     (lambda: msd.Scene(system=3), "system is 3; it must be a System, such as chain(5)"),
     (lambda: msd.Simulation(3), "system is 3; it must be a System, such as chain(5)"),
+    (lambda: msd.stability_limit(3, msd.RK4()), "system is 3; it must be a System, such as chain(5)"),
+    (lambda: msd.stability_limit(BODY, 3), "integrator is 3; it must be an Integrator, such as RK4()"),
+    (lambda: msd.System(position=[[0.0]], directions=3), "directions is 3; it must be a sequence of Mappings"),
+    (lambda: BODY.replace(directions=[3]), "directions[0] is 3; it must be a Mapping, such as {'x': slice(0, 4)}"),
+    (
+        lambda: BODY.replace(directions=[{"x": 3}]),
+        "directions[0]['x'] is 3; it must be a slice, such as slice(0, 4)",
+    ),
+    (lambda: BODY.replace(directions=[{3: 3}]), "a name in directions[0] is 3; it must be a str, such as 'x'"),
     (lambda: msd.Simulation.of(BODY), "it must be a Scene, such as Scene(system=chain(5))"),
     (lambda: BODY.replace(surface=3), "surface is 3; it must be a Surface"),
     (lambda: msd.System(position=[[0.0]], surface=3), "surface is 3; it must be a Surface"),

@@ -78,11 +78,23 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
+    if "directions" in new:
+        fields["directions"] = _of_bodies(fields["directions"])
     if "groups" in new:
         groups = fields["groups"] or {}
         checks.instance("groups", groups, Mapping, "{'scoop': [0, 1]}")
         fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
     return fields
+
+
+def _of_bodies(directions: Any) -> tuple[Mapping[str, slice], ...]:
+    """Return the slices of each body's connections, by name."""
+    bodies = checks.sequence("directions", directions, Mapping, "{'x': slice(0, 4)}")
+    for k, body in enumerate(bodies):
+        for name, connections in body.items():
+            checks.instance(f"a name in directions[{k}]", name, str, "'x'")
+            checks.instance(f"directions[{k}][{name!r}]", connections, slice, "slice(0, 4)")
+    return bodies
 
 
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:

@@ -14,8 +14,9 @@ from ..files import Trajectory, export, probe
 from ..studies import plot_history, write_history
 from ..world import Change, Scene, known_until, scene_from_stored
 from .draw import draw
-from .info import printable, told
+from .info import told
 from .options import Pictures
+from .printable import printable
 from .process import progress_on, start_warp
 from .provenance import UNTOLD, built_again
 from .rerun import rerun

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import counted
 from ..files import Trajectory
 from .options import Options
+from .printable import printable
 from .results import RESTART
 
 Lines = Iterator[tuple[str, str]]
@@ -21,7 +22,6 @@ def told(trajectory: Trajectory) -> str:
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
     text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
-    # What a file says is shown and not obeyed: a terminal would take some characters as its commands.
     groups = [
         ("What it is", _what(trajectory)),
         ("How it was simulated", _how(about, trajectory.substeps)),
@@ -30,17 +30,15 @@ def told(trajectory: Trajectory) -> str:
     rest = about.keys() - _TOLD
     groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
     for title, lines in groups:
-        said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
+        try:
+            said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
+        except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} says of itself what no run writes: {error}") from error
         text += f"\n{title}\n{said}" if said else ""
     if path.with_name(RESTART).exists():
         going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"
         text += f"\n{path.with_name(RESTART)}: `{going_on}` goes on from it\n"
     return text
-
-
-def printable(text: str) -> str:
-    """Return a text with what a terminal would not print, but obey, written out by its number."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _what(trajectory: Trajectory) -> Lines:

@@ -5,7 +5,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from cyclopts import Parameter
 
@@ -192,16 +193,34 @@ class Options:
 
     @classmethod
     def stored(cls, values: Mapping[str, Any], **changes: Any) -> "Options":
-        """Return what `as_stored` gave, with changes; raise ValueError where a later version stored it.
+        """Return what `as_stored` gave, with changes; raise ValueError where a later version, or none, stored it.
 
         What an earlier version did not know is as it is by default: so it was then.
         """
-        pictures = values.get("pictures", {})
+        pictures = checks.mapping(
+            "the run's pictures", checks.mapping("the run's options", values).get("pictures", {})
+        )
         unknown = (values.keys() - _names(cls)) | (pictures.keys() - _names(Pictures))
         if unknown:
             raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
+        own = {name: value for name, value in {**values, **changes}.items() if name != "pictures"}
+        for kind, given in ((cls, own), (Pictures, pictures)):
+            hints = get_type_hints(kind)
+            for name, value in given.items():
+                if not _fits(value, hints[name]):
+                    raise ValueError(f"the run's {name} is {checks.said(value)}, which no run stores")
         out = {"out": values.get("out") and Path(values["out"])}
         return cls(**{**values, **out, "pictures": Pictures(**pictures), **changes})
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Tell whether a value of JSON is one of a type that an option has."""
+    if get_origin(kind) in (Union, UnionType):
+        return any(_fits(value, one) for one in get_args(kind))
+    if get_origin(kind) is Literal:
+        return any(type(value) is type(one) and value == one for one in get_args(kind))
+    kinds = {float: (int, float), Path: str}.get(kind, kind)
+    return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
 
 
 def _names(options: type) -> set[str]:

@@ -17,7 +17,8 @@ from .. import quiet
 from ..simulation import SimulationDiverged
 from .blame import told_by_line
 from .misunderstood import misunderstood
-from .signals import Interrupted, Terminated, ask, heard, noted
+from .printable import printable_lines
+from .signals import ALL, Interrupted, Terminated, ask, heard, noted
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
@@ -26,7 +27,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     Flags that are not understood end as all errors do, so that there is one code to look for: `rerun` has always
     said by it that a result differs.
     """
-    for number in heard("SIGTERM", "SIGHUP"):
+    for number in heard(*ALL):
         signal.signal(number, ask)
     try:
         command()
@@ -34,20 +35,17 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except MemoryError as error:
-        print(f"error: out of memory: {error}", file=sys.stderr)
-        sys.exit(1)
+        _fail(f"out of memory: {error}")
     except CycloptsError as error:
-        print(f"error: {misunderstood(error)}", file=sys.stderr)
-        sys.exit(1)
+        _fail(misunderstood(error))
     except Interrupted as interruption:
-        print(interruption, file=sys.stderr)
+        print(printable_lines(str(interruption)), file=sys.stderr)
         sys.exit(interruption.code)
     except Exception as error:
         said = told_by_line(error)
         if said is None and not isinstance(error, ValueError | OSError | SimulationDiverged):
             raise  # a mistake of ours, which its traceback explains
-        print(f"error: {said or error}", file=sys.stderr)
-        sys.exit(1)
+        _fail(said or str(error))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
@@ -55,6 +53,12 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         print("terminated", file=sys.stderr)
         sys.exit(128 + termination.args[0])
     sys.exit(0)
+
+
+def _fail(said: str) -> NoReturn:
+    """Exit with what was wrong, which may be in words of a file or of a path."""
+    print(f"error: {printable_lines(said)}", file=sys.stderr)
+    sys.exit(1)
 
 
 def understood(app: App, words: Sequence[str]) -> None:

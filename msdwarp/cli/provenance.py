@@ -18,7 +18,7 @@ import numpy as np
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
 from ..world import Scene
-from .scene_files import Origin, find_scene
+from .scene_files import Origin
 from .trust import Script, script_as_stored
 
 UNTOLD = Script()
@@ -51,11 +51,9 @@ def built_again(attributes: Mapping[str, Any], script: Script = UNTOLD) -> tuple
     ValueError
         If they do not say so, or it cannot be built, or the script may not be run.
     """
-    place = script.place_in(str(checks.member("the file", attributes, "scene")), attributes)
-    stored = checks.member("the file", attributes, "parameters")
-    if not isinstance(stored, Mapping):
-        raise ValueError(f"the file's parameters are {stored!r}; they must be a mapping")
-    found = find_scene(place)
+    place = script.scene or str(checks.member("the file", attributes, "scene"))
+    stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
+    found = script.found(place, attributes)
     known = inspect.signature(found.build, eval_str=True).parameters
     unknown = stored.keys() - known.keys()
     if unknown:

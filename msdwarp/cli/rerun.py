@@ -80,7 +80,7 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, scri
 def _why(before: dict, now: dict) -> str:
     """Return what was other than now and may be why."""
     other = [
-        f"{name} was {before.get(name)!r}, and is {now[name]!r}"
+        f"{name} was {checks.said(before.get(name))}, and is {now[name]!r}"
         for name in ("digest", "versions", "commit", "device_name", "route", "precision", "substeps")
         if before.get(name) != now[name]
     ]

@@ -52,7 +52,7 @@ def resume_run(
         if digest(scene) != made_by["digest"]:
             raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
         if duration is not None:
-            made_by["options"]["duration"] = duration
+            made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
         device = device or made_by["device"]
         options = Options.stored(made_by["options"], device=device, quiet=quiet, force=force)
         last, behind = last_frame(options), checks.count("frame_index", checkpoint["frame_index"], 0) + 1

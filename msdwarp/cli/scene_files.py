@@ -45,8 +45,10 @@ def scene_names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(scenes.__path__))
 
 
-def find_scene(scene: str) -> Origin:
+def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin:
     """Return a scene, given by name or by the path of its script, with no parameters.
+
+    Before a script is run `check` is called with the SHA-256 of the very bytes that will be, and may raise.
 
     Raises
     ------
@@ -58,12 +60,14 @@ def find_scene(scene: str) -> Origin:
         with at_once():
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
+        source = path.read_bytes()  # once: what runs is what the digest is of, and no compiled file beside it
+        digest = hashlib.sha256(source).hexdigest()
+        if check is not None:
+            check(digest)
         remember(path)
         # Not by its own name: a scene called numpy.py or msdwarp.py would take the place of the module.
         spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
-        source = path.read_bytes()  # once: what runs is what the digest is of, and no compiled file beside it
-        digest = hashlib.sha256(source).hexdigest()
         name, module = path.stem, importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
         folder = str(path.parent.resolve())

@@ -2,17 +2,23 @@
 
 Where nothing is begun, as while modules are imported, they end it at once. An exception there may come out as
 another one, or not at all, or with a crash: what is written in C has its own ways to fail half imported.
-Where something is begun they are noted, and acted upon between two frames.
+Where something is begun they are noted, and acted upon between two frames. Everywhere else they raise an
+exception, but for what is imported late, which is let come to its end.
 """
 
+import _thread
 import contextlib
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Any, NoReturn
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
+_A_LITTLE = 0.02
+"""Seconds until a signal that came during an import is heard again."""
 
 
 class Terminated(BaseException):
@@ -47,9 +53,42 @@ def leave(number: int, _: Any = None) -> NoReturn:
     os._exit(128 + number)
 
 
-def ask(number: int, _: Any = None) -> NoReturn:
-    """End the command by an exception, so that what it has begun is closed and what is half written removed."""
+def ask(number: int, frame: FrameType | None = None) -> None:
+    """End the command by an exception, so that what it has begun is closed and what is half written removed.
+
+    What is being imported, PyVista for one, may not stand an exception: the signal is heard again a little later.
+    """
+    if _is_importing(frame):
+        _hear_again(number)
+        return
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)
+
+
+def lost(found: "sys.UnraisableHookArgs") -> None:
+    """Hear a signal again whose exception was raised where Python lets none out, as in a `__del__`: its hook."""
+    if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
+        _hear_again(found.exc_value.args[0] if found.exc_value.args else signal.SIGINT)
+    else:
+        sys.__unraisablehook__(found)
+
+
+def _hear_again(number: int) -> None:
+    """Have a signal come again to this thread, which hears them, a little later."""
+    if hasattr(signal, "pthread_kill"):  # which wakes it too, where it waits for something
+        later = threading.Timer(_A_LITTLE, signal.pthread_kill, (threading.get_ident(), number))
+    else:
+        later = threading.Timer(_A_LITTLE, _thread.interrupt_main, (number,))
+    later.daemon = True
+    later.start()
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Tell whether Python's machinery of imports is among what a frame was called by."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextlib.contextmanager

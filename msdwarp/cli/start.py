@@ -34,6 +34,7 @@ def scene_main(build: Callable[..., Any]) -> NoReturn:
 
 def _to_the_end(command: Callable[[], NoReturn]) -> NoReturn:
     """Run what ends the process; a signal while its last word is told ends it at once, a later one nothing."""
+    sys.unraisablehook = signals.lost
     try:
         command()
     except KeyboardInterrupt:

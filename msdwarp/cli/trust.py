@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from .scene_files import scene_names
+from .scene_files import Origin, find_scene
 
 
 @Parameter(name="*")
@@ -40,18 +40,19 @@ class Script:
         """Whether a script is wanted even where none is needed."""
         return self.trust or self.scene is not None
 
-    def place_in(self, place: str, attributes: Mapping[str, Any]) -> str:
-        """Return the scene to build: a name, or a script's path; raise ValueError where it may not be run."""
-        if self.scene is not None:
-            return self.scene
-        if place in scene_names() or self.trust or not Path(place).is_file():  # what is not there cannot run
-            return place
-        why = _distrust(place, attributes.get("script"))
-        if why is not None:
-            raise ValueError(
-                f"scene is {place!r}, a script, and {why}; allow it with --trust, or name another by --scene PATH"
-            )
-        return place
+    def found(self, place: str, attributes: Mapping[str, Any]) -> Origin:
+        """Return the scene to build, by a name or a script's path; raise ValueError where that may not be run."""
+        if self.scene is not None or self.trust:
+            return find_scene(self.scene or place)
+
+        def check(digest: str) -> None:
+            if why := _distrust(place, digest, attributes.get("script")):
+                raise ValueError(
+                    f"scene is {place!r}, a script, and {why}; allow it with --trust, or name another by "
+                    "--scene PATH"
+                )
+
+        return find_scene(place, check)
 
 
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
@@ -59,15 +60,15 @@ def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str 
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}
 
 
-def _distrust(place: str, stored: Any) -> str | None:
-    """Return why a script may not run by itself; None if it may."""
+def _distrust(place: str, digest: str, stored: Any) -> str | None:
+    """Return why a script of this SHA-256 may not run by itself; None if it may."""
     if not isinstance(stored, Mapping) or not isinstance(stored.get("sha256"), str):
         return "the file does not say what was in it"
     if not Path(place).is_absolute():
         return "the file does not say in which folder"
-    if stored["sha256"] != hashlib.sha256(Path(place).read_bytes()).hexdigest():
+    if stored["sha256"] != digest:
         return "it is no longer what it was when the run began"
-    seal = _seal(place, stored["sha256"])
+    seal = _seal(place, digest)
     given = str(stored.get("seal"))
     if seal is None or not hmac.compare_digest(seal.encode(), given.encode()):
         return "the run was not made here by you"

@@ -1,21 +1,37 @@
 """Whole numbers on the command line: cyclopts rounds 1.5 to 2 without a word."""
 
 from collections.abc import Sequence
-from types import GenericAlias, UnionType
+from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from cyclopts import CoercionError, Parameter, Token, convert
 
 
 def _whole(kind: Any, tokens: Sequence[Token]) -> Any:
-    """Return what a word is as an int or what else a type has; raise CoercionError if it lies between two."""
-    try:
-        between = "." in tokens[0].value and not float(tokens[0].value).is_integer()
-    except ValueError:
-        between = False  # no number: what else it may be is for cyclopts to tell
-    if between:
-        raise CoercionError(token=tokens[0], target_type=kind)
+    """Return what words are as a type; raise CoercionError if one lies between two numbers where it may not."""
+    for place, token in enumerate(tokens):
+        try:
+            between = "." in token.value and not float(token.value).is_integer()
+        except ValueError:
+            between = False  # no number: what else it may be is for cyclopts to tell
+        if between and all(one is int or get_origin(one) is Literal for one in _kinds(kind, place)):
+            takes: Any = Union[tuple(_kinds(kind, place))]  # noqa: UP007
+            raise CoercionError(token=token, target_type=takes)
     return convert(kind, tokens)
+
+
+def _kinds(kind: Any, place: int) -> list[Any]:
+    """Return what the word at a place may be: the types within unions, tuples and lists."""
+    inner, origin = get_args(kind), get_origin(kind)
+    if origin is Annotated:
+        return _kinds(inner[0], place)
+    if origin in (Union, UnionType):
+        return [found for one in inner for found in _kinds(one, place)]
+    if origin is tuple and ... not in inner and not any(get_origin(one) is tuple for one in inner):
+        return _kinds(inner[place], 0) if place < len(inner) else []
+    if origin in (tuple, list, set):
+        return [found for one in inner if one is not ... for found in _kinds(one, place)]
+    return [] if kind is type(None) else [kind]
 
 
 Whole = Annotated[int, Parameter(converter=_whole)]
@@ -25,16 +41,17 @@ WholeOrAuto = Annotated[int | Literal["auto"], Parameter(converter=_whole)]
 
 
 def with_wholes(kind: Any) -> Any:
-    """Return a type with `Whole` where it has int, also in unions, tuples and lists."""
-    if kind is int:
-        return Whole
-    inner = get_args(kind)
-    origin = get_origin(kind)
-    if origin is Annotated:
+    """Return a type whose flag takes a word for an int, also in unions, tuples and lists, only if it is one."""
+    if get_origin(kind) is Annotated:
+        inner = get_args(kind)
         return Annotated[(with_wholes(inner[0]), *inner[1:])]  # type: ignore[return-value]
-    if origin in (Union, UnionType):  # where cyclopts does not look at what is annotated within
-        takes_others = float in inner or str in inner
-        return kind if takes_others or int not in inner else Annotated[kind, Parameter(converter=_whole)]
-    if origin in (tuple, list, set):
-        return GenericAlias(origin, tuple(map(with_wholes, inner)))
-    return kind
+    return Annotated[kind, Parameter(converter=_whole)] if _has_whole(kind) else kind
+
+
+def _has_whole(kind: Any) -> bool:
+    inner, origin = get_args(kind), get_origin(kind)
+    if origin is Literal:
+        return any(type(value) is int for value in inner)
+    if origin in (Annotated, Union, UnionType, tuple, list, set):
+        return any(map(_has_whole, inner))
+    return kind is int

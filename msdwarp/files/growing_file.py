@@ -36,7 +36,7 @@ class GrowingFile:
     def append(self, frame: Frame, strain: NDArray | None, substeps: int = 0) -> None:
         """Write a frame and flush it."""
         if self._file is None:
-            self._create(frame, strain)
+            self._create(frame, strain, substeps)
         else:
             self._append(frame, strain, substeps)
         self.written += 1
@@ -45,9 +45,13 @@ class GrowingFile:
         """Open the file that is there, to go on behind so many of its frames."""
         _count_in_all(self.path)
         self._open(self.path)
-        self._layout = Layout.of(self._file, system)
-        self._layout.open(self._file)
-        self._layout.truncate(kept)
+        try:
+            self._layout = Layout.of(self._file, system)
+            self._layout.open(self._file)
+            self._layout.truncate(kept)
+        except BaseException:
+            self.close()
+            raise
         self.written, self._size = kept, os.fstat(self._room).st_size
 
     def sync(self) -> None:
@@ -68,7 +72,7 @@ class GrowingFile:
         finally:
             os.close(self._room)
 
-    def _create(self, frame: Frame, strain: NDArray | None, substeps: int = 0) -> None:
+    def _create(self, frame: Frame, strain: NDArray | None, substeps: int) -> None:
         """Write a file of one frame, and only then give it its name."""
         import h5py
 
@@ -103,7 +107,7 @@ class GrowingFile:
         self._at, self._room = path, os.open(path, os.O_RDWR)
         self._size = os.fstat(self._room).st_size
 
-    def _append(self, frame: Frame, strain: NDArray | None, substeps: int = 0) -> None:
+    def _append(self, frame: Frame, strain: NDArray | None, substeps: int) -> None:
         try:
             there = os.path.samestat(os.stat(self._at), os.fstat(self._room))
         except FileNotFoundError:

@@ -1,5 +1,6 @@
 """Names in the file of a trajectory, and how arrays are stored in it."""
 
+import zlib
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,36 @@ OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 SUBSTEPS = "substeps"
 """Of each frame how many it took, in the group `msdwarp`; 0 where that is unknown."""
+COUNT = "NumberOfCells"
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 """VTK's kinds of cells, in the order in which it counts them."""
+_SUM = "crc32"
+"""The attribute of an array that has its checksum."""
 GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-def store(group: Any, name: str, values: NDArray, compress: bool) -> None:
-    """Store an array of the system, compressed if it is large and that is asked for."""
-    group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
+def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
+    """Store an array that there is once, with a checksum, compressed if it is large and that is asked for.
+
+    HDF5's own checksums need chunks, which a text or a single number cannot have.
+    """
+    item = group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
+    item.attrs[_SUM] = np.uint32(_sum(values))
+
+
+def restored(item: Any) -> Any:
+    """Return what `store` has stored; raise ValueError if it is no longer that.
+
+    Earlier versions, and other programs, have stored no checksum.
+    """
+    values = item[()]
+    if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):
+        raise ValueError(f"{item.name} is damaged: it is not what its checksum is of")
+    return values
+
+
+def _sum(values: Any) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).data)
 
 
 def store_text(group: Any, name: str, text: str) -> None:
@@ -27,7 +50,7 @@ def store_text(group: Any, name: str, text: str) -> None:
     HDF5 lays texts of any length into a heap that has no checksum; where a disk has lost a part of that, reading
     it never ends.
     """
-    group.create_dataset(name, data=np.bytes_(text.encode()))
+    store(group, name, np.array(np.bytes_(text.encode())))
 
 
 def fault(file: Any) -> str | None:

@@ -87,7 +87,7 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
                 shapes = description["shapes"].items()
                 arrays = {name: file[f"arrays/{k}"][()].reshape(shape) for k, (name, shape) in enumerate(shapes)}
                 return arrays, description["attributes"]
-    except (KeyError, OSError, RuntimeError, ValueError) as error:
+    except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} is damaged: {reason}") from error
     if version is None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
-from .names import OWN, ROOT, store, store_text
+from .names import OWN, ROOT, restored, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
 
@@ -41,17 +41,17 @@ def write_system(group: Any, system: System, compress: bool) -> None:
 def read_system(file: Any) -> System:
     """Return the system that is stored in a file."""
     group = file[OWN]
-    described, part = json.loads(group["description"][()]), group["system"]
+    described, part = json.loads(restored(group["description"])), group["system"]
     law, constants = described["damper"]
     arrays = dict(_read(part))
     surface = dict(_read(part["surface"])) if "surface" in part else None
     return System(
         **arrays,
-        connections=file[ROOT]["Lines/Connectivity"][()].reshape(-1, 2),
+        connections=restored(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
         damper=DAMPERS[law](**constants),
         surface=None if surface is None else Surface(**surface),
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
-        groups={name: part[f"groups/{k}"][()] for k, name in enumerate(described["groups"])},
+        groups={name: restored(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
     )
 
 
@@ -59,4 +59,4 @@ def _read(group: Any) -> Iterator[tuple[str, Any]]:
     """Yield the arrays in a group, without those in groups within it."""
     for name, item in group.items():
         if hasattr(item, "shape"):
-            yield name, item[()]
+            yield name, restored(item)

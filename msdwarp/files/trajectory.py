@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, overload
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, System, counted
 from .frame_array import FrameArray
-from .names import KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault
+from .names import COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .sound import too_large, unsound
 from .stored_system import read_system
 from .vtkhdf import read_times
@@ -45,11 +46,11 @@ class Trajectory:
         try:
             own, root = self._file[OWN], self._file[ROOT]
             self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
-            self._points, self._lines = int(root["NumberOfPoints"][0]), int(root["Lines/NumberOfCells"][0])
+            self._points, self._lines = (int(restored(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
             checks.one_of("dim", self._dim, AXES)
             if not 0 < self._particles <= self._points:
                 raise ValueError(f"it has {self._particles} particles among {self._points} points")
-            self._cells = sum(int(root[kind]["NumberOfCells"][0]) for kind in KINDS)
+            self._cells = sum(int(restored(root[kind][COUNT])[0]) for kind in KINDS)
             whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
             self._check_size(root, "Steps/Values", min(whole, int(root["Steps"].attrs["NSteps"])))
             self.times: NDArray[np.float64] = read_times(root)[:whole]
@@ -57,7 +58,7 @@ class Trajectory:
             self._check_sizes(root)
             self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
-            self.attributes: dict[str, Any] = json.loads(own["attributes"][()])
+            self.attributes: dict[str, Any] = json.loads(restored(own["attributes"]))
             """What made the run."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
@@ -131,8 +132,8 @@ class Trajectory:
         if "scene" not in own:
             return None
         try:
-            described, names = json.loads(own["scene/description"][()])
-            return described, {name: own[f"scene/arrays/{k}"][()] for k, name in enumerate(names)}
+            described, names = json.loads(restored(own["scene/description"]))
+            return described, {name: restored(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
         except _ERRORS as error:
             raise ValueError(f"{self.path} is a damaged trajectory: its scene cannot be read: {error}") from error
 
@@ -195,15 +196,14 @@ def _opened(path: Path) -> Any:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
-        file = h5py.File(path, "r", locking=False)
-        wrong = fault(file)
-        if wrong is None and (found := unsound(file)) is not None:
-            file.close()
-            raise ValueError(f"{path} cannot be read: {found}")
+        with ExitStack() as opened:  # HDF5 keeps what it knows of a file that is not closed
+            file = opened.enter_context(h5py.File(path, "r", locking=False))
+            if wrong := fault(file):
+                raise ValueError(f"{path} is no trajectory: {wrong}")
+            if found := unsound(file):
+                raise ValueError(f"{path} cannot be read: {found}")
+            opened.pop_all()
+            return file
     except (AttributeError, KeyError, OSError, RuntimeError, TypeError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} cannot be read: {reason}") from error
-    if wrong is not None:
-        file.close()
-        raise ValueError(f"{path} is no trajectory: {wrong}")
-    return file

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import AXES, System
-from .names import FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, store, store_text
+from .names import COUNT, FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, store, store_text
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
@@ -63,8 +63,8 @@ class Layout:
     def of(cls, file: Any, system: System) -> "Layout":
         """Return the layout of a file that has begun."""
         root = file[ROOT]
-        values, compress = root[POINTS], root[POINTS].compression is not None
-        return cls(system, values.dtype, root["Steps/Values"].chunks[0], compress, STRAIN in root)
+        values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(root, "Steps/Values", (), "f")
+        return cls(system, values.dtype, times.chunks[0], values.compression is not None, STRAIN in root)
 
     @property
     def static_size(self) -> int:
@@ -99,11 +99,11 @@ class Layout:
         root = file.create_group(ROOT)
         root.attrs["Version"] = np.array([2, 2])
         root.attrs["Type"] = np.bytes_("PolyData")
-        root["NumberOfPoints"] = np.array([self._points])
+        store(root, "NumberOfPoints", np.array([self._points]))
         for name, cells in self._cells.items():
             group, corners = root.create_group(name), cells.shape[1]
-            group["NumberOfCells"] = np.array([len(cells)])
-            group["NumberOfConnectivityIds"] = np.array([cells.size])
+            store(group, COUNT, np.array([len(cells)]))
+            store(group, "NumberOfConnectivityIds", np.array([cells.size]))
             store(group, "Connectivity", cells.ravel(), self._compress)
             store(group, "Offsets", np.arange(0, cells.size + 1, corners, dtype=cells.dtype), self._compress)
         steps = root.create_group("Steps")
@@ -116,11 +116,25 @@ class Layout:
             _create_growing(root, name, width, self._dtype, self._chunk(name), **(GZIP if self._compress else {}))
 
     def open(self, file: Any) -> None:
-        """Get ready to append frames to a file that has begun."""
+        """Get ready to append frames to a file that has begun; raise ValueError if it cannot grow by them."""
         self._file, self._steps = file, file[ROOT]["Steps"]
-        self._times = self._steps["Values"]
-        self._datasets = {name: file[ROOT][name] for name in self._per_frame}
-        self._substeps = file[OWN].get(SUBSTEPS)  # which files of before have not
+        self._times = self._growing(self._steps, "Values", (), "f")
+        for name, stride in self._offsets().items():
+            self._growing(self._steps, name, stride.shape, "i")
+        widths = {name: () if name == STRAIN else (3,) for name in self._per_frame}
+        self._datasets = {name: self._growing(file[ROOT], name, width, "f") for name, width in widths.items()}
+        self._substeps = None  # which files of before have not
+        if SUBSTEPS in file[OWN]:
+            self._substeps = self._growing(file[OWN], SUBSTEPS, (), "i")
+
+    @staticmethod
+    def _growing(group: Any, name: str, width: tuple[int, ...], kind: str) -> Any:
+        """Return an array of numbers, to which rows of this shape can be added."""
+        item = group.get(name)
+        shape = getattr(item, "maxshape", None)
+        if shape is None or (shape[:1], shape[1:]) != ((None,), width) or item.dtype.kind != kind:
+            raise ValueError(f"{group.file.filename} is a damaged trajectory: no rows can be added to its {name}")
+        return item
 
     def truncate(self, k: int) -> None:
         """Let a file have its first k frames only; where the others were, the next ones will be written."""

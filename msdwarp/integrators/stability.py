@@ -14,6 +14,7 @@ A stretched spring is stiff across its axis too, by k (1 − l0/l); the damper i
 import math
 from dataclasses import dataclass, replace
 
+from .. import checks
 from ..bodies import System
 from ..engine import Rates, rate_bounds
 from .base import Integrator
@@ -76,7 +77,15 @@ class StepChoice:
 
 
 def stability_limit(system: System, integrator: Integrator) -> float:
-    """Return the largest substep [s] that is stable for a system as it stands, by the bound of its rates."""
+    """Return the largest substep [s] that is stable for a system as it stands, by the bound of its rates.
+
+    Raises
+    ------
+    ValueError
+        If one of them is something else.
+    """
+    checks.instance("system", system, System, "chain(5)")
+    checks.instance("integrator", integrator, Integrator, "RK4()")
     return integrator.stable_step(rate_bounds(system))
 
 

@@ -43,8 +43,8 @@ def restored_system(start: System, arrays: Arrays) -> System:
     for names, count in ((PARTICLE_FIELDS, start.particle_count), (CONNECTION_FIELDS, start.connection_count)):
         for name in names:
             values = checks.member("checkpoint", arrays, f"system.{name}")
-            if len(values) not in (1, count):
-                raise ValueError(f"checkpoint is of another system: its {name} has {len(values)} entries")
+            if np.ndim(values) == 0 or len(values) not in (1, count):
+                raise ValueError(f"checkpoint is of another system: its {name} has shape {np.shape(values)}")
             fields[name] = values[0] if len(values) < count else values
     return start.replace(**fields)
 
@@ -52,12 +52,13 @@ def restored_system(start: System, arrays: Arrays) -> System:
 def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
     """Return the substeps that a checkpoint holds; raise ValueError if it lacks a number."""
     known = {f"rates.{name}": value for name, value in Rates._field_defaults.items()} | dict(numbers)
-    rates = Rates(*(float(checks.member("checkpoint", known, f"rates.{name}")) for name in Rates._fields))
-    limit, least, substeps = (checks.member("checkpoint", numbers, n) for n in ("limit", "least", "substeps"))
+    rates = Rates(*(_size(known, f"rates.{name}") for name in Rates._fields))
+    limit = _size(numbers, "limit")
+    least, substeps = (checks.member("checkpoint", numbers, name) for name in ("least", "substeps"))
     if checks.count("substeps", substeps, 1) > MOST_SUBSTEPS:
         raise ValueError(f"substeps of the checkpoint is {substeps}; it must be at most {MOST_SUBSTEPS}")
     refinement = checks.positive("refinement", numbers.get("refinement", 1.0))
-    return StepChoice(rates, float(limit), checks.count("least", least, 0), int(substeps), fps, refinement)
+    return StepChoice(rates, limit, checks.count("least", least, 0), int(substeps), fps, refinement)
 
 
 def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
@@ -73,6 +74,12 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
         raise ValueError(f"chosen of the checkpoint is {checks.said(chosen)}; it must be a list of pairs")
     counts = [(checks.non_negative("chosen", time), checks.count("chosen", count, 1)) for time, count in chosen]
     return frame_index, changes, counts
+
+
+def _size(numbers: Numbers, name: str) -> float:
+    return checks.non_negative(
+        f"{name} of the checkpoint", checks.member("checkpoint", numbers, name), infinite=True
+    )
 
 
 def check_arrays(stepping: Stepping, arrays: Arrays) -> None:

@@ -1,5 +1,6 @@
 """Ctrl-C at any moment of a run: the command ends with a word and 130, and what it had begun can go on."""
 
+import importlib
 import os
 import random
 import signal
@@ -9,8 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
+from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory
+from msdwarp.cli import signals
 
 ROOT = Path(__file__).parents[2]
 RUN = ["run", "cube", "--size", "6", "--duration", "0.3", "--resolution", "64x64", "--device", "cpu"]
@@ -95,6 +98,37 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
             assert not resumed(results)
 
 
+def test_what_is_imported_late_is_let_come_to_its_end(tmp_path, monkeypatch, heard):
+    (tmp_path / "heard_late.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\nwhole = True\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    signal.signal(signal.SIGINT, signals.ask)
+
+    def sleep_behind():
+        importlib.import_module("heard_late")
+        time.sleep(30)
+
+    with pytest.raises(KeyboardInterrupt):
+        sleep_behind()
+    assert sys.modules.pop("heard_late").whole
+
+
+def test_what_python_lets_not_out_is_heard_again(monkeypatch, heard):
+    class Deaf:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(sys, "unraisablehook", signals.lost)
+    signal.signal(signal.SIGTERM, signals.ask)
+
+    def let_go():
+        deaf = Deaf()
+        del deaf
+        time.sleep(30)
+
+    with pytest.raises(signals.Terminated):
+        let_go()
+
+
 # Where it is interrupted, by the module that is being imported: the scene's script does it.
 HEARD = """
 import importlib.abc, os, signal, sys
@@ -103,7 +137,7 @@ class Finder(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name == {module!r}:
             sys.meta_path.remove(self)
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.{name})
 
 sys.meta_path.insert(0, Finder())
 """
@@ -117,7 +151,7 @@ sys.meta_path.insert(0, Finder())
 def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
     # A module that Python imports as it starts sends the signal in the midst of another import.
     (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module))
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module, name="SIGINT"))
     path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
     code, out, err = ended(begun(tmp_path, *RUN, env={"PYTHONPATH": path}))
     assert (code, out) == (130, "")
@@ -125,3 +159,24 @@ def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
     assert err.count("\n") == 1
     assert (tmp_path / "out" / "cube" / "restart.h5").exists() == resumable
     assert ("resume out/cube` goes on" in err) == resumable
+
+
+@posix
+def test_sigterm_while_msdwarp_is_imported_has_its_word(tmp_path):
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module="warp", name="SIGTERM"))
+    path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
+    assert ended(begun(tmp_path, "list", env={"PYTHONPATH": path})) == (143, "", "terminated\n")
+
+
+@posix
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["h5py._hl", "pyvista.core"])
+def test_an_import_of_export_is_a_safe_moment(tmp_path, module):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 200)  # which takes longer than a signal is put off
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module, name="SIGINT"))
+    path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
+    done = ended(begun(tmp_path, "export", "a.vtkhdf", "--to", "obj", env={"PYTHONPATH": path}))
+    assert done == (130, "", "interrupted\n")
+    assert not [found for found in tmp_path.iterdir() if ".unfinished" in found.name]

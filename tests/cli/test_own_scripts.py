@@ -81,7 +81,18 @@ def test_whole_numbers_of_other_commands_and_in_tuples_are_not_rounded(msdwarp, 
         SCENE
         + "def build(*, shape: tuple[int, int, int] = (2, 2, 2)):\n    return Scene(system=box(shape, 0.1))\n"
     )
+    (tmp_path / "others.py").write_text(
+        SCENE + "from typing import Literal\n"
+        "def build(*, order: Literal[1, 2] = 1, pair: tuple[int, int] | None = None, "
+        "mixed: tuple[int, float] | None = None):\n    return Scene(system=box((2, 2, 2), 0.1))\n"
+    )
     assert "it must be a whole number" in msdwarp("run", "own.py", "--shape", "2", "2.5", "2")[2]
+    for flags, said in (
+        (["--order", "1.5"], "order is '1.5'; it must be one of 1, 2"),
+        (["--pair", "1", "2.5"], "pair is '2.5'; it must be a whole number"),
+        (["--mixed", "1.5", "2.5"], "mixed is '1.5'; it must be a whole number"),
+    ):
+        assert said in msdwarp("run", "others.py", *flags)[2]
     assert "12 particles" in msdwarp("run", "own.py", "--shape", "2", "3", "2", *UNDRAWN)[1]
 
 

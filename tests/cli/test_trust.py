@@ -105,6 +105,19 @@ def test_one_s_own_script_runs_as_it_was_where_it_was(msdwarp, own, tmp_path):
     assert msdwarp("resume", "out/own", "--duration", "0.3", "--scene", "elsewhere/own.py")[0] == 0
 
 
+def test_what_runs_is_what_was_looked_at(msdwarp, own, monkeypatch, tmp_path):
+    looked = trust._distrust
+
+    def look_and_change(place, *rest):
+        found = looked(place, *rest)
+        Path(place).write_text("from pathlib import Path\nPath('evil').touch()\n" + SCENE)
+        return found
+
+    monkeypatch.setattr(trust, "_distrust", look_and_change)
+    assert msdwarp("rerun", "out/own", "--quiet") == (0, "", "")
+    assert not (tmp_path / "evil").exists()
+
+
 def test_what_another_user_ran_is_asked_for(msdwarp, own, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
     assert "the run was not made here by you" in msdwarp("rerun", "out/own")[2]

@@ -1,0 +1,1 @@
+"""What becomes of files that are damaged, and of runs that are interrupted."""
