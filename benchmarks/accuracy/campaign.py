@@ -4,9 +4,9 @@
 
 Each body of `random_bodies` is simulated twice: with the substeps that the stability limit asks for at the start,
 which is what "auto" once meant, and with "auto" as it is. Growth is the largest energy in the second half of a run
-less the largest in the first second, over the largest kinetic and elastic energy in that second and the weight
-times the size. Where nothing outside does work on the body it is to be nothing. A body has heated where it is
-above 0.1.
+less the largest in the first second, over the largest kinetic and elastic energy in that second, the weight times
+the size, and what rounding may make of nothing. Where nothing outside does work on the body it is to be nothing. A
+body has heated where it is above 0.1.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from msdwarp import Simulation, SimulationDiverged
-from msdwarp.engine import size, weight
+from msdwarp.engine import rounding_energy, size, weight
 
 from ..common import arguments, machine, table, write_csv
 from .random_bodies import Case, make
@@ -68,7 +68,8 @@ def simulate(case: Case, device: str, substeps: int | str) -> dict[str, Any]:
     """Return the outcome of one run."""
     simulation = Simulation(case.system, device=device, substeps=substeps, **case.options)
     first, counts, energies, inner = simulation.substeps, [], [], []
-    scale = weight(simulation.model) * size(simulation.state)
+    model, state = simulation.model, simulation.state
+    scale = weight(model) * size(state) + rounding_energy(model, state)
     outcome, began = "held", time.perf_counter()
     try:
         for _ in range(FRAMES):
@@ -82,7 +83,7 @@ def simulate(case: Case, device: str, substeps: int | str) -> dict[str, Any]:
     seconds, growth = time.perf_counter() - began, math.nan
     if len(energies) > FRAMES // 2:
         growth = max(energies[FRAMES // 2 :]) - max(energies[: SECOND + 1])
-        growth /= max(inner[: SECOND + 1]) + scale or 1.0
+        growth /= max(inner[: SECOND + 1]) + scale
         if outcome == "held" and case.isolated and growth > 0.1:
             outcome = "heated"
     mean, most = (float(np.mean(counts)), max(counts)) if counts else (first, first)

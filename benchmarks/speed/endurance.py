@@ -1,11 +1,14 @@
 """Half a minute of every scene with automatic substeps: does it hold, how fast, how quiet is it at the end.
 
-    python -m benchmarks.speed.endurance [--device D] [--quick]
+    python -m benchmarks.speed.endurance [--device D] [--quick] [--stiffer 100]
 
-writes results/<device>/endurance.csv.
+writes results/<device>/endurance.csv. With --stiffer all springs are so many times as stiff, each scene runs a
+minute, and nothing is written.
 """
 
+import argparse
 import time
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -17,9 +20,13 @@ from ..common import arguments, machine, read_csv, scene_scripts, table, write_c
 SECONDS = 30.0
 
 
-def endure(name: str, script: ModuleType, device: str, seconds: float) -> dict:
+def endure(name: str, script: ModuleType, device: str, seconds: float, stiffer: float = 1.0) -> dict:
     """Simulate a scene and say what became of it."""
-    simulation = Simulation.of(script.build(), device=device)
+    scene = script.build()
+    if stiffer != 1.0:
+        scene = replace(scene, system=scene.system.replace(stiffness=stiffer * scene.system.stiffness))
+    simulation = Simulation.of(scene, device=device)
+    least = simulation.substeps
     simulation.step()  # compiles
     frames = round(seconds * simulation.fps) - 1
     began, held = time.perf_counter(), seconds
@@ -36,7 +43,8 @@ def endure(name: str, script: ModuleType, device: str, seconds: float) -> dict:
         "connections": simulation.system.connection_count,
         "coordinates": simulation.system.dim,
         "route": simulation.model.route,
-        "substeps": simulation.substeps,
+        "substeps": least,
+        "most_substeps": max(count for _, count in simulation.chosen),
         "held_s": float(held),
         "times_real_time": seconds / wall,
         "end_speed_m_s": float(np.sqrt((frame.velocity**2).sum(axis=1)).max()),
@@ -46,7 +54,13 @@ def endure(name: str, script: ModuleType, device: str, seconds: float) -> dict:
 
 def main() -> None:
     """Measure, write and print."""
-    options = arguments(__doc__.splitlines()[0])
+    own = argparse.ArgumentParser(add_help=False)
+    own.add_argument("--stiffer", type=float, default=1.0, help="how many times as stiff springs are")
+    options = arguments(__doc__.splitlines()[0], own)
+    if options.stiffer != 1.0:
+        found = [endure(n, s, options.device, 2 * SECONDS, options.stiffer) for n, s in scene_scripts().items()]
+        table(f"{2 * SECONDS:g} s, stiffer", list(found[0]), [list(row.values()) for row in found])
+        return
     seconds = 2.0 if options.quick else SECONDS
     path = options.folder / "endurance.csv"
     if not options.plot_only:

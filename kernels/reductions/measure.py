@@ -14,10 +14,9 @@ from ..forces import Law, damper_force
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
 """Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
 PARTICLE_COLUMNS = 8
-ELASTIC, STORING, DISSIPATED, STRAIN = 0, 1, 2, 3
-"""Columns of what `sum_connections` gives: [J], what springs take up [W], what dampers turn to heat [W], and a
-strain, which is the largest, not a sum."""
-CONNECTION_COLUMNS = 4
+ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
+"""Columns of what `sum_connections` gives: [J], [W] and a strain, which is the largest, not a sum."""
+CONNECTION_COLUMNS = 3
 
 
 @functools.cache
@@ -34,10 +33,14 @@ def sum_particles(dim: int, scalar: type):
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
         # Out:
-        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, PARTICLE_COLUMNS]
+        shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, PARTICLE_COLUMNS]
     ):
         share = wp.tid()
         i = share
+        kinetic = wp.float64(0.0)
+        potential = wp.float64(0.0)
+        momenta = wp.vec3d()
+        turns = wp.vec3d()
         while i < x.shape[0]:
             w = wp.float64(inverse_mass[i])
             if w > wp.float64(0.0):
@@ -49,15 +52,50 @@ def sum_particles(dim: int, scalar: type):
                     position[k] = wp.float64(x[i][k])
                     momentum[k] = mass * wp.float64(v[i][k])
                     fall += wp.float64(gravity[k]) * position[k]
-                turn = wp.cross(position, momentum)
-                shares[share, wp.static(KINETIC)] += wp.float64(0.5) * w * wp.dot(momentum, momentum)
-                shares[share, wp.static(POTENTIAL)] -= mass * fall
-                for k in range(3):
-                    shares[share, wp.static(MOMENTUM) + k] += momentum[k]
-                    shares[share, wp.static(ANGULAR_MOMENTUM) + k] += turn[k]
+                kinetic += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                potential -= mass * fall
+                momenta += momentum
+                turns += wp.cross(position, momentum)
             i += shares.shape[0]
+        shares[share, wp.static(KINETIC)] = kinetic
+        shares[share, wp.static(POTENTIAL)] = potential
+        for k in range(3):
+            shares[share, wp.static(MOMENTUM) + k] = momenta[k]
+            shares[share, wp.static(ANGULAR_MOMENTUM) + k] = turns[k]
 
     return sum_over_particles
+
+
+@functools.cache
+def sum_difference(dim: int, scalar: type):
+    """Compose the kernel that sums ½ m |v − u|² over the particles that are not pinned."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def sum_differences(
+        # Model:
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        # State in:
+        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        u: wp.array(dtype=V),  # others [m/s], shape [particle_count]
+        # Out:
+        shares: wp.array2d(dtype=wp.float64),  # [J], shape [thread_count, 1]
+    ):
+        share = wp.tid()
+        i = share
+        total = wp.float64(0.0)
+        while i < v.shape[0]:
+            w = wp.float64(inverse_mass[i])
+            if w > wp.float64(0.0):
+                square = wp.float64(0.0)
+                for k in range(wp.static(dim)):
+                    apart = wp.float64(v[i][k]) - wp.float64(u[i][k])
+                    square += apart * apart
+                total += wp.float64(0.5) * square / w
+            i += shares.shape[0]
+        shares[share, 0] = total
+
+    return sum_differences
 
 
 @functools.cache
@@ -95,11 +133,14 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
         v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
         x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
         # Out:
-        shares: wp.array2d(dtype=wp.float64),  # 0 before; shape [thread_count, CONNECTION_COLUMNS]
+        shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, CONNECTION_COLUMNS]
     ):
         share = wp.tid()
         c = share
         half = wp.float64(0.5)
+        elastic = wp.float64(0.0)
+        dissipated = wp.float64(0.0)
+        strain = wp.float64(0.0)
         while c < connections.shape[0]:
             i = connections[c][0]
             j = connections[c][1]
@@ -110,18 +151,20 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
                 closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
             length = wp.length(dx)
             stretch = length - rest
-            shares[share, wp.static(ELASTIC)] += half * wp.float64(stiffness[c]) * stretch * stretch
+            elastic += half * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
-                shares[share, wp.static(STORING)] += wp.float64(stiffness[c]) * stretch * rate
-                shares[share, wp.static(DISSIPATED)] += resistance(rate, wp.float64(damping[c])) * rate
-            shares[share, wp.static(STRAIN)] = wp.max(shares[share, wp.static(STRAIN)], wp.abs(stretch) / rest)
+                dissipated += resistance(rate, wp.float64(damping[c])) * rate
+            strain = wp.max(strain, wp.abs(stretch) / rest)
             c += shares.shape[0]
+        shares[share, wp.static(ELASTIC)] = elastic
+        shares[share, wp.static(DISSIPATED)] = dissipated
+        shares[share, wp.static(STRAIN)] = strain
 
     return sum_over_connections
 
 
-MOST_FOLDED = 1024
+MOST_FOLDED = 256
 """Rows that `fold` leaves for the host to add up."""
 
 

@@ -5,7 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bodies import stored
+from ..kernels.integrators import kick
 from ..kernels.reductions import measure as columns
+from .dynamics import Dynamics
 from .measures import Sums
 from .model import Model
 from .state import State
@@ -16,56 +18,62 @@ class Balance(NamedTuple):
 
     energy: float
     """Kinetic, elastic, gravitational and other stored energy, as the method conserves it [J]."""
+    swing: float
+    """How much more there is of it as physics has it [J]."""
     inner: float
     """Kinetic energy about the centre of mass, and elastic energy [J]."""
     kinetic: float
     """Kinetic energy [J]."""
     free: float
-    """Kinetic and gravitational energy, with the velocities as they are kept [J]."""
+    """Kinetic and gravitational energy [J]."""
     strain: float
     """Largest |l / l0 − 1|."""
 
 
 class Ledger:
-    """Tells the balance of a state, of what the kernels sum on its device in one recorded go.
+    """Tells the balance of a state, of sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability; docs/stability.md derives it. As m v_(n+½) = m v_(n−½) + h f, that is K(v_(n−½)) + U + (h/2) Σ v·f.
-    Methods of other kinds let K + U itself only fall.
+    stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
+    ½ Σ m |v − v_(n−½)|². Methods of other kinds let K + U itself only fall.
 
     Parameters
     ----------
-    model, state
-        The system on a device.
+    dynamics, state
+        The equation of motion, and what moves.
     lag
         The time by which velocities lag behind positions [s]: h/2 above, 0 for methods that keep them together.
     """
 
-    def __init__(self, model: Model, state: State, lag: float) -> None:
-        self._model, self._state, self._lag = model, state, lag
-        self._sums = Sums(model)
-        self._mass = mass(model)
+    def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
+        self._dynamics, self._state, self._lag = dynamics, state, lag
+        self._model, self._sums = dynamics.model, Sums(dynamics.model)
+        self._mass = mass(self._model)
+        (self._v,) = state.empty_vectors(1) if lag else (state.v,)
 
     def launch(self) -> None:
         """Launch what `balance` reads; it may be recorded."""
-        self._sums.launch(self._state.x, self._state.v, self._state.lost.x)
+        now = self._state.here
+        if self._lag:
+            seen = now.carried[0] if now.carried else now.v  # by dampers
+            fields = {"lost": now.lost, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
+            self._dynamics.launch(kick, h=self._lag, **fields)
+            self._sums.launch_difference(self._v, now.v)
+        self._sums.launch(now.x, self._v, now.lost.x)
 
     @np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
     def balance(self) -> Balance:
         """Return the balance of the state that `launch` found."""
         model = self._model
         particles, connections = self._sums.totals()
+        swing = self._sums.difference() if self._lag else 0.0
         kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
         free = kinetic + float(particles[columns.POTENTIAL])
-        energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects)
+        energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
         momentum = particles[columns.MOMENTUM :][: model.dim]
-        if self._lag:
-            g = np.array(list(model.gravity), dtype=np.float64)
-            power = (g * momentum).sum() - connections[columns.STORING] - connections[columns.DISSIPATED]
-            energy += self._lag * float(power)
         together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / self._mass
         inner = max(kinetic - together, 0.0) + elastic
-        return Balance(energy, inner, kinetic, free, float(connections[columns.STRAIN]))
+        return Balance(energy, swing, inner, kinetic, free, float(connections[columns.STRAIN]))
 
 
 def mass(model: Model) -> float:

@@ -6,13 +6,15 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.reductions import MOST_FOLDED, fold, strain_each, sum_connections, sum_particles
+from ..kernels.reductions import MOST_FOLDED, fold, strain_each, sum_connections, sum_difference, sum_particles
 from ..kernels.reductions import measure as columns
 from .model import Model
 from .state import State
 
 MOST_THREADS = 65536
 """Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
+FEW_EACH = 8
+"""What each sums of a small system: more threads would take longer to be added up than to sum."""
 
 
 class Measures(NamedTuple):
@@ -75,41 +77,48 @@ def measure(
 class Sums:
     """Sums over the particles and connections of a model, in the columns of `msdwarp.kernels.reductions.measure`.
 
-    On a GPU every thread sums a share of its own, in two steps, so that few rows have to come to the host. The
-    order of sums is fixed, so that a state has the same sums each time.
+    On a GPU every thread sums a share of its own, and fewer threads sum these, so that few rows have to come to
+    the host. The order of sums is fixed, so that a state has the same sums each time.
     """
 
     def __init__(self, model: Model) -> None:
         self._model = model
         self._particles = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
         self._connections = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
+        self._difference = _shares(model, model.particle_count, 1)
 
     def launch(self, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> None:
         """Launch the sums for particles at x that move at v; x_lost is what x lost by rounding."""
         model = self._model
         compensated = model.compensated and x_lost is not None
-        particles = sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v]
+        inputs = [model.inverse_mass, model.gravity, x, v]
+        self._sum(sum_particles(model.dim, model.scalar), inputs, self._particles)
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-        connections = (
-            sum_connections(model.dim, model.scalar, compensated, model.system.damper.law),
-            [*constants, x, v, x_lost if compensated else x],
-        )
-        for (kernel, inputs), levels, largest in (
-            (particles, self._particles, -1),
-            (connections, self._connections, columns.STRAIN),
-        ):
-            levels[0].zero_()
-            if kernel is connections[0] and not model.connection_count:
-                continue
-            wp.launch(kernel, levels[0].shape[0], inputs, [levels[0]], device=model.device)
-            if len(levels) > 1:
-                wp.launch(fold, levels[1].shape, [levels[0], largest], [levels[1]], device=model.device)
+        kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
+        inputs = [*constants, x, v, x_lost if compensated else x]
+        self._sum(kernel, inputs, self._connections, largest=columns.STRAIN)
+
+    def launch_difference(self, v: wp.array, u: wp.array) -> None:
+        """Launch the sum of ½ m |v − u|²."""
+        model = self._model
+        self._sum(sum_difference(model.dim, model.scalar), [model.inverse_mass, v, u], self._difference)
+
+    def _sum(self, kernel: Any, inputs: list[Any], levels: list[Any], largest: int = -1) -> None:
+        """Launch a sum, of whose columns one may be the largest instead."""
+        device = self._model.device
+        wp.launch(kernel, levels[0].shape[0], inputs, [levels[0]], device=device)
+        if len(levels) > 1:
+            wp.launch(fold, levels[1].shape, [levels[0], largest], [levels[1]], device=device)
 
     def totals(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what was launched last: the sums over particles, and over connections with the largest strain."""
         particles, connections = self._particles[-1].numpy(), self._connections[-1].numpy()
         sums = connections[:, : columns.STRAIN].sum(axis=0)
         return particles.sum(axis=0), np.append(sums, connections[:, columns.STRAIN].max())
+
+    def difference(self) -> float:
+        """Return what `launch_difference` launched last [J]."""
+        return float(self._difference[-1].numpy().sum())
 
 
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
@@ -124,6 +133,6 @@ def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.
 
 def _shares(model: Model, count: int, width: int) -> list[Any]:
     """Return the places for the shares of a sum over `count` things and, where they are many, for their sums."""
-    threads = min(max(count, 1), MOST_THREADS) if model.device.is_cuda else 1
+    threads = min(max(count // FEW_EACH, 1), MOST_THREADS) if model.device.is_cuda else 1
     rows = [threads, MOST_FOLDED] if threads > MOST_FOLDED else [threads]
     return [wp.zeros((n, width), dtype=wp.float64, device=model.device) for n in rows]

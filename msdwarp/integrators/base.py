@@ -23,6 +23,9 @@ class Integrator(ABC):
     lag: ClassVar[float] = 0.0
     """Substeps by which velocities lag behind positions, as far as energy goes (see `msdwarp.engine.balance`)."""
 
+    long_steps: ClassVar[bool] = False
+    """Whether a stable step may be longer than the motion that it is to follow: then every frame is looked at."""
+
     @property
     def evaluations(self) -> int:
         """Force evaluations per substep."""

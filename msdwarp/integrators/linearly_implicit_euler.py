@@ -61,6 +61,7 @@ class LinearlyImplicitEuler(Integrator):
     iterations: int = 20
 
     order: ClassVar[int] = 1
+    long_steps: ClassVar[bool] = True
     one_kernel: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

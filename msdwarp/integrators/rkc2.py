@@ -121,6 +121,7 @@ class RKC2(Integrator):
     stages: int | None = None
 
     order: ClassVar[int] = 2
+    long_steps: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the argument."""

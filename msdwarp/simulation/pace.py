@@ -16,9 +16,17 @@ SHARE = 0.02
 The energy that a method conserves swings by less where steps are short enough for a strongly stretched body; where
 they are not, it rises by more within a second.
 """
+MOST_SWING = 0.04
+"""What a method conserves may differ from the energy there is by this share of the scale.
+
+Energy that goes over to the fastest modes grows by 1/(1 − h²λ/4), 2.8 times at 0.8 of the limit, though the method
+has gained nothing.
+"""
+ENOUGH_FOR_SWING = 8.0
+"""Beyond this refinement that is less than 1/64 of what it was, and comes from what presses, not from the step."""
 SHARE_OF_WORK = 0.1
 """The same where something may do work: there each rise is tried with shorter steps before it is believed."""
-MOST_GAINED = 0.08
+MOST_GAINED = 0.06
 """A run ends when so large a share of its scale has come from nothing."""
 MOST_REFINEMENT = 64.0
 """More times the substeps that small motions need are not tried."""
@@ -148,7 +156,7 @@ class Pace:
         start = None
         while True:
             now = stepping.balance() if fine else None
-            if now is not None and now.energy <= self.least + self._allowed(stepping):
+            if now is not None and self._is_well(stepping, now):
                 return self._go_on(stepping, now)
             if now is not None and start is not None:
                 tried.append(now.energy - start.energy)
@@ -184,6 +192,12 @@ class Pace:
             return True
         return free > self.least + self._allowed(stepping)  # stretching only adds to it
 
+    def _is_well(self, stepping: Stepping, now: Balance) -> bool:
+        """Tell whether energy has risen by no more than is allowed, and is what physics has, or almost."""
+        if now.swing > MOST_SWING * self.scale and self.refinement < ENOUGH_FOR_SWING:
+            return False
+        return now.energy <= self.least + self._allowed(stepping)
+
     def _allowed(self, stepping: Stepping) -> float:
         """Return by how much energy may exceed the least so far [J]."""
         return (SHARE_OF_WORK if _works(stepping) else SHARE) * self.scale
@@ -203,7 +217,8 @@ class Pace:
         self.calm += self.since
         self.since = 0
         quiet = now.energy <= self.least + 0.5 * self._allowed(stepping) and now.strain <= LARGE_STRAIN
-        self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet and self.refinement == 1.0 else 1
+        quiet = quiet and self.refinement == 1.0 and not stepping.integrator.long_steps
+        self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet else 1
         if self.refinement > 1.0 and self.calm >= self.patience:
             self.refinement, self.calm = max(1.0, self.refinement / EASING), 0
         # The limit moves with the stretching: it is computed again where that has changed by much.

@@ -110,7 +110,7 @@ class Stepping:
     def balance(self) -> Balance:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
-            self._ledger = Ledger(self.model, self.state, self.integrator.lag * self.choice.step)
+            self._ledger = Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
             with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
                 self._ledger.launch()
             self._sums = capture.graph
