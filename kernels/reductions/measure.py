@@ -164,17 +164,14 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
     return sum_over_connections
 
 
-MOST_FOLDED = 256
-"""Rows that `fold` leaves for the host to add up."""
-
-
 @kernel
 def fold(
     shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, columns]
     largest: int,  # the column of which the largest is wanted, not the sum; -1: none
-    folded: wp.array2d(dtype=wp.float64),  # shape [rows, columns], a thread for each entry
+    first: int,  # the column of the rows that the first one goes to
+    rows: wp.array2d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
 ):
-    """Sum the shares of many threads to those of few, in an order that is the same each time."""
+    """Sum the shares of many threads to a few rows, by a thread for each entry."""
     row, column = wp.tid()
     total = wp.float64(0.0)
     share = row
@@ -183,8 +180,8 @@ def fold(
             total = wp.max(total, shares[share, column])
         else:
             total += shares[share, column]
-        share += folded.shape[0]
-    folded[row, column] = total
+        share += rows.shape[0]
+    rows[row, first + column] = total
 
 
 @functools.cache

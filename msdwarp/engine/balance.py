@@ -65,8 +65,7 @@ class Ledger:
     def balance(self) -> Balance:
         """Return the balance of the state that `launch` found."""
         model = self._model
-        particles, connections = self._sums.totals()
-        swing = self._sums.difference() if self._lag else 0.0
+        particles, connections, swing = self._sums.totals()
         kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
         free = kinetic + float(particles[columns.POTENTIAL])
         energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing

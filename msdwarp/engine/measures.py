@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.reductions import MOST_FOLDED, fold, strain_each, sum_connections, sum_difference, sum_particles
+from ..kernels.reductions import fold, strain_each, sum_connections, sum_difference, sum_particles
 from ..kernels.reductions import measure as columns
 from .model import Model
 from .state import State
@@ -15,6 +15,10 @@ MOST_THREADS = 65536
 """Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
 FEW_EACH = 8
 """What each sums of a small system: more threads would take longer to be added up than to sum."""
+ROWS = 64
+"""Rows of sums that the host adds up."""
+WIDTHS = (columns.PARTICLE_COLUMNS, columns.CONNECTION_COLUMNS, 1)
+"""Columns of the sums over particles and connections, and of a difference of velocities."""
 
 
 class Measures(NamedTuple):
@@ -60,7 +64,7 @@ def measure(
     """
     v, sums = state.v if velocity is None else velocity, Sums(model)
     sums.launch(state.x, v, x_lost)
-    particles, connections = sums.totals()
+    particles, connections, _ = sums.totals()
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
         float(particles[columns.KINETIC]),
@@ -75,50 +79,50 @@ def measure(
 
 
 class Sums:
-    """Sums over the particles and connections of a model, in the columns of `msdwarp.kernels.reductions.measure`.
+    """Sums over particles and connections, in the columns of `msdwarp.kernels.reductions.measure`.
 
-    On a GPU every thread sums a share of its own, and fewer threads sum these, so that few rows have to come to
-    the host. The order of sums is fixed, so that a state has the same sums each time.
+    Every thread sums a share of its own, and fewer threads sum these to a few rows, which come to the host at once.
+    The order of sums is fixed, so that a state has the same sums each time.
     """
 
     def __init__(self, model: Model) -> None:
-        self._model = model
-        self._particles = _shares(model, model.particle_count, columns.PARTICLE_COLUMNS)
-        self._connections = _shares(model, model.connection_count, columns.CONNECTION_COLUMNS)
-        self._difference = _shares(model, model.particle_count, 1)
+        self._model, on_gpu = model, model.device.is_cuda
+        counts = (model.particle_count, model.connection_count, model.particle_count)
+        threads = [min(max(count // FEW_EACH, 1), MOST_THREADS) if on_gpu else 1 for count in counts]
+        self._shares = [self._zeros(n, width) for n, width in zip(threads, WIDTHS, strict=True)]
+        self._rows = self._zeros(ROWS if on_gpu else 1, sum(WIDTHS))
+
+    def _zeros(self, rows: int, columns: int) -> Any:
+        return wp.zeros((rows, columns), dtype=wp.float64, device=self._model.device)
 
     def launch(self, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> None:
         """Launch the sums for particles at x that move at v; x_lost is what x lost by rounding."""
         model = self._model
         compensated = model.compensated and x_lost is not None
-        inputs = [model.inverse_mass, model.gravity, x, v]
-        self._sum(sum_particles(model.dim, model.scalar), inputs, self._particles)
+        self._sum(0, sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v])
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
         kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
-        inputs = [*constants, x, v, x_lost if compensated else x]
-        self._sum(kernel, inputs, self._connections, largest=columns.STRAIN)
+        self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
 
     def launch_difference(self, v: wp.array, u: wp.array) -> None:
         """Launch the sum of ½ m |v − u|²."""
         model = self._model
-        self._sum(sum_difference(model.dim, model.scalar), [model.inverse_mass, v, u], self._difference)
+        self._sum(2, sum_difference(model.dim, model.scalar), [model.inverse_mass, v, u])
 
-    def _sum(self, kernel: Any, inputs: list[Any], levels: list[Any], largest: int = -1) -> None:
-        """Launch a sum, of whose columns one may be the largest instead."""
-        device = self._model.device
-        wp.launch(kernel, levels[0].shape[0], inputs, [levels[0]], device=device)
-        if len(levels) > 1:
-            wp.launch(fold, levels[1].shape, [levels[0], largest], [levels[1]], device=device)
+    def _sum(self, number: int, kernel: Any, inputs: list[Any], largest: int = -1) -> None:
+        """Launch sum `number`, of whose columns one may be the largest instead."""
+        shares, rows, device = self._shares[number], self._rows, self._model.device
+        wp.launch(kernel, shares.shape[0], inputs, [shares], device=device)
+        threads = (rows.shape[0], WIDTHS[number])
+        wp.launch(fold, threads, [shares, largest, sum(WIDTHS[:number])], [rows], device=device)
 
-    def totals(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what was launched last: the sums over particles, and over connections with the largest strain."""
-        particles, connections = self._particles[-1].numpy(), self._connections[-1].numpy()
-        sums = connections[:, : columns.STRAIN].sum(axis=0)
-        return particles.sum(axis=0), np.append(sums, connections[:, columns.STRAIN].max())
-
-    def difference(self) -> float:
-        """Return what `launch_difference` launched last [J]."""
-        return float(self._difference[-1].numpy().sum())
+    def totals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return what was launched last: over particles, over connections (a largest strain), a difference."""
+        rows = self._rows.numpy()
+        sums = rows.sum(axis=0)
+        particles, connections = sums[: WIDTHS[0]], sums[WIDTHS[0] : -WIDTHS[2]]
+        connections[columns.STRAIN] = rows[:, WIDTHS[0] + columns.STRAIN].max()
+        return particles, connections, float(sums[-1])
 
 
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
@@ -129,10 +133,3 @@ def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.
     kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
     inputs = [model.connections, model.rest_length, place, state.x, state.lost.x]
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
-
-
-def _shares(model: Model, count: int, width: int) -> list[Any]:
-    """Return the places for the shares of a sum over `count` things and, where they are many, for their sums."""
-    threads = min(max(count // FEW_EACH, 1), MOST_THREADS) if model.device.is_cuda else 1
-    rows = [threads, MOST_FOLDED] if threads > MOST_FOLDED else [threads]
-    return [wp.zeros((n, width), dtype=wp.float64, device=model.device) for n in rows]

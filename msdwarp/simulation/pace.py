@@ -26,15 +26,15 @@ ENOUGH_FOR_SWING = 8.0
 """Beyond this refinement that is less than 1/64 of what it was, and comes from what presses, not from the step."""
 SHARE_OF_WORK = 0.1
 """The same where something may do work: there each rise is tried with shorter steps before it is believed."""
-MOST_GAINED = 0.06
-"""A run ends when so large a share of its scale has come from nothing."""
+MOST_GAINED = 0.08
+"""A run ends when its energy is above the least ever by so large a share of its scale, from nothing."""
 MOST_REFINEMENT = 64.0
 """More times the substeps that small motions need are not tried."""
 SAME = 0.7
 """A rise of which more than this is left when steps are halved is none of their doing: at order 1 half is left."""
 SLOW = 0.25
 """A frame with a smaller share of what is allowed is not what has let energy rise too far: those before it are."""
-LONGEST_INTERVAL = 32
+LONGEST_INTERVAL = 64
 """Frames from one look to the next, at most. A look costs as much as a few substeps."""
 LARGE_STRAIN = 0.3
 """Beyond it the limit of small motions says little, and every frame is looked at."""
@@ -71,13 +71,15 @@ class Pace:
     refinement: float = 1.0
     """Times the substeps that the stability limit asks for."""
     least: float = 0.0
-    """Least energy so far, or more where energy has come in since [J]."""
+    """What the next rise counts from: the least energy since the last one [J]."""
+    floor: float = 0.0
+    """Least energy so far, and what has come in by work since [J]."""
     scale: float = 0.0
     """Largest energy of motion and stretching so far [J]."""
-    gained: float = 0.0
-    """The share of its scale that has come from nothing."""
     low: float = 0.0
     """Least kinetic and gravitational energy that has been looked at [J]."""
+    high: float = 0.0
+    """The most of it [J]."""
     strain: float = 0.0
     """The largest strain that the stability limit was computed at."""
     interval: int = 1
@@ -116,13 +118,14 @@ class Pace:
         """Begin, or go on after a change, from a state whose energy is `above` the least [J]."""
         now, model, state = stepping.balance(), stepping.model, stepping.state
         self.scale = 0.05 * weight(model) * size(state) + rounding_energy(model, state)
-        self.least, self.low, self.strain = now.energy - above, now.free, now.strain
+        self.least, self.floor, self.strain = now.energy, now.energy - above, now.strain
+        self.low = self.high = now.free
         self.interval, self.since = 1, 0
         self._see(now)
 
     def above(self, stepping: Stepping) -> float:
         """Return by how much the present energy is above the least [J]."""
-        return max(0.0, stepping.balance().energy - self.least)
+        return max(0.0, stepping.balance().energy - self.floor)
 
     def advance(self, stepping: Stepping, time: float, bound: Callable[[], StepChoice]) -> Stepping:
         """Advance by the frame that begins at `time` [s], with as many substeps as it needs.
@@ -157,12 +160,17 @@ class Pace:
         while True:
             now = stepping.balance() if fine else None
             if now is not None and self._is_well(stepping, now):
+                if (
+                    start is not None
+                ):  # refined for what has come in by now: what counts is what comes from here on
+                    self.least = max(self.least, now.energy - SLOW * self._allowed(stepping))
                 return self._go_on(stepping, now)
             if now is not None and start is not None:
                 tried.append(now.energy - start.energy)
                 slow = tried[-1] <= SLOW * self._allowed(stepping)
                 if _is_real(stepping, tried) or (slow and _works(stepping)):
-                    self.refinement, self.least = usual, now.energy
+                    self.refinement, self.floor = usual, self.floor + now.energy - self.least
+                    self.least = now.energy
                     return self._go_on(stepping, now)
                 if slow:
                     return self._bear(stepping, now)
@@ -187,8 +195,8 @@ class Pace:
 
     def _is_due(self, stepping: Stepping) -> bool:
         """Tell whether the frame is to be looked at: by count, or as something happens that has not been seen."""
-        free = stepping.watch.energy
-        if self.since >= self.interval or free < self.low - 0.05 * self.scale:
+        free, margin = stepping.watch.energy, 0.05 * self.scale
+        if self.since >= self.interval or not self.low - margin <= free <= self.high + margin:
             return True
         return free > self.least + self._allowed(stepping)  # stretching only adds to it
 
@@ -204,10 +212,9 @@ class Pace:
 
     def _bear(self, stepping: Stepping, now: Balance) -> Stepping:
         """Let energy that came from nothing stand, as long as it is little in all."""
-        if not _works(stepping):
-            self.gained += (now.energy - self.least) / self.scale
-        if self.gained > MOST_GAINED:
-            raise Hopeless(stepping, self.gained)
+        gained = (now.energy - self.floor) / self.scale
+        if gained > MOST_GAINED and not _works(stepping):
+            raise Hopeless(stepping, gained)
         self.least = now.energy
         return self._go_on(stepping, now)
 
@@ -229,7 +236,8 @@ class Pace:
 
     def _see(self, now: Balance) -> None:
         """Take what was seen into the least and the most so far."""
-        self.least, self.low = min(self.least, now.energy), min(self.low, now.free)
+        self.least, self.floor = min(self.least, now.energy), min(self.floor, now.energy)
+        self.low, self.high = min(self.low, now.free), max(self.high, now.free)
         # Of a motion as a whole little counts, for it is not what heats.
         self.scale = max(self.scale, now.inner + 0.05 * now.kinetic)
 
@@ -255,7 +263,8 @@ class Pace:
             return stepping
         before = stepping.balance().energy
         stepping = stepping.with_choice(choice)
-        self.least += stepping.balance().energy - before
+        other = stepping.balance().energy - before
+        self.least, self.floor = self.least + other, self.floor + other
         return stepping
 
 
