@@ -10,10 +10,11 @@ LINES = {"float64": "-", "float32": ":", "float32-compensated": "--"}
 FOUND = {"xlabel": "force evaluations", "ylabel": "relative position error"}
 
 
-def _stars(axis, automatic: Sequence[dict], scene: str, methods=COLOURS) -> None:
-    """Draw what automatic substeps cost and reach."""
+def _stars(axis, automatic: Sequence[dict], rows: list[dict], scene: str) -> None:
+    """Draw what automatic substeps cost and reach, of the methods that a scene has a curve of."""
+    drawn = {row["method"] for row in rows if row["scene"] == scene}
     for row in automatic:
-        if row["scene"] == scene and row["method"] in methods:
+        if row["scene"] == scene and row["method"] in drawn:
             style = {"markersize": 13, "markeredgecolor": "black", "color": COLOURS[row["method"]], "zorder": 5}
             axis.plot(row["evaluations"], row["error"], "*", **style)
 
@@ -75,7 +76,7 @@ def _grid(
         axis.set_visible(False)
     for axis, scene in zip(used, scenes, strict=True):
         _curves(axis, rows, x, scene)
-        _stars(axis, automatic, scene)
+        _stars(axis, automatic, rows, scene)
         first = next(r for r in rows if r["scene"] == scene)
         axis.set_title(f"{first['title']} · {first['duration']:g} s")
     for axis in axes[:, 0]:

@@ -81,8 +81,8 @@ def measure(
 class Sums:
     """Sums over particles and connections, in the columns of `msdwarp.kernels.reductions.measure`.
 
-    Every thread sums a share of its own, and fewer threads sum these to a few rows, which come to the host at once.
-    The order of sums is fixed, so that a state has the same sums each time.
+    Every thread sums a share of its own, and fewer threads sum these to a few rows, which come to the host at
+    once. The order of sums is fixed, so that a state has the same sums each time.
     """
 
     def __init__(self, model: Model) -> None:

@@ -165,11 +165,22 @@ class Trajectory:
         """How many substeps each frame took, shape [frame_count]; None in files of before they were kept.
 
         Of the first frame it is how many the next one was to take; 0 is unknown.
+
+        Raises
+        ------
+        ValueError
+            If that part of the file is damaged.
         """
         kept = self._file[OWN].get(SUBSTEPS)
-        if kept is None or kept.shape < (len(self),):
+        if kept is None:
             return None
-        return np.asarray(kept[: len(self)], dtype=np.int32)
+        try:
+            counts = np.asarray(kept[: len(self)], dtype=np.int32)
+        except _ERRORS as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its substeps: {error}") from error
+        if counts.shape != (len(self),) or (counts < 0).any():
+            raise ValueError(f"{self.path} is a damaged trajectory: its substeps are no counts")
+        return counts
 
     def frame(self, k: int) -> Frame:
         """Return frame k, from the end where k is negative; raise IndexError if there is none."""

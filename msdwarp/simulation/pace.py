@@ -117,7 +117,8 @@ class Pace:
     def begin(self, stepping: Stepping, above: float = 0.0) -> None:
         """Begin, or go on after a change, from a state whose energy is `above` the least [J]."""
         now, model, state = stepping.balance(), stepping.model, stepping.state
-        self.scale = 0.05 * weight(model) * size(state) + rounding_energy(model, state)
+        # Rounding errors of ten seconds add up to hundreds of times what one of them makes.
+        self.scale = 0.05 * weight(model) * size(state) + 100.0 * rounding_energy(model, state)
         self.least, self.floor, self.strain = now.energy, now.energy - above, now.strain
         self.low = self.high = now.free
         self.interval, self.since = 1, 0

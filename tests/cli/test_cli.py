@@ -229,6 +229,7 @@ def test_the_log_holds_every_frame_and_its_plot_stands_beside_it(msdwarp, tmp_pa
     np.testing.assert_allclose(table["time_s"], np.arange(7) / 60, rtol=1e-8)  # nine digits are written
     falling = table["total_J"]  # nothing but gravity acts yet; symplectic Euler's m g v h/2 comes and goes
     assert np.ptp(falling) < 0.01 * table["kinetic_J"].max()
+    assert (table["substeps"] > 0).all()
     assert np.asarray(Image.open(tmp_path / "out" / "cube" / "energy.png").convert("L")).std() > 5  # not blank
 
 

@@ -1,0 +1,208 @@
+"""Automatic substeps: energy that comes from nothing takes the frame back; work from outside is let in."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from msdwarp import (
+    RK4,
+    ExplicitEuler,
+    Leapfrog,
+    Plane,
+    Simulation,
+    SimulationDiverged,
+    SymplecticEuler,
+    Trajectory,
+    TrajectoryWriter,
+    ball,
+    box,
+    chain,
+)
+from msdwarp.simulation import Readback
+
+OPTIONS = {"gravity": 0.0, "device": "cpu", "precision": "float64"}
+KICK_DRIFT = pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=["euler", "leapfrog"])
+
+
+def stretched(factor: float = 2.0):
+    """Return an undamped block of 4³ particles, stretched once."""
+    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=100.0)
+    position = np.array(body.position)
+    position[:, 0] *= factor
+    return body.replace(position=position, rest_length=body.rest_length)
+
+
+# The energy that is watched
+
+
+@KICK_DRIFT
+def test_the_energy_watched_is_constant_in_linear_motion_near_the_limit(integrator):
+    # A chain in one dimension is linear: what kick-drift conserves is constant to rounding, though at 0.95 of the
+    # limit kinetic and elastic energy together swing by 1/(1 − 0.95²), ten times, when the fastest mode has them.
+    count, k, m = 12, 1000.0, 1.0
+    body = chain(count, stiffness=k, mass=m, dim=1).pin([0, count - 1])
+    j = count - 2  # the fastest mode of n − 1 springs
+    mode = 0.01 * np.sin(np.pi * j * np.arange(count) / (count - 1))
+    omega = 2 * math.sqrt(k / m) * math.sin(np.pi * j / (2 * (count - 1)))
+    h = 0.95 * 2 / omega
+    system = body.replace(position=body.position + mode[:, None], rest_length=body.rest_length)
+    simulation = Simulation(
+        system,
+        integrator=integrator,
+        fps=1 / (3 * h),
+        substeps=3,
+        allow_unstable=True,
+        energy_limit=1e9,
+        **OPTIONS,
+    )
+    watched, plain = [], []
+    for _ in range(200):
+        simulation.step()
+        watched.append(simulation.stepping.balance().energy)
+        plain.append(simulation.stepping.balance().energy + simulation.stepping.balance().swing)
+    # 600 substeps of sums of numbers near 0.01 and 10 J: a few thousand roundings.
+    assert np.ptp(watched) < 1e-11 * np.mean(watched)
+    assert max(plain) / min(plain) > 5
+
+
+def test_with_both_at_one_instant_it_is_the_sum(device):
+    simulation = Simulation(stretched(), integrator=RK4(), gravity=3.0, device=device, precision="float64")
+    simulation.step(3)
+    found, measured = simulation.stepping.balance(), simulation.measure()
+    assert found.energy == pytest.approx(measured.energy, rel=1e-13)
+    assert (found.swing, found.strain) == (0.0, pytest.approx(measured.largest_strain, rel=1e-13))
+    momentum = measured.momentum @ measured.momentum / (2 * 0.01 * 64)
+    inner = measured.kinetic_energy - momentum + measured.elastic_energy
+    assert found.inner == pytest.approx(inner, rel=1e-9)  # what falls as a whole is taken off
+
+
+# What is done with it
+
+
+@KICK_DRIFT
+def test_a_stretched_block_keeps_its_energy(integrator):
+    start = Simulation(stretched(), integrator=integrator, **OPTIONS)
+    energy, few = start.measure().energy, start.substeps
+    start.step(300)
+    assert abs(start.measure().energy / energy - 1) < 0.1  # 8 % at most above the least, and a swing of 4 %
+    assert start.substeps > few
+    # The same substeps as at the start are too few: the test can fail.
+    fixed = Simulation(stretched(), integrator=integrator, substeps=few, energy_limit=math.inf, **OPTIONS)
+    fixed.step(300)
+    assert fixed.measure().energy > 2 * energy
+
+
+def test_it_is_the_same_again_and_from_a_checkpoint_in_between():
+    runs = [Simulation(stretched(), **OPTIONS) for _ in range(3)]
+    runs[0].step(90)
+    arrays, numbers = runs[0].checkpoint()
+    assert len(runs[0].chosen) > 1  # in the midst of it
+    runs[0].step(60)
+    runs[1].step(150)
+    runs[2].restore(arrays, json.loads(json.dumps(numbers)))  # as a restart file keeps them
+    runs[2].step(60)
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other.frame().position, runs[0].frame().position)
+        np.testing.assert_array_equal(other.frame().velocity, runs[0].frame().velocity)
+        assert other.chosen == runs[0].chosen
+
+
+def test_an_older_checkpoint_goes_on_as_a_run_that_begins():
+    simulation, other = (Simulation(stretched(1.2), **OPTIONS) for _ in range(2))
+    simulation.step(5)
+    arrays, numbers = simulation.checkpoint()
+    older = {k: v for k, v in numbers.items() if not k.startswith("pace.") and k not in ("chosen", "refinement")}
+    other.restore(arrays, older)
+    other.step(60)
+    assert other.measure().energy < 1.1 * simulation.measure().energy
+    assert other.chosen[0] == (0.0, simulation.choice.substeps)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("pace.least", math.nan, "pace.least of the checkpoint is nan; it must be a finite number"),
+        ("pace.since", -1, "pace.since is -1; it must be a whole number of at least 0"),
+        ("pace.anew", "no", "pace.anew is 'no'; it must be one of False, True"),
+        ("chosen", [[0.0]], "chosen of the checkpoint is .*; it must be a list of pairs"),
+        ("chosen", [[0.0, 0]], "chosen is 0; it must be a whole number of at least 1"),
+    ],
+)
+def test_what_is_no_pace_is_named(name, value, message):
+    simulation = Simulation(stretched(1.2), **OPTIONS)
+    arrays, numbers = simulation.checkpoint()
+    with pytest.raises(ValueError, match=message):
+        simulation.restore(arrays, numbers | {name: value})
+    simulation.step()
+
+
+def test_fewer_substeps_are_tried_when_all_is_calm():
+    damped = stretched().replace(damping=0.02)
+    simulation = Simulation(damped, **OPTIONS)
+    few = simulation.substeps
+    simulation.step(900)
+    counts = [count for _, count in simulation.chosen]
+    assert max(counts) > few
+    assert counts[-1] < max(counts)
+
+
+def test_work_from_outside_is_let_in_and_substeps_come_back():
+    # A plane that rises lifts the body, which then has more energy than ever, whatever the step.
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.2).translate((0, 0, 0.11))
+
+    def lift(t: float):
+        return (0.0, 0.0, min(t, 2.0) * 0.5)
+
+    simulation = Simulation(body, colliders=[Plane(motion=lift)], device="cpu", precision="float64")
+    few, start = simulation.substeps, simulation.measure().energy
+    simulation.step(180)
+    assert simulation.measure().energy > start + 0.9 * 0.27 * 9.82 * 1.0  # a metre higher
+    assert simulation.substeps <= 2 * few
+
+
+def test_given_substeps_and_no_limit_are_left_alone():
+    for options in ({"substeps": 6, "allow_unstable": True}, {"energy_limit": math.inf}):
+        simulation = Simulation(stretched(), **options, **OPTIONS)
+        simulation.step(60)
+        assert len(simulation.chosen) == 1
+
+
+@pytest.mark.slow
+def test_energy_that_no_step_takes_away_ends_the_run_in_words():
+    # Explicit Euler throws what spins outwards with every step, dampers or not: its energy grows with the rate of
+    # turning squared times the step, at any step.
+    body = ball(0.2, 0.1, mass=0.01, stiffness=100.0, damping=5.0)
+    simulation = Simulation(body.spin(60.0), integrator=ExplicitEuler(), **OPTIONS)
+    with pytest.raises(
+        SimulationDiverged, match=r"energy has grown by \d+% from nothing, and shorter steps did not"
+    ):
+        simulation.step(6000)
+    before = simulation.frame()
+    assert before.time == simulation.time
+    assert np.isfinite(before.position).all()
+
+
+# Where it is told
+
+
+def test_what_was_chosen_is_kept_with_each_frame(tmp_path):
+    simulation = Simulation(stretched(), **OPTIONS)
+    readback, path = Readback(simulation, strain=False), tmp_path / "a.vtkhdf"
+    taken = []
+    with TrajectoryWriter(path, simulation.system, fps=60, strain=False) as writer:
+        writer.write_pending(readback.take())
+        for _ in range(60):
+            simulation.step()
+            taken.append(simulation.substeps)
+            writer.write_pending(readback.take())
+    with Trajectory(path) as trajectory:
+        counts = trajectory.substeps
+        assert counts is not None
+        assert counts[0] == simulation.chosen[0][1]
+        np.testing.assert_array_equal(counts[1:], taken)
+    times, numbers = zip(*simulation.chosen, strict=True)
+    assert len(set(taken)) > 1
+    for k, count in enumerate(taken):  # frame k + 1 begins at k/60 s
+        assert numbers[np.searchsorted(times, k / 60 + 1e-9) - 1] == count
