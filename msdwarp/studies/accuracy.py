@@ -163,8 +163,9 @@ def _measure_method(
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
             continue
         error = float(frame_errors(position, reference.position, reference.size).max())
-        yield Measurement(name, precision, simulation.substeps, error, math.nan)
-        least = least or simulation.substeps
+        taken = max(count for _, count in simulation.chosen)  # where automatic ones were refined on the way
+        yield Measurement(name, precision, taken, error, math.nan)
+        least = least or taken
         if error <= tolerance:
             return
         if error > 0.7 * before:  # smaller steps did not help: it is rounding
@@ -173,7 +174,7 @@ def _measure_method(
         before = error
         order = 1 if scene.colliders else method.order  # what it is across a contact
         factor = max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order))
-        substeps = math.ceil(simulation.substeps * factor)
+        substeps = math.ceil(taken * factor)
         if substeps > MOST_REFINEMENT * least:
             return
 
