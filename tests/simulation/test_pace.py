@@ -3,6 +3,7 @@
 import json
 import math
 
+import h5py
 import numpy as np
 import pytest
 
@@ -202,6 +203,10 @@ def test_what_was_chosen_is_kept_with_each_frame(tmp_path):
         assert counts is not None
         assert counts[0] == simulation.chosen[0][1]
         np.testing.assert_array_equal(counts[1:], taken)
+    with h5py.File(path, "r+") as file:
+        file["msdwarp/substeps"][3] = -1
+    with Trajectory(path) as trajectory, pytest.raises(ValueError, match="its substeps are no counts"):
+        _ = trajectory.substeps
     times, numbers = zip(*simulation.chosen, strict=True)
     assert len(set(taken)) > 1
     for k, count in enumerate(taken):  # frame k + 1 begins at k/60 s
