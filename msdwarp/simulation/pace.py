@@ -16,6 +16,8 @@ SHARE = 0.02
 The energy that a method conserves swings by less where steps are short enough for a strongly stretched body; where
 they are not, it rises by more within a second.
 """
+SHARE_OF_WORK = 0.1
+"""The same where something may do work: there each rise is tried with shorter steps before it is believed."""
 MOST_SWING = 0.04
 """What a method conserves may differ from the energy there is by this share of the scale.
 
@@ -24,8 +26,6 @@ has gained nothing.
 """
 ENOUGH_FOR_SWING = 8.0
 """Beyond this refinement that is less than 1/64 of what it was, and comes from what presses, not from the step."""
-SHARE_OF_WORK = 0.1
-"""The same where something may do work: there each rise is tried with shorter steps before it is believed."""
 MOST_GAINED = 0.08
 """A run ends when its energy is above the least ever by so large a share of its scale, from nothing."""
 MOST_REFINEMENT = 64.0
@@ -64,7 +64,7 @@ class Pace:
     After a frame the energy that the method conserves is looked at. Without work from outside it can only fall:
     where it has risen above the least so far by more than `SHARE` of its scale, the run goes back to the frame's
     start and takes twice the substeps. When all has been calm for a while, fewer are tried. Looks are rare while
-    nothing happens. Counts and energies decide, never the time that something takes, so that runs repeat and
+    nothing new happens. Counts and energies decide, never the time that something takes, so that runs repeat and
     resume to the last bit.
     """
 
@@ -161,9 +161,7 @@ class Pace:
         while True:
             now = stepping.balance() if fine else None
             if now is not None and self._is_well(stepping, now):
-                if (
-                    start is not None
-                ):  # refined for what has come in by now: what counts is what comes from here on
+                if start is not None:  # refined for what has risen by now: the next rise counts from here
                     self.least = max(self.least, now.energy - SLOW * self._allowed(stepping))
                 return self._go_on(stepping, now)
             if now is not None and start is not None:
