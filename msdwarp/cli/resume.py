@@ -67,6 +67,9 @@ def resume_run(
         if behind <= last and pictures and not force:
             raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
         path = options.log_path(folder)
+        # A restart file may come from anyone, and is not to say where a file appears.
+        if path is not None and not (options.logs_in_folder or script.trust or path.exists()):
+            raise ValueError(f"log is {path}, outside of {folder} and no longer there; allow it with --trust")
         log = None if path is None or behind > last else EnergyLog(path, behind=behind)
         talk = Console(stderr=True, quiet=quiet)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)

@@ -141,6 +141,20 @@ def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
     assert (own.parent / "own.csv").read_text() == "years of work"
 
 
+def test_a_restart_file_does_not_say_where_a_log_appears(msdwarp, tmp_path):
+    flags = ("--size", "3", "--log", "./elsewhere.csv", "--duration", "0.1", *UNDRAWN)
+    assert msdwarp("run", "cube", *flags)[0] == 0
+    (tmp_path / "elsewhere.csv").unlink()
+    code, _, err = msdwarp("resume", "out/cube", "--duration", "0.2")
+    assert (code, "elsewhere.csv, outside of out/cube and no longer there; allow it with --trust" in err) == (
+        1,
+        True,
+    )
+    assert not (tmp_path / "elsewhere.csv").exists()
+    assert msdwarp("resume", "out/cube", "--duration", "0.2", "--trust")[0] == 0
+    assert (tmp_path / "elsewhere.csv").exists()
+
+
 @pytest.mark.slow
 def test_memory_stays_flat_over_ten_thousand_frames(tmp_path):
     peaks = []
