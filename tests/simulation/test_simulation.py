@@ -215,13 +215,12 @@ CHANGES = [
 @pytest.mark.parametrize("parameters", CHANGES, ids=[" ".join(change) for change in CHANGES])
 def test_change_equals_a_new_simulation(integrator, parameters):
     options = {"colliders": [Plane()], "integrator": integrator, "device": "cpu", "precision": "float64"}
-    options["substeps"] = 20  # automatic ones know what came before the change
+    options |= {"substeps": 20}  # automatic ones know what came before the change
     simulation = Simulation(block(), **options)
     simulation.step(20)
     fresh = Simulation(simulation.snapshot().replace(**parameters), **options)
     simulation.change(**parameters)
     assert simulation.time == 20 / 60
-    assert simulation.substeps == fresh.substeps
     simulation.step(10)
     fresh.step(10)
     np.testing.assert_array_equal(simulation.frame().position, fresh.frame().position)  # the same launches
