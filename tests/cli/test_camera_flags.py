@@ -31,6 +31,7 @@ def durations(path):
     return shown, first
 
 
+@pytest.mark.slow
 def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
     camera = ("--azimuth", "40", "--elevation", "50", "--zoom", "2")
     short = ("run", "cube", "--size", "3", "--duration", "0.2", "--frames", "none", *SMALL)
@@ -60,6 +61,7 @@ def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tm
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_every_frame_a_range_and_slow_motion_are_drawn(msdwarp, cube):
     frames = ("render", "out/cube", *SMALL[:2])
     assert msdwarp(*frames, "--out", "all")[0] == 0

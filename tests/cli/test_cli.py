@@ -240,6 +240,7 @@ def test_the_log_must_be_a_csv_file(msdwarp, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
     code, out, _ = msdwarp(
         "tune", "worm", "--length", "6", "--tolerance", "1e-3", "--horizon", "0.1", "--device", "cpu"

@@ -143,6 +143,7 @@ sys.meta_path.insert(0, Finder())
 """
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize(
     ("module", "resumable"),

@@ -140,6 +140,7 @@ def test_a_compiled_file_beside_a_script_is_not_run(msdwarp, own, tmp_path):
     assert not Path("evil").exists()
 
 
+@pytest.mark.slow
 def test_files_of_the_version_before_need_trust_for_scripts_alone(msdwarp, own, tmp_path):
     assert msdwarp("run", "cube", "--size", "3", "--duration", "0.1", *UNDRAWN)[0] == 0
     for name in ("own", "cube"):

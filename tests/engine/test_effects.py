@@ -119,6 +119,7 @@ def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
     assert np.abs(frames[0] - body.position).max() > 0.01
 
 
+@pytest.mark.slow
 def test_an_implicit_method_feels_it(with_anchors, device):
     # Explicitly, as every force but springs: first order, (hω)/2 · ωt of 9 m.
     options = {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 600}
@@ -128,6 +129,7 @@ def test_an_implicit_method_feels_it(with_anchors, device):
     np.testing.assert_allclose(simulation.frame().position, expected, rtol=0, atol=9 * 6 * 6 / 6000)
 
 
+@pytest.mark.slow
 def test_an_implicit_method_has_no_longer_steps_than_it_bears(with_anchors, device):
     # Springs may be as stiff as they like; anchors pull explicitly: h ≤ 2/ω, the bound of ω² may be twice it.
     simulation = Simulation(start(1), integrator=LinearlyImplicitEuler(), gravity=0.0, fps=0.5, device=device)

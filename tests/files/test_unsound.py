@@ -48,6 +48,7 @@ def lose_a_page_of_the_heap(path):
     path.write_bytes(whole)
 
 
+@pytest.mark.slow
 def test_a_lost_page_on_which_hdf5_does_not_come_back_is_told(tmp_path, path):
     changed(path, as_before)
     probe(path)
@@ -298,6 +299,7 @@ def test_errors_do_not_tell_a_terminal_what_to_do(msdwarp):
     assert r"\x1b]0;x" in msdwarp("\x1b]0;x")[2]
 
 
+@pytest.mark.slow
 def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
     from msdwarp.cli.resume import resume_run
 
