@@ -1,6 +1,7 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .loads import Force, Load, check_loads
 from .look import Look
 from .scene import Scene
 from .schedule import Change, at
@@ -12,12 +13,15 @@ __all__ = [
     "Change",
     "Collider",
     "Cone",
+    "Force",
+    "Load",
     "Look",
     "Plane",
     "Scene",
     "Sphere",
     "Stored",
     "at",
+    "check_loads",
     "known_until",
     "scene_as_stored",
     "scene_from_stored",
