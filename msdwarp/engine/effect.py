@@ -24,6 +24,9 @@ class Steps(NamedTuple):
     weights: Sequence[float] = (1.0,)
     """What each of these counts in an integral over the substep; together 1."""
 
+    lagging: bool = False
+    """Whether the velocities that forces see lag half a substep behind the positions."""
+
     @property
     def dt(self) -> float:
         """Length of a substep [s]."""

@@ -40,7 +40,9 @@ class Measures(NamedTuple):
     """Largest |l / l0 − 1|."""
 
     effect_energy: float = 0.0
-    """What other effects store, such as loads that have a potential [J]."""
+    """What other effects store, such as attachments [J]."""
+    external_work: float = 0.0
+    """What loads have done on the system so far [J]."""
 
     @property
     def energy(self) -> float:
@@ -75,6 +77,7 @@ def measure(
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
         sum(one.energy(state.x) for one in model.effects),
+        0.0 if model.work is None else model.work.total(state.v),
     )
 
 

@@ -11,13 +11,11 @@ from ..bodies import Frame, System
 from ..engine import (
     Blocks,
     Dynamics,
-    Measures,
     Model,
     Rates,
     State,
     check_blocks,
     doubt_start,
-    measure,
     rate_bounds,
 )
 from ..integrators import (
@@ -34,10 +32,11 @@ from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
 from .pace import Hopeless, Pace
+from .present import Present
 from .stepping import Stepping
 
 
-class Simulation:
+class Simulation(Present):
     """A system in its surroundings, advanced frame by frame on a device.
 
     Parameters
@@ -57,20 +56,19 @@ class Simulation:
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame; "auto" takes the least that stay within `safety` of the stability limit of
-        small motions (see `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
+        Integrator steps per frame; "auto" takes the least within `safety` of the stability limit (see
+        `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
         `msdwarp.simulation.pace`). What is chosen, and why, is in `choice`; what was, and when, in `chosen`.
     safety
         Share of the stability limit that automatic substeps may use, 0 … 1.
     refresh
-        Compute the stability limit anew before every frame, not only where stretching has changed by much.
+        Compute the stability limit before every frame, not only where stretching has changed by much.
     allow_unstable
         Accept substeps beyond the stability limit.
     energy_limit
-        The run has diverged when its energy has grown by this multiple of its scale, the energy at the start
-        and what falling by the system's own size would give, and of the swing that a step near the limit
-        gives a stable method's energy (`StepChoice.energy_swing`). With inf nothing is watched but that numbers
-        are finite: automatic substeps then stay those of the stability limit.
+        The run has diverged when its energy has grown by this multiple of its scale (the energy at the start and
+        what falling by the system's own size would give), times `StepChoice.energy_swing`. With inf only numbers
+        that are not finite end it: automatic substeps then stay those of the stability limit.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -79,8 +77,8 @@ class Simulation:
         How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
         "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
     blocks
-        How many blocks of threads, and threads in each, take all substeps of a frame in one launch, which is a
-        matter of speed alone: a pair, None for a launch for each stage of each substep, or "auto".
+        Blocks of threads, and threads in each, that take all substeps of a frame in one launch, a matter of speed
+        alone: a pair, None for a launch for each stage of each substep, or "auto".
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
 
@@ -162,7 +160,6 @@ class Simulation:
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
-        """Say in a few lines what is simulated, how, and how far it is."""
         system, model = self.system, self.model
         parts = f"{system.particle_count} particles, {system.connection_count} connections"
         around = "".join(f", {type(one).__name__}" for one in self._surroundings["colliders"][:4])
@@ -186,6 +183,8 @@ class Simulation:
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
+        if self.time > 0.0:
+            model.go_on_from(self.model, self.state.v)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = State.of(system, model, self._method.carried)
         refinement, above = 1.0, 0.0
@@ -209,59 +208,14 @@ class Simulation:
             )
         return choice
 
-    @property
-    def system(self) -> System:
-        """The system as it was when it was last uploaded: at the start, or by the last change."""
-        return self.stepping.model.system
-
-    @property
-    def model(self) -> Model:
-        """The system on its device."""
-        return self.stepping.model
-
-    @property
-    def state(self) -> State:
-        """What moves, on the device; velocities are at the integrator's own instants."""
-        return self.stepping.state
-
-    @property
-    def integrator(self) -> Integrator:
-        """The time-stepping method as it is used with the present substeps."""
-        return self.stepping.integrator
-
-    @property
-    def choice(self) -> StepChoice:
-        """The substeps of a frame, and why."""
-        return self.stepping.choice
-
-    @property
-    def substeps(self) -> int:
-        """Integrator steps per frame, with automatic substeps those that the last one took."""
-        return self.choice.substeps
-
-    @property
-    def dt(self) -> float:
-        """Length of a substep [s]."""
-        return self.choice.step
-
-    @property
-    def time(self) -> float:
-        """Simulated time since the start [s]."""
-        return self.frame_index / self.fps
-
-    @property
-    def device(self) -> str:
-        """The device that simulates, by Warp's name for it."""
-        return self.model.device.alias
-
     def step(self, frames: int = 1) -> None:
         """Advance by one frame or more.
 
         Raises
         ------
         SimulationDiverged
-            If a position or velocity is no longer finite, or energy has grown from nowhere, and with
-            automatic substeps only if more of them did not help. It is then back at the last good frame.
+            If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
+            of them did not help). It is then back at the last good frame.
         """
         for _ in range(checks.count("frames", frames, 1)):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -313,19 +267,6 @@ class Simulation:
         system = self.system.replace(**self.stepping.changed_fields())
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
 
-    def measure(self) -> Measures:
-        """Return energies, momentum and strain of the present state."""
-        return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)
-
-    @property
-    def rest_length(self) -> NDArray:
-        """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
-        return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
-
-    def frame(self) -> Frame:
-        """Return the present positions and velocities."""
-        return self.stepping.frame(self.time)
-
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the present frame and every frame of the next `duration` seconds.
 
@@ -344,11 +285,6 @@ class Simulation:
         for _ in range(count):
             self.step()
             yield self.frame()
-
-    def snapshot(self) -> System:
-        """Return the system as it is now: present positions and velocities, present parameters."""
-        _, position, velocity = self.frame()
-        return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
@@ -385,10 +321,7 @@ class Simulation:
     def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
-        A mass of inf pins a particle where it is.
-        Kernels are composed for what a scene has, so another one is only needed for a first damper, a first
-        pinned particle, or connections that come in many more kinds than before. The route is chosen anew where
-        that was left open, and so are the substeps.
+        The route is chosen anew where that was left open, and so are the substeps.
 
         Parameters
         ----------
