@@ -2,7 +2,6 @@
 
 import functools
 import itertools
-import re
 from typing import Any, Protocol
 
 import numpy as np
@@ -94,14 +93,10 @@ class SurfacePart:
         return self._particle.numpy(), self._weights.numpy()
 
 
-def shown(system: System) -> NDArray[np.bool_]:
+def shown(system: System) -> NDArray[np.bool_] | slice:
     """Return which connections are drawn: all but those to second neighbours, which lie along two others."""
-    chosen = np.ones(system.connection_count, dtype=bool)
-    for body in system.directions:
-        for name, part in body.items():
-            if re.fullmatch("([+-]?2[xyz])+", name):
-                chosen[part] = False
-    return chosen
+    between = system.between_neighbours
+    return slice(None) if between is None else between
 
 
 class Tubes:
