@@ -5,6 +5,7 @@ from .description import counted, headline
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
+from .pieces import pieces
 from .selection import selected
 from .space import AXES, in_space, rotation
 from .surface import Surface
@@ -32,6 +33,7 @@ __all__ = [
     "headline",
     "in_space",
     "is_uniform",
+    "pieces",
     "rotation",
     "selected",
     "stored",
