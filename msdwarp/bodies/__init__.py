@@ -1,11 +1,11 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
+from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
-from .pieces import pieces
 from .selection import selected
 from .space import AXES, in_space, rotation
 from .surface import Surface

@@ -49,25 +49,32 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     """Return which connections lie inside no body that has a surface, shape [connection_count].
 
     These are the connections of bodies without a triangle, such as ropes, and those between bodies. A body is what
-    connections in lattice directions hold together; particles that have no such connection are one body with those
-    that their other connections lead to. So what ties a rope to a ball lies in neither.
+    the lattice directions of one entry of `System.directions` join; particles that are in none are one body with
+    those that their connections lead to. So what ties a rope to a ball, in no direction of either, is in neither.
     """
-    connections, surface = system.connections, system.surface
+    connections, count, surface = system.connections, len(system.directions), system.surface
+    bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
     if surface is None:
-        return np.ones(len(connections), dtype=bool)
-    in_lattice = np.zeros(len(connections), dtype=bool)
-    for body in system.directions:
-        for part in body.values():
-            in_lattice[part] = True
-    of_lattice = np.zeros(system.particle_count, dtype=bool)
-    of_lattice[connections[in_lattice]] = True
-    within = in_lattice | ~of_lattice[connections].any(axis=1)
-    body_of = pieces(system.particle_count, connections[within])
-    first, second = body_of[connections.T]
+        return bare
+    carries = np.zeros(system.particle_count, dtype=bool)
+    vertices = np.unique(surface.triangles)
+    carriers = surface.particle[vertices]
+    carries[carriers if surface.weights is None else carriers[surface.weights[vertices] != 0]] = True
 
-    carriers = surface.particle[np.unique(surface.triangles)]
-    if surface.weights is not None:
-        carriers = carriers[surface.weights[np.unique(surface.triangles)] != 0]
-    covered = np.zeros(system.particle_count, dtype=bool)
-    covered[body_of[carriers]] = True  # at the particle that a body is numbered by
-    return ~covered[first] | (first != second)
+    body_of = np.full(system.particle_count, -1)
+    covered = np.zeros(count + system.particle_count, dtype=bool)
+    for k, body in enumerate(system.directions):
+        for part in body.values():
+            body_of[connections[part]] = k
+            covered[k] |= carries[connections[part]].any()
+            in_none[part] = False
+        for part in body.values():
+            bare[part] = not covered[k]
+    rest = connections[in_none]
+    loose = body_of < 0
+    own = pieces(system.particle_count, rest[loose[rest].all(axis=1)])
+    body_of = np.where(loose, count + own, body_of)
+    covered[body_of[carries & loose]] = True
+    first, second = body_of[rest.T]
+    bare[in_none] = ~covered[first] | (first != second)
+    return bare
