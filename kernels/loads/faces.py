@@ -13,8 +13,8 @@ from ..records import records
 def face(dim: int, scalar: type, compensated: bool):
     """Compose (Faces, corners): triangles with the particles at their corners, and what a load needs of one.
 
-    corners(faces, lost, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners, and half the
-    product of two edges, out of the surface by the right-hand rule. Less than three coordinates have no area vector.
+    corners(faces, lost, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners, and half
+    the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area vectors.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)

@@ -11,9 +11,6 @@ from ..effect import Piece
 from ..records import records
 from .faces import face
 
-GIVEN, OF_PLACE = "given", "of place"
-"""How the velocity of the air is known: by numbers for each stage of a frame, or by a function of place and time."""
-
 
 @functools.cache
 def wind(dim: int, scalar: type, compensated: bool, faces: bool, lifts: bool, function: Any) -> Piece:

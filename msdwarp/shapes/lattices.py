@@ -78,7 +78,8 @@ def _lattice(
         why = "the stiffness of a Material" if stuff.material is not None else "that of bending"
         what = "a material" if stuff.material is not None else "bending"
         raise ValueError(
-            f"spacing is {spacing!r}; with {what} it must be the same along all axes: {why} is derived for such cells"
+            f"spacing is {spacing!r}; with {what} it must be the same along all axes: "
+            f"{why} is derived for such cells"
         )
     axes = [one * (np.arange(n) - (n - 1) / 2) for one, n in zip(spacings, shape, strict=True)]
     position = np.zeros((*shape[::-1], dim))  # z, y, x
