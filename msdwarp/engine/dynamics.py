@@ -66,6 +66,11 @@ class Dynamics:
         for effect in self.model.effects:
             effect.begin_frame(time)
 
+    def prepare(self, time: float) -> None:
+        """Do on the host what can be done early for the frame that begins at `time` [s], while another runs."""
+        for effect in self.model.effects:
+            effect.prepare(time)
+
     def begin_substep(self, state: State, substep: int) -> None:
         """Begin substep number `substep` of a frame: launch what effects do to each connection then."""
         if beginning(self.composition) is not None:

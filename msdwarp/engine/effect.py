@@ -31,6 +31,13 @@ class Effect:
     def begin_frame(self, time: float) -> None:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
 
+    def prepare(self, time: float) -> None:
+        """Do on the host what can be done early for the frame that begins at `time` [s], while another is running.
+
+        That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
+        and nothing is raised.
+        """
+
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
         return False

@@ -259,24 +259,24 @@ class Simulation:
             If a position or velocity is no longer finite, or energy has grown from nowhere, and with
             automatic substeps only if more of them did not help. It is then back at the last good frame.
         """
-        for _ in range(checks.count("frames", frames, 1)):
+        for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
                 self._change_as_due()
             if self._refresh:
                 self._choose_anew()
-            self._advance()
+            self._advance((self.frame_index + 1) / self.fps if left else None)
             if self.substeps != self.chosen[-1][1]:
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
 
-    def _advance(self) -> None:
-        """Advance by a frame: with the substeps asked for, or as many as it takes."""
+    def _advance(self, then: float | None) -> None:
+        """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
         if self._pace is None:
-            if not self.stepping.advance(self.time):
+            if not self.stepping.advance(self.time, then):
                 raise self._divergence()
             return
         try:
-            self.stepping = self._pace.advance(self.stepping, self.time, self._bound)
+            self.stepping = self._pace.advance(self.stepping, self.time, self._bound, then)
         except Hopeless as end:
             self.stepping = end.stepping
             raise self._divergence(end.gained) from None

@@ -91,12 +91,18 @@ class Stepping:
         baseline = self.watch.baseline
         return type(self)(self.dynamics, self.state, choice=choice, baseline=baseline, **self._how)
 
-    def advance(self, time: float) -> bool:
-        """Advance by the frame that begins at `time` [s]; return whether all went well."""
+    def advance(self, time: float, then: float | None = None) -> bool:
+        """Advance by the frame that begins at `time` [s]; return whether all went well.
+
+        Where another one follows at once, at `then` [s], the host prepares that while the device is at work. Where
+        the caller comes in between, what functions of time read may change first: then there is none.
+        """
         if self.graph is None:
             self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
         wp.capture_launch(self.graph)
+        if then is not None:
+            self.dynamics.prepare(then)
         return not self.watch.finds_trouble()
 
     def _recorded_frame(self) -> Any:

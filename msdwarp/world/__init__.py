@@ -1,7 +1,9 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .in_time import sampled
 from .look import Look
+from .motion import Motion, pose, poses
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
@@ -13,12 +15,16 @@ __all__ = [
     "Collider",
     "Cone",
     "Look",
+    "Motion",
     "Plane",
     "Scene",
     "Sphere",
     "Stored",
     "at",
     "known_until",
+    "pose",
+    "poses",
+    "sampled",
     "scene_as_stored",
     "scene_from_stored",
 ]
