@@ -23,3 +23,9 @@ class Piece(NamedTuple):
     v is as the method has it, in leapfrog half a substep ago. x and v are read by `records(dim, scalar).load`; in
     compensated precision a position is x − lost.x. Particles are in the system's order.
     """
+    selective: bool = False
+    """Whether the force acts on some particles only, those that its effect names: on others it costs a byte."""
+    timed: bool = False
+    """Whether it depends on time: that of the stage is `world.time[world.stage]`."""
+    works: bool = False
+    """Whether the work of its force is summed; it is selective then."""

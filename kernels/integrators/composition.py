@@ -37,6 +37,21 @@ class Composition(NamedTuple):
         """Struct type of what sums have lost by rounding."""
         return compensation(self.dim, self.scalar, self.compensated)[0]
 
+    @property
+    def selective(self) -> list[Piece]:
+        """The effects whose forces act on some particles only; the k-th has bit k of a particle's marks."""
+        return [piece for piece in self.pieces if piece.selective]
+
+    @property
+    def timed(self) -> bool:
+        """Whether anything depends on time."""
+        return self.works or any(piece.timed for piece in self.pieces)
+
+    @property
+    def works(self) -> bool:
+        """Whether the work of any effect is summed."""
+        return any(piece.works for piece in self.pieces)
+
 
 class Stage(NamedTuple):
     """A method as seen from one particle."""
@@ -54,7 +69,11 @@ def world(composition: Composition):
     """Compose the struct of what acts on particles: the same in every stage of every method.
 
     forces: what the route reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
-    colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives.
+    colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
+    where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
+    stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's end [s]; work: what
+    loads have done on each particle [J]; weight: what a stage counts in its integral over time [s], 0 where it
+    belongs to no substep.
     """
     fields = {
         "forces": composition.route.Forces,
@@ -63,6 +82,13 @@ def world(composition: Composition):
         "colliders": composition.contact.Colliders,
     }
     fields |= {piece.field: piece.Data for piece in composition.pieces}
+    if composition.selective:
+        fields["marks"] = wp.array(dtype=wp.uint8)
+    if composition.timed:
+        fields["stage"] = int
+        fields["time"] = wp.array(dtype=composition.scalar)
+    if composition.works:
+        fields["work"] = fields["weight"] = wp.array(dtype=wp.float64)
     names = {"__module__": __name__, "__qualname__": "world.<locals>.World"}
     return wp.struct(type("World", (), {"__annotations__": fields} | names))
 
@@ -112,7 +138,7 @@ def beginning(composition: Composition) -> Any:
 @functools.cache
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on particle i [N], (world, lost, x, v, i); None where there are none."""
-    World, Lost, V = world(composition), composition.Lost, vector(composition.dim, composition.scalar)
+    V, World, Lost, load_vector, *_ = tools(composition)
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
@@ -121,7 +147,25 @@ def loads(composition: Composition) -> Any:
 
         return load
 
-    return _joined(both, [piece.force(World) for piece in composition.pieces if piece.force is not None])
+    def guarded(piece: Piece) -> Any:
+        assert piece.force is not None
+        force = piece.force(World)
+        if not piece.selective:
+            return force
+        mark, works = 1 << composition.selective.index(piece), piece.works
+
+        @wp.func
+        def load_where_marked(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            total = V()
+            if (world.marks[i] & wp.uint8(wp.static(mark))) != wp.uint8(0):
+                total = force(world, lost, x, v, i)
+                if wp.static(works):
+                    world.work[i] += world.weight[world.stage] * wp.float64(wp.dot(total, load_vector(v, i)))
+            return total
+
+        return load_where_marked
+
+    return _joined(both, [guarded(piece) for piece in composition.pieces if piece.force is not None])
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:

@@ -35,15 +35,19 @@ def persistent(composition: Composition, method: Any, blocks: int):
     _, World, *_ = tools(composition)
     begin, load = beginning(composition), loads(composition)
     evaluate, force_at = composition.route.evaluate, composition.route.force_at
-    moving = composition.contact.moving
+    moving, timed = composition.contact.moving, composition.timed
     Step, advance, _ = method(composition)
 
     def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
         if wp.static(moving):
             first = int(world.colliders.substep)
+        if wp.static(timed):
+            first_stage = int(world.stage)
         for k in range(count):
             step = steps[k % steps.shape[0]]
+            if wp.static(timed):
+                world.stage = first_stage + k
             if wp.static(begin is not None):
                 if k % (steps.shape[0] / 2) == 0:  # where a substep begins
                     c = thread

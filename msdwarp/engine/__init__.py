@@ -6,6 +6,7 @@ implicit Euler launches its own solver.
 
 from .balance import Balance, Ledger, rounding_energy, size, weight
 from .dynamics import Dynamics
+from .effect import Steps
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_strain
 from .model import Model
@@ -27,6 +28,7 @@ __all__ = [
     "Rates",
     "State",
     "Stepper",
+    "Steps",
     "Watch",
     "add_linearised",
     "check_blocks",

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from ..kernels.contact import NO_CONTACT, Contact
 from ..kernels.effect import Piece
@@ -17,11 +19,13 @@ from ..kernels.integrators import (
     each_particle,
     world,
 )
-from .effect import Effect
+from .effect import Effect, Steps
 from .forces import ROUTE_CLASSES
 from .model import Model
 from .state import State
 
+MOST_MARKS = 8
+"""Bits that say which selective effects act on a particle."""
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
 
@@ -47,6 +51,11 @@ class Dynamics:
         self.world.gravity = model.gravity
         for effect in model.effects:
             self._place(effect)
+        if self.composition.selective:
+            self.world.marks = wp.array(self._marks(), dtype=wp.uint8, device=model.device)
+        if self.composition.works:
+            self.world.work = wp.zeros(model.particle_count, dtype=wp.float64, device=model.device)
+        self._steps, self._last_stage = Steps(1.0, 1), 0
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
@@ -55,14 +64,36 @@ class Dynamics:
         field = effect.piece.field if isinstance(effect.piece, Piece) else "colliders"
         setattr(self.world, field, effect.data)
 
-    def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+    def _marks(self) -> NDArray[np.uint8]:
+        """Return which selective effects act on each particle, as bits."""
+        marks = np.zeros(self.model.particle_count, dtype=np.uint8)
+        selective = [one for one in self.model.effects if isinstance(one.piece, Piece) and one.piece.selective]
+        if len(selective) > MOST_MARKS:
+            raise ValueError(
+                f"{len(selective)} loads of different kinds act on particles; at most {MOST_MARKS} can"
+            )
+        for k, effect in enumerate(selective):
+            assert effect.members is not None
+            marks[effect.members] |= np.uint8(1 << k)
+        return marks
+
+    def begin(self, steps: Steps) -> None:
+        """Prepare for frames of these substeps."""
+        self._steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
+        if self.composition.timed:
+            self.world.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
+        if self.composition.works:
+            weights = np.append(np.tile(steps.dt * np.asarray(steps.weights), steps.substeps), 0.0)
+            self.world.weight = wp.array(weights, dtype=wp.float64, device=self.model.device)
         for effect in self.model.effects:
-            effect.begin(substeps, dt)
+            effect.steps = steps
+            effect.begin(steps.substeps, steps.dt)
             self._place(effect)
 
     def begin_frame(self, time: float) -> None:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
+        if self.composition.timed:
+            self.world.time.assign(self._steps.times(time).astype(self.model.dtype))
         for effect in self.model.effects:
             effect.begin_frame(time)
 
@@ -70,6 +101,19 @@ class Dynamics:
         """Do on the host what can be done early for the frame that begins at `time` [s], while another runs."""
         for effect in self.model.effects:
             effect.prepare(time)
+
+    def hold(self, time: float) -> None:
+        """Have what is launched between frames find effects as they are at `time` [s]."""
+        if self.composition.timed:
+            self.world.time.fill_(time)
+        for effect in self.model.effects:
+            effect.hold(time)
+        self.rest()
+
+    def rest(self) -> None:
+        """Have what is launched next find effects as they are where a frame ends."""
+        if self.composition.timed:
+            self.world.stage = self._last_stage
 
     def begin_substep(self, state: State, substep: int) -> None:
         """Begin substep number `substep` of a frame: launch what effects do to each connection then."""
@@ -84,6 +128,8 @@ class Dynamics:
         for effect in self.model.effects:
             if effect.begin_substep(substep):
                 self._place(effect)
+        if self.composition.timed:
+            self.world.stage = substep * len(self._steps.stage_times)
 
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
@@ -112,6 +158,8 @@ class Dynamics:
         else:
             kernel, threads = each_particle(self.composition, method), model.particle_count
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
+        if self.composition.timed and self.world.stage < self._last_stage:
+            self.world.stage += 1
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""

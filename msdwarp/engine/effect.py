@@ -1,13 +1,38 @@
 """Effect: what acts in a scene beside springs, dampers and gravity."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.contact import Contact as ContactPiece
 from ..kernels.effect import Piece
+
+
+class Steps(NamedTuple):
+    """The substeps of a frame, and when their stages take forces."""
+
+    fps: float
+    """Frames per second."""
+    substeps: int
+    """Substeps in a frame."""
+    stage_times: Sequence[float] = (0.0,)
+    """When within a substep each launch of a method takes its forces, as shares of the substep; the first is 0."""
+
+    weights: Sequence[float] = (1.0,)
+    """What each of these counts in an integral over the substep; together 1."""
+
+    @property
+    def dt(self) -> float:
+        """Length of a substep [s]."""
+        return 1.0 / (self.fps * self.substeps)
+
+    def times(self, start: float) -> NDArray[np.float64]:
+        """Return when the stages of the frame that begins at `start` [s] take their forces, and its end."""
+        stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
+        return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
 
 
 class Effect:
@@ -22,8 +47,13 @@ class Effect:
     """What it adds to kernels."""
     data: Any
     """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
+    members: NDArray[np.bool_] | None = None
+    """The particles that its force acts on, shape [particle_count], where its piece is selective."""
     works: bool = False
     """Whether it may do work on the bodies, so that energy that grows is no sign of divergence."""
+
+    steps: Steps = Steps(1.0, 1)
+    """The substeps of the frames to come; known when `begin` is called."""
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
@@ -37,6 +67,9 @@ class Effect:
         That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
         and nothing is raised.
         """
+
+    def hold(self, time: float) -> None:
+        """Have all stages see what there is at `time` [s]: for what is launched between frames."""
 
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..world import Collider
+from ..world import Collider, Load
 from .contact import Contact
 from .effect import Effect
+from .forcing import forcing
 from .yielding import Yielding
 
 if TYPE_CHECKING:
@@ -19,16 +20,22 @@ class Surroundings(NamedTuple):
     """Obstacles, in the order in which a particle meets them."""
     contact: str = "coulomb"
     """The contact rule, "coulomb" or "report"."""
+    loads: Sequence[Load] = ()
+    """What else acts on the system."""
 
 
-EFFECTS: list[Callable[["Model", Surroundings], Effect | None]] = [
+EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
     lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
+    lambda model, around: forcing(model, around.loads),
 ]
-"""For each effect a function that returns it, or None where the scene lacks it."""
+"""For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 
 
 def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
     """Return the effects that a scene has."""
-    found = (make(model, around) for make in EFFECTS)
-    return [effect for effect in found if effect is not None]
+    found: list[Effect] = []
+    for make in EFFECTS:
+        made = make(model, around)
+        found += [made] if isinstance(made, Effect) else made or []
+    return found

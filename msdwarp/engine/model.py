@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
-from ..world import Collider
+from ..world import Collider, Load, check_loads
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
@@ -32,6 +32,8 @@ class Model:
         Obstacles, in the order in which a particle meets them.
     contact
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
+    loads
+        What else acts on the system, each a `Load`.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -54,6 +56,7 @@ class Model:
         gravity: ArrayLike = 9.82,
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
+        loads: Sequence[Load] = (),
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
@@ -99,7 +102,8 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload(self.ordered(steepest), "damping")
-        self.effects = effects_of(self, Surroundings(tuple(colliders), contact))
+        check_loads(loads, system)
+        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, tuple(loads)))
 
     @property
     def lengths_change(self) -> bool:

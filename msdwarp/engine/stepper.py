@@ -73,6 +73,7 @@ class Stepper:
             self._persist(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2:
                 self._state.flip()
+        self._dynamics.rest()
         self._state.settle()
 
     def _persist(self, blocks: int, threads: int, stages: int, first: int) -> None:

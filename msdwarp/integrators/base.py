@@ -32,6 +32,16 @@ class Integrator(ABC):
         return 1
 
     @property
+    def stage_times(self) -> tuple[float, ...]:
+        """When within a substep each launch of `step` takes its forces, as shares of the substep."""
+        return (0.0,)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """What each of these launches counts in an integral over the substep."""
+        return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
+
+    @property
     def carried(self) -> int:
         """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
         return 0

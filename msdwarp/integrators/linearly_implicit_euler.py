@@ -73,6 +73,11 @@ class LinearlyImplicitEuler(Integrator):
         """Force evaluations per substep; a product with the linearised system counts as one."""
         return self.iterations + 3
 
+    @property
+    def stage_times(self) -> tuple[float, ...]:
+        """When forces are taken: at the start, and the second launch asks for none."""
+        return (0.0, 0.0)
+
     def workspace(self, state: State) -> Work:
         """Return what a solve needs; a graph may hold no array that would be freed while it lives."""
         x, numbers = state.x, wp.zeros(3, dtype=wp.float64, device=state.x.device)

@@ -39,6 +39,16 @@ class RK4(Integrator):
         """Force evaluations per substep."""
         return 4
 
+    @property
+    def stage_times(self) -> tuple[float, ...]:
+        """When its four stages take their forces."""
+        return (0.0, 0.5, 0.5, 1.0)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """What they count in an integral over the substep: Simpson's rule."""
+        return (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+
     def workspace(self, state: State) -> Work:
         """Return two stages, of positions and velocities, and the sum of accelerations."""
         return Work(*state.empty_vectors(5))

@@ -133,6 +133,15 @@ class RKC2(Integrator):
         """Force evaluations per substep."""
         return self.stages or 2
 
+    @property
+    def stage_times(self) -> tuple[float, ...]:
+        """When its stages take their forces: c_j, where the recurrence of changes has taken x' = 1."""
+        c = coefficients(self.evaluations)
+        changes = [0.0, c.first]
+        for mu, nu, reach, reach0 in list(zip(c.mu, c.nu, c.reach, c.reach0, strict=True))[:-1]:
+            changes.append(mu * changes[-1] + nu * changes[-2] + reach + reach0)
+        return tuple(changes)
+
     def workspace(self, state: State) -> Work:
         """Return the first acceleration, and two stages."""
         a0, *stages = state.empty_vectors(9)

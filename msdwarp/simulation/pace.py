@@ -246,7 +246,7 @@ class Pace:
 
     def _finer(self, stepping: Stepping, bound: Callable[[], StepChoice]) -> tuple[Stepping, Balance]:
         """Go back to the frame's start; return what takes twice the substeps at least, and the balance there."""
-        stepping.backup.restore()
+        stepping.go_back()
         try:
             choice = bound()
         except UnstableStep as error:

@@ -29,7 +29,7 @@ from ..integrators import (
     choose_forced,
     choose_substeps,
 )
-from ..world import Change, Collider, Scene
+from ..world import Change, Collider, Load, Scene
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
@@ -50,6 +50,8 @@ class Simulation:
         Obstacles.
     contact
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
+    loads
+        What else acts on the system: a `Force`, and so on.
     integrator
         The time-stepping method.
     fps
@@ -102,6 +104,7 @@ class Simulation:
         gravity: ArrayLike = 9.82,
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
+        loads: Sequence[Load] = (),
         integrator: Integrator | None = None,
         fps: float = 60.0,
         substeps: int | str = "auto",
@@ -133,6 +136,7 @@ class Simulation:
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
+            "loads": checks.sequence("loads", loads, Load, "Force((0, 0, 1))"),
             "device": device,
             "precision": precision,
             "route": route,
@@ -154,8 +158,8 @@ class Simulation:
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        around = {"gravity": scene.gravity, "colliders": scene.colliders, "schedule": scene.schedule}
-        return cls(scene.system, **around, **options)
+        names = ("gravity", "colliders", "loads", "schedule")
+        return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
         """Say in a few lines what is simulated, how, and how far it is."""
@@ -189,7 +193,7 @@ class Simulation:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
         how: Any = (Dynamics(model), state, self._method, choice)
-        self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks)
+        self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks, time=self.time)
         if self._pace is not None:
             self._pace.begin(self.stepping, above)
 
@@ -370,8 +374,8 @@ class Simulation:
         pace = self._pace and Pace.restored(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         self._pace = self._pace and Pace()
-        self._load(system, choice)
         self.frame_index = frame_index
+        self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
         self.chosen = chosen or [(0.0, self.substeps)]

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
-from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Watch
+from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Steps, Watch
 from ..integrators import Integrator, StepChoice
 
 RECORDING = threading.Lock()
@@ -48,6 +48,8 @@ class Stepping:
         See `Simulation`.
     baseline
         What the energy is compared with; by default the present state's.
+    time
+        When it begins [s].
 
     Attributes
     ----------
@@ -69,11 +71,14 @@ class Stepping:
         energy_limit: float,
         blocks: Blocks,
         baseline: Baseline | None = None,
+        time: float = 0.0,
     ) -> None:
         self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self.integrator = method.fitted(choice.rates, choice.step)
-        dynamics.begin(choice.substeps, choice.step)
+        self._time = self._begun = time
+        dynamics.begin(Steps(choice.fps, choice.substeps, self.integrator.stage_times, self.integrator.weights))
+        dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
@@ -89,7 +94,8 @@ class Stepping:
         from_to = self.choice.step, choice.step
         wp.copy(self.state.v, self.integrator.hand_over(self.dynamics, self.state, self._work, *from_to))
         baseline = self.watch.baseline
-        return type(self)(self.dynamics, self.state, choice=choice, baseline=baseline, **self._how)
+        how = self._how | {"baseline": baseline, "time": self._time}
+        return type(self)(self.dynamics, self.state, choice=choice, **how)
 
     def advance(self, time: float, then: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well.
@@ -103,7 +109,15 @@ class Stepping:
         wp.capture_launch(self.graph)
         if then is not None:
             self.dynamics.prepare(then)
+        fps = self.choice.fps
+        self._begun, self._time = time, (round(time * fps) + 1) / fps
         return not self.watch.finds_trouble()
+
+    def go_back(self) -> None:
+        """Go back to the start of the frame that was advanced by last."""
+        self.backup.restore()
+        self._time = self._begun
+        self.dynamics.hold(self._time)
 
     def _recorded_frame(self) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
@@ -128,7 +142,8 @@ class Stepping:
 
         The frame is simulated once more, looking after every substep.
         """
-        self.backup.restore()
+        self.go_back()
+        self.dynamics.begin_frame(self._begun)
         good, substep = to_host(self.state.x), 0
         while True:
             substep += 1
@@ -138,7 +153,7 @@ class Stepping:
                 break
             good = to_host(self.state.x)
         particle = self.watch.culprit()
-        self.backup.restore()
+        self.go_back()
         return Trouble(good, substep, particle)
 
     def velocity(self) -> wp.array:

@@ -2,6 +2,7 @@
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .in_time import sampled
+from .loads import Force, Load, check_loads
 from .look import Look
 from .motion import Motion, pose, poses
 from .scene import Scene
@@ -14,6 +15,8 @@ __all__ = [
     "Change",
     "Collider",
     "Cone",
+    "Force",
+    "Load",
     "Look",
     "Motion",
     "Plane",
@@ -21,6 +24,7 @@ __all__ = [
     "Sphere",
     "Stored",
     "at",
+    "check_loads",
     "known_until",
     "pose",
     "poses",

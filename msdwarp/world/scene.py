@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..bodies import System, counted, headline
 from .colliders import Collider, Plane
+from .loads import Load, check_loads
 from .look import Look
 from .schedule import Change
 
@@ -26,6 +27,8 @@ class Scene:
         What is simulated.
     colliders
         Obstacles; the fixed plane that faces most upwards is drawn as the ground.
+    loads
+        What acts on it beside gravity and obstacles: a `Force`, `Wind`, and so on.
     gravity
         Acceleration of free fall [m/s²]; see `Simulation`.
     duration
@@ -44,6 +47,7 @@ class Scene:
 
     system: System
     colliders: Sequence[Collider] = ()
+    loads: Sequence[Load] = ()
     gravity: ArrayLike = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
@@ -52,13 +56,19 @@ class Scene:
     def __post_init__(self) -> None:
         """Check the arguments."""
         checks.instance("system", self.system, System, "chain(5)")
-        for name, kind, example in (("colliders", Collider, "Plane()"), ("schedule", Change, "at(1.0, mass=2.0)")):
+        kinds = (
+            ("colliders", Collider, "Plane()"),
+            ("loads", Load, "Force((0, 0, 1))"),
+            ("schedule", Change, "at(1.0, mass=2.0)"),
+        )
+        for name, kind, example in kinds:
             several = checks.sequence(name, getattr(self, name), kind, example)
             object.__setattr__(self, name, several)
         dim = self.system.dim
         for k, one in enumerate(self.colliders):
             if wrong := one.fits(dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
+        check_loads(self.loads, self.system)
         checks.gravity("gravity", self.gravity, dim)
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")

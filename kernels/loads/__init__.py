@@ -1,0 +1,5 @@
+"""Loads: what acts on particles from outside, each a piece that a scene's kernels are composed with."""
+
+from .forces import applied_force, function_force
+
+__all__ = ["applied_force", "function_force"]

@@ -1,0 +1,134 @@
+"""Loads: what acts on a system from outside, beside gravity and obstacles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import System, selected
+from .in_time import sampled
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Load:
+    """What acts on a system from outside: what all loads have.
+
+    Parameters
+    ----------
+    on
+        The particles that it acts on: the name of a group (see `System.named`), indices, or a mask; by default all.
+    """
+
+    on: Any = None
+
+    def particles(self, system: System) -> NDArray[np.bool_]:
+        """Return the particles that it acts on, shape [particle_count].
+
+        Raises
+        ------
+        ValueError
+            If there is no such group, or an index is out of range, or nobody is meant.
+        """
+        if self.on is None:
+            return np.ones(system.particle_count, dtype=bool)
+        chosen = (
+            system.group(self.on) if isinstance(self.on, str) else selected("on", self.on, system.particle_count)
+        )
+        if not chosen.any():
+            raise ValueError(f"on is {checks.said(self.on)}; it must name one particle at least")
+        return chosen
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        self.particles(system)
+
+
+@dataclass(frozen=True, eq=False)
+class Force(Load):
+    """A force on particles.
+
+    Parameters
+    ----------
+    force
+        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for what
+        depends on place or speed, a `wp.func` (x, v, t, i) -> force on particle i, which is at x [m] and moves at v
+        [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors of the scene's
+        precision, or `Any`.
+    on
+        The particles that it acts on; see `Load`.
+    total
+        Whether `force` is that on all of these particles together, which they share equally.
+
+    Raises
+    ------
+    ValueError
+        If a vector is not finite, or `total` is asked of a function of place.
+    """
+
+    force: Any
+    total: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.one_of("total", self.total, (False, True))
+        if self.of_place and self.total:
+            raise ValueError("total is True; a force that is a function of place acts on each particle by itself")
+        if not self.of_place and not self.varies:
+            object.__setattr__(self, "force", checks.point("force", self.force))
+
+    @property
+    def of_place(self) -> bool:
+        """Whether it is a `wp.func`, a function of place, speed and time."""
+        return type(self.force).__module__.partition(".")[0] == "warp"
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is a function of time."""
+        return callable(self.force)
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        if not self.of_place:
+            self.at(np.zeros(1), system.dim, "force")
+
+    def at(self, times: NDArray[np.float64], dim: int, name: str = "force") -> NDArray[np.float64]:
+        """Return the force at these times [N], shape [time_count, d]."""
+        return values_at(name, self.force, times, dim)
+
+
+def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return numbers, or what a function of time gives, at these times, shape [time_count, width].
+
+    Raises
+    ------
+    ValueError
+        If they are not as many, or one is not finite.
+    """
+    if not callable(given):
+        values = np.atleast_2d(np.asarray(given, dtype=np.float64))
+    else:
+        try:
+            values = sampled(given, times)
+        except Exception as error:
+            raise ValueError(f"{name} has no value from {times[0]:g} s to {times[-1]:g} s: {error}") from error
+    if values.shape[1] != width:
+        numbers = "number" if width == 1 else "numbers"
+        raise ValueError(f"{name} has {values.shape[1]} numbers; it must have {width} {numbers}")
+    wrong = ~np.isfinite(values).all(axis=1)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(f"{name} is {checks.said(values[k])} at {times[k]:g} s; it must be finite")
+    return np.broadcast_to(values, (len(times), width))
+
+
+def check_loads(loads: Sequence[Load], system: System) -> None:
+    """Raise ValueError that names a load which cannot act on this system."""
+    for k, one in enumerate(loads):
+        try:
+            one.check(system)
+        except ValueError as error:
+            raise ValueError(f"loads[{k}].{error}") from error
