@@ -1,5 +1,6 @@
 """Loads: what acts on particles from outside, each a piece that a scene's kernels are composed with."""
 
+from .drives import driven
 from .forces import applied_force, function_force
 
-__all__ = ["applied_force", "function_force"]
+__all__ = ["applied_force", "driven", "function_force"]

@@ -89,14 +89,29 @@ class InFrames:
         if self._holds != time:
             self._fill_in(time)
         self._holds = None  # what has been used is not used again, as functions need not repeat themselves
-        wp.copy(self._there, self._here)
-        if self._copied is not None:
-            self._device.stream.record_event(self._copied)
+        self._copy()
+
+    def upload(self, fill: Callable[[Tables], None]) -> None:
+        """Have the device's tables be what `fill` makes of those that were there last, until a frame begins."""
+        self._wait()
+        self._holds = None
+        fill(self.tables)
+        self._copy()
 
     def _fill_in(self, time: float) -> None:
         """Fill the host's tables."""
         self._holds = None
-        if self._copied is not None:
-            wp.synchronize_event(self._copied)  # until then the device reads them
+        self._wait()
         self._fill(time, self.tables)
         self._holds = time
+
+    def _copy(self) -> None:
+        """Have the device copy the host's tables."""
+        wp.copy(self._there, self._here)
+        if self._copied is not None:
+            self._device.stream.record_event(self._copied)
+
+    def _wait(self) -> None:
+        """Wait until the device has read the host's tables, which may then be written."""
+        if self._copied is not None:
+            wp.synchronize_event(self._copied)

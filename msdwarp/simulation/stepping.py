@@ -77,7 +77,8 @@ class Stepping:
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
-        dynamics.begin(Steps(choice.fps, choice.substeps, self.integrator.stage_times, self.integrator.weights))
+        own = self.integrator
+        dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)

@@ -1,6 +1,7 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .drives import Drive, Driven, bound, driven_particles, released
 from .in_time import sampled
 from .loads import Force, Load, check_loads
 from .look import Look
@@ -15,6 +16,8 @@ __all__ = [
     "Change",
     "Collider",
     "Cone",
+    "Drive",
+    "Driven",
     "Force",
     "Load",
     "Look",
@@ -24,10 +27,13 @@ __all__ = [
     "Sphere",
     "Stored",
     "at",
+    "bound",
     "check_loads",
+    "driven_particles",
     "known_until",
     "pose",
     "poses",
+    "released",
     "sampled",
     "scene_as_stored",
     "scene_from_stored",
