@@ -4,6 +4,19 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
+class Driving(NamedTuple):
+    """What methods ask of drives, each None where nothing is driven. Free particles are left as they are."""
+
+    holds: Any = None
+    """wp.func (world, i) -> whether particle i is driven."""
+    acceleration: Any = None
+    """wp.func (world, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned."""
+    at_stage: Any = None
+    """wp.func (world, lost, x, v, i) -> (x, v) as the next stage of a substep takes them."""
+    at_end: Any = None
+    """wp.func (world, lost, x, v, i) -> (x, v) where a substep ends; what their sums have lost is written."""
+
+
 class Piece(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
@@ -23,6 +36,8 @@ class Piece(NamedTuple):
     v is as the method has it, in leapfrog half a substep ago. x and v are read by `records(dim, scalar).load`; in
     compensated precision a position is x − lost.x. Particles are in the system's order.
     """
+    drive: Callable[[Any], Any] | None = None
+    """`Driving`: where driven particles are; it returns several functions."""
     selective: bool = False
     """Whether the force acts on some particles only, those that its effect names: on others it costs a byte."""
     timed: bool = False

@@ -9,7 +9,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..contact import NO_CONTACT, Contact
-from ..effect import Piece
+from ..effect import Driving, Piece
 from ..forces import Route
 from ..loads import measured
 from ..records import records
@@ -171,6 +171,13 @@ def loads(composition: Composition) -> Any:
         return total
 
     return _joined(both, [*silent, working_load])
+
+
+@functools.cache
+def driving(composition: Composition) -> Driving:
+    """Compose what moves driven particles."""
+    World = world(composition)
+    return next((piece.drive(World) for piece in composition.pieces if piece.drive is not None), Driving())
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:

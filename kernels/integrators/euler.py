@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from .composition import Composition, Stage, tools
+from .composition import Composition, Stage, driving, tools
 from .stages import finish, particle_acceleration
 
 
@@ -23,6 +23,7 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
+    at_end = driving(composition).at_end
 
     @wp.struct
     class EulerStep:
@@ -41,6 +42,8 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
         if wp.static(explicit):
             dx = step.h * v_old
         x_new, v_end = finish_substep(world.colliders, step.lost, load(step.x, i), v_old, dx, v_new, i)
+        if wp.static(at_end is not None):
+            x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)
 
@@ -56,6 +59,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
+    holds, _, _, at_end = driving(composition)
 
     @wp.struct
     class ExtrapolatedLeapfrogStep:
@@ -76,9 +80,15 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
         v_free = add(v_old, dv, step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)
         x_new, v_new = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_free, v_free, i)
+        if wp.static(at_end is not None):
+            x_new, v_new = at_end(world, step.lost, x_new, v_new, i)
         ahead = step.theta * (v_new - v_old)
         if wp.length_sq(v_new - v_free) > scalar(0.0):
-            ahead = V()
+            if wp.static(at_end is not None):
+                if not holds(world, i):
+                    ahead = V()
+            else:
+                ahead = V()
         store(step.x_out, i, x_new)
         store(step.v_half_out, i, v_new)
         store(step.v_out, i, v_new + ahead)

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .composition import Composition, Stage, tools
+from .composition import Composition, Stage, driving, tools
 from .stages import finish, particle_acceleration
 
 
@@ -88,7 +88,7 @@ def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact."""
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
-    finish_substep = finish(composition)
+    finish_substep, at_end = finish(composition), driving(composition).at_end
 
     @wp.struct
     class ImplicitFinish:
@@ -106,6 +106,8 @@ def implicit_finish(composition: Composition) -> Stage:
         v_new = add(v_old, load(step.dv, i), step.lost.v, step.lost.v, i)
         x_old = load(step.x, i)
         x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
+        if wp.static(at_end is not None):
+            x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)
 

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from .composition import Composition, Stage, tools
+from .composition import Composition, Stage, driving, tools
 from .stages import finish, particle_acceleration
 
 
@@ -19,6 +19,7 @@ def rk4(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
+    _, _, at_stage, at_end = driving(composition)
 
     @wp.struct
     class RK4Step:
@@ -51,12 +52,19 @@ def rk4(composition: Composition) -> Stage:
             dx = step.weight * (v0 + middle + middle + v)
             v_new = add(v0, dv, step.lost.v, step.lost.v, i)
             x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            if wp.static(at_end is not None):
+                x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
             store(step.x_out, i, x_new)
             store(step.v_out, i, v_end)
         else:
             store(step.v_sum, i, dv)
-            store(step.x_out, i, x0 + step.reach * v)
-            store(step.v_out, i, v0 + step.reach * a)
+            if wp.static(at_end is None):
+                store(step.x_out, i, x0 + step.reach * v)
+                store(step.v_out, i, v0 + step.reach * a)
+            else:
+                x_next, v_next = at_stage(world, step.lost, x0 + step.reach * v, v0 + step.reach * a, i)
+                store(step.x_out, i, x_next)
+                store(step.v_out, i, v_next)
 
     return Stage(RK4Step, advance)
 
@@ -71,6 +79,7 @@ def chebyshev(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
+    _, _, at_stage, at_end = driving(composition)
 
     @wp.struct
     class ChebyshevStep:
@@ -109,12 +118,19 @@ def chebyshev(composition: Composition) -> Stage:
         if step.last == 1:
             v_new = add(v0, dv, step.lost.v, step.lost.v, i)
             x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            if wp.static(at_end is not None):
+                x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
             store(step.x_out, i, x_new)
             store(step.v_out, i, v_end)
         else:
             store(step.dx_out, i, dx)
             store(step.dv_out, i, dv)
-            store(step.x_out, i, x0 + dx)
-            store(step.v_out, i, v0 + dv)
+            if wp.static(at_end is None):
+                store(step.x_out, i, x0 + dx)
+                store(step.v_out, i, v0 + dv)
+            else:
+                x_next, v_next = at_stage(world, step.lost, x0 + dx, v0 + dv, i)
+                store(step.x_out, i, x_next)
+                store(step.v_out, i, v_next)
 
     return Stage(ChebyshevStep, advance)

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..forces import COLUMN
-from .composition import Composition, beginning, loads, tools
+from .composition import Composition, beginning, driving, loads, tools
 
 
 @functools.cache
@@ -83,19 +83,21 @@ def each_column(composition: Composition, method: Any):
 
 @functools.cache
 def particle_acceleration(composition: Composition):
-    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none.
+    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none, a driven one its own.
 
     A pinned particle stands still, so no fixed collider ever finds it approaching: where none moves this is the
     only test for it, and it is compiled only where a particle is pinned.
     """
     V, World, *_ = tools(composition)
-    scalar, pinned = composition.scalar, composition.pinned
+    scalar, pinned, driven = composition.scalar, composition.pinned, driving(composition).acceleration
 
     @wp.func
     def acceleration(world: World, force: V, i: int) -> V:
         w = world.inverse_mass[i]
         if wp.static(pinned):
             if w == scalar(0.0):
+                if wp.static(driven is not None):
+                    return driven(world, i)
                 return V()
         return w * force + world.gravity
 

@@ -1,6 +1,7 @@
 """Loads: what acts on particles from outside, each a piece that a scene's kernels are composed with."""
 
+from .drives import driven
 from .forces import applied_force, function_force
 from .work import measured, sum_work, work
 
-__all__ = ["applied_force", "function_force", "measured", "sum_work", "work"]
+__all__ = ["applied_force", "driven", "function_force", "measured", "sum_work", "work"]

@@ -7,7 +7,7 @@ from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .selection import selected
-from .space import AXES, in_space, rotation
+from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
 from .uniform import is_uniform, stored, uniform, uniform_like
@@ -35,6 +35,7 @@ __all__ = [
     "is_uniform",
     "pieces",
     "rotation",
+    "rotations",
     "selected",
     "stored",
     "uniform",

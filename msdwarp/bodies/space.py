@@ -43,6 +43,37 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
     return rotation_matrix(3, angle, vector) if angle else np.eye(3)
 
 
+def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
+    """Return the matrices of many turns [rad], bit for bit as `rotation` does for each, shape [count, d, d].
+
+    Parameters
+    ----------
+    turns
+        Finite rotation vectors, shape [count, 3], or in two dimensions angles, shape [count, 1].
+    dim
+        Number of coordinates, 2 or 3.
+
+    Raises
+    ------
+    ValueError
+        If there is one coordinate, where nothing turns.
+    """
+    if dim == 2:
+        cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
+        return np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
+    if dim == 1:
+        raise ValueError("in one dimension nothing turns")
+    angle = np.array([math.hypot(*turn) for turn in turns])
+    u = np.ldexp(turns, -np.frexp(np.abs(turns).max(axis=1, keepdims=True))[1])
+    length = np.sqrt(u[:, None, :] @ u[:, :, None])[:, 0]
+    x, y, z = (u / np.where(length > 0, length, 1.0)).T  # of no turn there is no axis, and its sine is 0
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    axis = np.stack([x, y, z], axis=-1)
+    cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
+    return cosine * np.eye(3) + sine * cross + (1 - cosine) * (axis[:, :, None] * axis[:, None, :])
+
+
 def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
     """Return positions in three dimensions: a plane system stands upright, a line lies along x."""
     dim = position.shape[-1]

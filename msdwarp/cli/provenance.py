@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
-from ..world import Scene
+from ..world import Drive, Scene
 from .scene_files import Origin
 from .trust import Script, script_as_stored
 
@@ -112,8 +112,17 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         for time in np.linspace(0.0, scene.duration, 9) if collider.motion is not None else ():
             for part in collider.pose(float(time), scene.system.dim):
                 yield np.asarray(part, dtype=float).tobytes()
+    for one in scene.loads:
+        if isinstance(one, Drive):
+            drive = one.bound(scene.system)
+            yield np.concatenate([drive.held, drive.centre]).tobytes()
+            for time in np.linspace(0.0, scene.duration, 9):
+                for part in drive.pose(float(time)):
+                    yield np.asarray(part, dtype=float).tobytes()
     for change in scene.schedule:
         yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
+        if change.release is not None:
+            yield repr(("release", np.asarray(change.release).tolist())).encode()
         changed = change.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()

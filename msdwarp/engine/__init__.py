@@ -11,7 +11,7 @@ from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
-from .start import doubt_start
+from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
 from .watch import Backup, Baseline, Watch
@@ -37,6 +37,7 @@ __all__ = [
     "rate_bounds",
     "rounding_energy",
     "size",
+    "starting_state",
     "weight",
     "write_diagonal_blocks",
     "write_strain",

@@ -82,7 +82,7 @@ class Ledger:
 
 def mass(model: Model) -> float:
     """Return the mass of all that is not pinned [kg]."""
-    each = model.system.mass
+    each = model.mass
     one = stored(each)
     return float(one[np.isfinite(one)].sum() * (len(each) / len(one)))  # a mass stored once stands for all
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from .. import checks
 from ..kernels.contact import KINDS, fixed_contact, moving_contact
 from ..kernels.contact import Contact as ContactPiece
-from ..world import Capsule, Collider, Cone, Plane
+from ..world import Capsule, Collider, Cone, Motion, Plane, poses
 from .effect import Effect
+from .in_frames import InFrames, Tables
 
 if TYPE_CHECKING:
     from .model import Model
@@ -47,7 +48,8 @@ class Contact(Effect):
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
         self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
-        self._vector, self._turn = model.vector, wp.types.matrix((model.dim, model.dim), model.scalar)
+        self._scalar, self._vector = model.scalar, model.vector
+        self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
         self.works = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
@@ -63,9 +65,12 @@ class Contact(Effect):
         for name in COEFFICIENTS:
             values = [float(getattr(collider, name)) for collider in colliders]
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
-        if self.works:
-            for collider in colliders:  # what a motion gets wrong is said before anything runs
+        # What a motion gets wrong is said before anything runs.
+        self._moving: list[tuple[int, Motion, NDArray]] = []
+        for k, collider in enumerate(colliders):
+            if collider.motion is not None:
                 collider.pose(0.0, self._dim)
+                self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
     def _describe(self, solids: Any, scalar: Any) -> None:
         """Fill in the struct of what `msdwarp.kernels.contact.distance` reads."""
@@ -83,19 +88,43 @@ class Contact(Effect):
         if not self.works:
             return
         shape = (substeps + 1, len(self._colliders))
-        for name in ("turn", "turning"):
-            setattr(self.data, name, wp.zeros(shape, dtype=self._turn, device=self._device))
-        for name in ("shift", "speed"):
-            setattr(self.data, name, wp.zeros(shape, dtype=self._vector, device=self._device))
+        kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
+        layout = {name: (shape, kind) for name, kind in kinds.items()}
+        self._frames = InFrames(layout, self._scalar, self._device, self._fill)
+        self._frames.tables["turn"][:] = np.eye(self._dim)  # what does not turn, or stand still, has it for good
+        for name, array in self._frames.arrays.items():
+            setattr(self.data, name, array)
         self.data.inverse_mass = self._inverse_mass
-        self._dt, self._substeps = dt, substeps
+        self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
 
     def begin_frame(self, time: float) -> None:
         """Put what moves where it is in the frame that begins at `time` [s]."""
         if self.works:
-            for name, rate, poses in zip(("turn", "shift"), ("turning", "speed"), self._poses(time), strict=True):
-                getattr(self.data, name).assign(poses[1:])
-                getattr(self.data, rate).assign(np.diff(poses, axis=0) / self._dt)
+            self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Find out where what moves is in the frame that begins at `time` [s], while another is running."""
+        if self.works:
+            self._frames.prepare(time)
+
+    def _fill(self, time: float, tables: Tables) -> None:
+        """Write where what moves is in the frame that begins at `time`, and how fast it has come there."""
+        for k, motion, centre in self._moving:
+            turn, shift = self._poses(k, motion, centre, time)
+            tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
+            # It may turn in some frames and not in others.
+            tables["turn"][:, k] = np.eye(self._dim) if turn is None else turn[1:]
+            tables["turning"][:, k] = 0.0 if turn is None else (turn[1:] - turn[:-1]) / self._dt
+
+    def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray | None, NDArray]:
+        """Return turns, if any, and shifts from a substep before `time` to the end of the frame."""
+        times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
+        first = times[0] < 0
+        now = times[1:] if first else times[:rows]
+        turn, shift = poses(f"colliders[{k}]", motion, centre, now, self._furthest)
+        if first:  # a motion need not be defined before 0: its acceleration was the same
+            turn, shift = turn if turn is None else _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
+        return turn, shift
 
     def begin_substep(self, substep: int) -> bool:
         """Have what is launched next find colliders where they are in this substep, where any move."""
@@ -103,28 +132,10 @@ class Contact(Effect):
             self.data.substep = substep
         return self.works
 
-    def _poses(self, time: float) -> list[NDArray[np.float64]]:
-        """Return turns and shifts from a substep before `time` to the end of the frame."""
-        times = time + self._dt * np.arange(-1, max(self._substeps, 2) + 1)
-        now = times[times >= 0]
-        each = [[self._pose(k, t) for k in range(len(self._colliders))] for t in map(float, now)]
-        result = []
-        for k in (0, 1):
-            poses = np.array([[pose[k] for pose in row] for row in each])
-            if len(now) < len(times):  # a motion need not be defined before 0: its acceleration was the same
-                poses = np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
-            result.append(poses[: self._substeps + 2])
-        return result
 
-    def _pose(self, k: int, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the pose of a collider; raise ValueError that names it where its motion has none."""
-        try:
-            pose = self._colliders[k].pose(time, self._dim)
-            far = self._furthest
-            checks.within("displacement", pose[1], (lambda v: np.abs(v) <= far, f"at most {far:.2g}"))
-            return pose
-        except Exception as error:
-            raise ValueError(f"colliders[{k}] has no place at {time:g} s: {error}") from error
+def _with_a_past(poses: NDArray) -> NDArray:
+    """Return poses with one in front of them, such that their second difference is the same there."""
+    return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 
 def _furthest(model: "Model") -> float:

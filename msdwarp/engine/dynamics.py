@@ -92,6 +92,11 @@ class Dynamics:
         for effect in self.model.effects:
             effect.begin_frame(time)
 
+    def prepare(self, time: float) -> None:
+        """Do on the host what can be done early for the frame that begins at `time` [s], while another runs."""
+        for effect in self.model.effects:
+            effect.prepare(time)
+
     def hold(self, time: float) -> None:
         """Have what is launched between frames find effects as they are at `time` [s]."""
         if self.composition.timed:

@@ -23,6 +23,8 @@ class Steps(NamedTuple):
 
     weights: Sequence[float] = (1.0,)
     """What each of these counts in an integral over the substep; together 1."""
+    lag: float = 0.0
+    """Substeps by which the method keeps velocities behind positions."""
 
     lagging: bool = False
     """Whether the velocities that forces see lag half a substep behind the positions."""
@@ -63,6 +65,16 @@ class Effect:
 
     def begin_frame(self, time: float) -> None:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
+
+    def place(self, state: Any, time: float, fps: float) -> None:
+        """Set what the effect prescribes of a `State` at `time` [s], where one of `fps` frames a second begins."""
+
+    def prepare(self, time: float) -> None:
+        """Do on the host what can be done early for the frame that begins at `time` [s], while another is running.
+
+        That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
+        and nothing is raised.
+        """
 
     def hold(self, time: float) -> None:
         """Have all stages see what there is at `time` [s]: for what is launched between frames."""

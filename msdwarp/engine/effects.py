@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..kernels.effect import Piece
 from ..world import Collider, Load
 from .contact import Contact
+from .driving import driving
 from .effect import Effect
 from .forcing import forcing
 from .work import Work
@@ -29,6 +30,7 @@ class Surroundings(NamedTuple):
 EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
     lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
+    lambda model, around: driving(model, around.loads),
     lambda model, around: forcing(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""

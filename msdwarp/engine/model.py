@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
-from ..world import Collider, Load, check_loads
+from ..world import Collider, Load, bound, check_loads, driven_particles
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
@@ -81,13 +81,19 @@ class Model:
         self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
         self.damper = system.damper.law if system.damping.any() else None
-        self.pinned = bool(system.pinned.any())
+        check_loads(loads, system)
+        loads = bound(loads, system)
+        self.driven = driven_particles(loads, system)
+        """Which particles drives move, shape [particle_count]."""
+        # What is driven no force moves: as what is pinned, it has no end of mass.
+        self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
+        self.pinned = bool(np.isinf(self.mass).any())
 
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
         self._check_masses()
-        self.inverse_mass = self._upload(uniform_like(1.0 / system.mass, system.mass), "1 / mass")
+        self.inverse_mass = self._upload(uniform_like(1.0 / self.mass, self.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
         """The system's number of each connection on the device; None where both have one order."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
@@ -103,8 +109,7 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload(self.ordered(steepest), "damping")
-        check_loads(loads, system)
-        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, tuple(loads)))
+        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads))
 
     @property
     def work(self) -> Work | None:

@@ -14,7 +14,9 @@ from ..kernels.basis import vector
 from ..kernels.contact import distances
 from ..world import Collider
 from .contact import Contact
+from .driving import Driving
 from .model import Model
+from .state import State
 
 TOUCHING = 0.01
 """Depth that counts as touching, over the shortest rest length: the strain that putting back a particle makes."""
@@ -24,10 +26,30 @@ COARSE = 1e-3
 """Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
 
 
+def starting_state(system: System, model: Model, carried: int, time: float, fps: float) -> State:
+    """Return the state of a system at `time` [s], the start of one of `fps` frames a second, where it is driven too.
+
+    Parameters
+    ----------
+    system, model
+        The system, and the same on its device.
+    carried
+        See `State`.
+    time, fps
+        When it starts.
+    """
+    state = State.of(system, model, carried)
+    for effect in model.effects:
+        effect.place(state, time, fps)
+    return state
+
+
 def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside."""
-    inside = start_inside(model.system, colliders)
-    for doubt in (inside, start_far(model)):
+    system = model.system.replace(mass=model.mass) if model.driven.any() else model.system
+    inside = start_inside(system, colliders)
+    displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
+    for doubt in (inside, start_far(model), *displaced):
         if doubt:
             warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)
     return inside

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from .. import checks
 from ..bodies import System
 from ..integrators import MOST_SUBSTEPS
-from ..world import Change
+from ..world import Change, Load
 
 MOST_FRAMES = 10**9
 """Frames of the longest run."""
@@ -35,9 +35,12 @@ def forced(substeps: int | str) -> int | None:
     return int(substeps)
 
 
-def in_order(schedule: Sequence[Change], system: System) -> list[Change]:
-    """Return changes in the order of their times; raise ValueError for what cannot be applied to the system."""
+def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) -> list[Change]:
+    """Return changes in the order of their times; raise ValueError for what cannot be applied to these."""
     changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
     for change in changes:
         change.applied_to(system)  # what is wrong with it is said before anything runs
-    return sorted(changes, key=lambda change: change.time)
+    changes = sorted(changes, key=lambda change: change.time)
+    for change in changes:
+        loads = change.released_from(loads, system)
+    return changes

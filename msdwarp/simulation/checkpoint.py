@@ -1,6 +1,6 @@
 """Checkpoints: what a simulation needs to go on from a frame, to the last bit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
-from ..engine import Rates
+from ..engine import Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
+from ..world import Driven, Load, driven_particles
 from .stepping import Stepping
 
 Arrays = Mapping[str, NDArray]
@@ -29,6 +30,13 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
     numbers["refinement"] = choice.refinement
     return arrays, numbers
+
+
+def check_same(numbers: Numbers, **own: Any) -> None:
+    """Raise ValueError unless a checkpoint holds these by name."""
+    for name, value in own.items():
+        if checks.member("checkpoint", numbers, name) != value:
+            raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {value}")
 
 
 def restored_system(start: System, arrays: Arrays) -> System:
@@ -74,6 +82,29 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
         raise ValueError(f"chosen of the checkpoint is {checks.said(chosen)}; it must be a list of pairs")
     counts = [(checks.non_negative("chosen", time), checks.count("chosen", count, 1)) for time, count in chosen]
     return frame_index, changes, counts
+
+
+def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:
+    """Return which particles are driven still, where any were at the start."""
+    return {"driven": np.flatnonzero(model.driven)} if any(isinstance(one, Driven) for one in loads) else {}
+
+
+def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tuple[Load, ...]:
+    """Return loads as they were at the start, with drives that hold what they held still.
+
+    Raises
+    ------
+    ValueError
+        If the checkpoint is of other drives.
+    """
+    if not any(isinstance(one, Driven) for one in loads):
+        return tuple(loads)
+    kept = np.zeros(system.particle_count, dtype=bool)
+    held = np.asarray(checks.member("checkpoint", arrays, "driven"))
+    kept[checks.indices("driven of the checkpoint", held[:, None], 1, len(kept))[:, 0]] = True
+    if (kept & ~driven_particles(loads, system)).any():
+        raise ValueError("checkpoint is of other drives: it holds particles that none moves here")
+    return tuple(one.keeping(kept) if isinstance(one, Driven) else one for one in loads)
 
 
 def _size(numbers: Numbers, name: str) -> float:

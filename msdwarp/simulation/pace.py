@@ -128,7 +128,9 @@ class Pace:
         """Return by how much the present energy is above the least [J]."""
         return max(0.0, stepping.balance().energy - self.floor)
 
-    def advance(self, stepping: Stepping, time: float, bound: Callable[[], StepChoice]) -> Stepping:
+    def advance(
+        self, stepping: Stepping, time: float, bound: Callable[[], StepChoice], then: float | None = None
+    ) -> Stepping:
         """Advance by the frame that begins at `time` [s], with as many substeps as it needs.
 
         Parameters
@@ -139,6 +141,8 @@ class Pace:
             When the frame begins [s].
         bound
             Returns the substeps that the stability limit asks for in the present state.
+        then
+            When the next frame begins [s], where it is known that one follows at once.
 
         Returns
         -------
@@ -153,7 +157,7 @@ class Pace:
         if self.anew:
             stepping = self._begun_anew(stepping, bound)
         usual, tried = self.refinement, list[float]()
-        fine = stepping.advance(time)
+        fine = stepping.advance(time, then)
         self.since += 1
         if fine and not self._is_due(stepping):
             return stepping

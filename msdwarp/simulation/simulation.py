@@ -13,10 +13,10 @@ from ..engine import (
     Dynamics,
     Model,
     Rates,
-    State,
     check_blocks,
     doubt_start,
     rate_bounds,
+    starting_state,
 )
 from ..integrators import (
     SAFETY,
@@ -25,12 +25,13 @@ from ..integrators import (
     SymplecticEuler,
     UnstableStep,
     choose_forced,
-    choose_substeps,
+    choose_stable,
 )
-from ..world import Change, Collider, Load, Scene
+from ..world import Change, Collider, Load, Scene, bound
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
+from .headline import headline
 from .pace import Hopeless, Pace
 from .present import Present
 from .stepping import Stepping
@@ -129,12 +130,12 @@ class Simulation(Present):
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        self._schedule = in_order(schedule, system)
+        self._loads = bound(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), system)
+        self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
-            "loads": checks.sequence("loads", loads, Load, "Force((0, 0, 1))"),
             "device": device,
             "precision": precision,
             "route": route,
@@ -160,20 +161,13 @@ class Simulation(Present):
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
-        system, model = self.system, self.model
-        parts = f"{system.particle_count} particles, {system.connection_count} connections"
-        around = "".join(f", {type(one).__name__}" for one in self._surroundings["colliders"][:4])
-        return (
-            f"<Simulation of {parts}{around}\n"
-            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
-            f"  {model.precision} by {model.route} on {self.device}\n"
-            f"  at {self.time:.4g} s, frame {self.frame_index}>"
-        )
+        return headline(self, self._method, self._surroundings["colliders"])
 
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
         self._due = list(self._schedule)
+        self._surroundings["loads"] = self._loads
         watched = self._forced is None and math.isfinite(self._energy_limit)
         self._pace = Pace() if watched else None
         self._load(self._initial)
@@ -186,7 +180,7 @@ class Simulation(Present):
         if self.time > 0.0:
             model.go_on_from(self.model, self.state.v)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
-        state = State.of(system, model, self._method.carried)
+        state = starting_state(system, model, self._method.carried, self.time, self.fps)
         refinement, above = 1.0, 0.0
         if self._pace is not None and self._pace.scale > 0:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
@@ -200,13 +194,7 @@ class Simulation(Present):
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
         if self._forced is not None and self._allow_unstable:
             return choose_forced(rates, self._method, self.fps, self._forced)
-        choice = choose_substeps(rates, self._method, self.fps, self._forced, self._safety)
-        if choice.substeps < choice.least:
-            raise UnstableStep(
-                f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
-                f"{math.ceil(choice.least / self._safety)} with a margin"
-            )
-        return choice
+        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     def step(self, frames: int = 1) -> None:
         """Advance by one frame or more.
@@ -217,24 +205,24 @@ class Simulation(Present):
             If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
             of them did not help). It is then back at the last good frame.
         """
-        for _ in range(checks.count("frames", frames, 1)):
+        for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
                 self._change_as_due()
             if self._refresh:
                 self._choose_anew()
-            self._advance()
+            self._advance((self.frame_index + 1) / self.fps if left else None)
             if self.substeps != self.chosen[-1][1]:
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
 
-    def _advance(self) -> None:
-        """Advance by a frame: with the substeps asked for, or as many as it takes."""
+    def _advance(self, then: float | None) -> None:
+        """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
         if self._pace is None:
-            if not self.stepping.advance(self.time):
+            if not self.stepping.advance(self.time, then):
                 raise self._divergence()
             return
         try:
-            self.stepping = self._pace.advance(self.stepping, self.time, self._bound)
+            self.stepping = self._pace.advance(self.stepping, self.time, self._bound, then)
         except Hopeless as end:
             self.stepping = end.stepping
             raise self._divergence(end.gained) from None
@@ -246,10 +234,20 @@ class Simulation(Present):
     def _change_as_due(self) -> None:
         """Apply the next change of the schedule."""
         try:
-            self._load(self._due[0].applied_to(self.snapshot()))
+            self._apply(self._due[0])
         except UnstableStep as error:
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
         del self._due[0]  # now that it has been possible
+
+    def _apply(self, change: Change) -> None:
+        """Go on with the system, and its loads, as a change makes them."""
+        system, around = self.snapshot(), self._surroundings
+        self._surroundings = around | {"loads": change.released_from(around["loads"], system)}
+        try:
+            self._load(change.applied_to(system))
+        except Exception:
+            self._surroundings = around
+            raise
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
@@ -289,6 +287,7 @@ class Simulation(Present):
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
         arrays, numbers = checkpoint.saved(self.stepping)
+        arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
         own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.chosen]}
         return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
@@ -301,14 +300,13 @@ class Simulation(Present):
         ValueError
             If the checkpoint is of another system, precision, frame rate or integrator; nothing has changed then.
         """
-        for name, own in {"fps": self.fps, "integrator": repr(self._method)}.items():
-            if checks.member("checkpoint", numbers, name) != own:
-                raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {own}")
+        checkpoint.check_same(numbers, fps=self.fps, integrator=repr(self._method))
         frame_index, changes, chosen = checkpoint.restored_progress(numbers)
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
         pace = self._pace and Pace.restored(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
+        self._surroundings["loads"] = checkpoint.restored_loads(self._loads, system, arrays)
         self._pace = self._pace and Pace()
         self.frame_index = frame_index
         self._load(system, choice)
@@ -318,14 +316,16 @@ class Simulation(Present):
         if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
             self._pace = pace
 
-    def change(self, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> None:
+    def change(self, *, group: Any = None, freeze: bool = False, release: Any = None, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
-        The route is chosen anew where that was left open, and so are the substeps.
+        A mass of inf pins a particle where it is.
+        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
+        kinds. The route is chosen anew where that was left open, and so are the substeps.
 
         Parameters
         ----------
-        group, freeze, parameters
+        group, freeze, release, parameters
             What changes, and to what; see `msdwarp.at`.
 
         Raises
@@ -333,5 +333,4 @@ class Simulation(Present):
         ValueError
             If a name is none of these, or a value is out of its range; nothing has changed then.
         """
-        change = Change(self.time, group, freeze, parameters)
-        self._load(change.applied_to(self.snapshot()))
+        self._apply(Change(self.time, group, freeze, parameters, release))

@@ -77,8 +77,8 @@ class Stepping:
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
-        method = self.integrator
-        dynamics.begin(Steps(choice.fps, choice.substeps, method.stage_times, method.weights, method.lagging))
+        own = self.integrator
+        dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)
@@ -98,12 +98,18 @@ class Stepping:
         how = self._how | {"baseline": baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choice=choice, **how)
 
-    def advance(self, time: float) -> bool:
-        """Advance by the frame that begins at `time` [s]; return whether all went well."""
+    def advance(self, time: float, then: float | None = None) -> bool:
+        """Advance by the frame that begins at `time` [s]; return whether all went well.
+
+        Where another one follows at once, at `then` [s], the host prepares that while the device is at work. Where
+        the caller comes in between, what functions of time read may change first: then there is none.
+        """
         if self.graph is None:
             self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
         wp.capture_launch(self.graph)
+        if then is not None:
+            self.dynamics.prepare(then)
         fps = self.choice.fps
         self._begun, self._time = time, (round(time * fps) + 1) / fps
         return not self.watch.finds_trouble()

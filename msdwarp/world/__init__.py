@@ -1,8 +1,11 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .drives import Drive, Driven, bound, driven_particles, released
+from .in_time import sampled
 from .loads import Force, Load, check_loads
 from .look import Look
+from .motion import Motion, pose, poses
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
@@ -13,16 +16,25 @@ __all__ = [
     "Change",
     "Collider",
     "Cone",
+    "Drive",
+    "Driven",
     "Force",
     "Load",
     "Look",
+    "Motion",
     "Plane",
     "Scene",
     "Sphere",
     "Stored",
     "at",
+    "bound",
     "check_loads",
+    "driven_particles",
     "known_until",
+    "pose",
+    "poses",
+    "released",
+    "sampled",
     "scene_as_stored",
     "scene_from_stored",
 ]

@@ -7,7 +7,6 @@ what goes further in a substep than they are thick is swept (`msdwarp.kernels.co
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -16,10 +15,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import rotation
-
-Motion = Callable[[float], Any]
-"""What moves a collider: at time t [s] it is displaced by so much from where it was given [m], shape [d], or, as a
-pair (displacement, turn), also turned about its centre by a rotation vector [rad], shape [3] (in 2-D a number)."""
+from .motion import Motion, pose
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -39,7 +35,8 @@ class Collider:
         Slower approaches than this do not bounce [m/s].
     motion
         A function of time that displaces and turns it (see `Motion`); it must be smooth, and be where the
-        collider was given at time 0 for a body that touches it then. By default it is fixed.
+        collider was given at time 0 for a body that touches it then. One that takes an array of times, as
+        NumPy's functions do, is called a few times a frame, another one for each substep. By default it is fixed.
 
     Raises
     ------
@@ -103,14 +100,7 @@ class Collider:
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
-        displacement, turn = displacement_and_turn(self.motion(time))
-        name = f"motion({time:g})"
-        shift = checks.vector(
-            name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim
-        )
-        matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of {name}")
-        centre = self.centre(dim)
-        return matrix, shift + centre - matrix @ centre
+        return pose(self.motion, self.centre(dim), time)
 
 
 @dataclass(frozen=True, repr=False)
@@ -353,13 +343,6 @@ class Cone(Collider):
         """Return the radius of the largest ball inside [m]: of the circle in its cross section, a triangle."""
         height = math.dist(self.apex, self.base)
         return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
-
-
-def displacement_and_turn(given: Any) -> tuple[Any, Any]:
-    """Return what a motion gave as a pair; the turn is None where it gave a displacement alone."""
-    # A displacement in 2-D may be a pair too, of numbers.
-    turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
-    return given if turned else (given, None)
 
 
 def _check_ends(collider: Any, first: str, second: str) -> None:

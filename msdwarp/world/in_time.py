@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
+
 _LEAST = 8
 """Times that a function gets at once, at least: more than the coordinates that it may return."""
 _SAME = 1e-9
@@ -14,10 +16,14 @@ _SAME = 1e-9
 
 def flat(value: Any) -> NDArray[np.float64]:
     """Return the numbers that a function of time gave, such as (displacement, turn), as one row."""
-    if isinstance(value, tuple | list):
+    try:
+        array = np.asarray(value)
+    except ValueError:  # of unequal lengths
         rows = [flat(one) for one in value]
-        return np.concatenate(rows) if rows else np.zeros(0)
-    return np.asarray(value, dtype=np.float64).ravel()
+        return np.concatenate(rows)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{checks.said(value)} are no numbers")
+    return array.astype(np.float64).ravel()
 
 
 def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -45,7 +51,7 @@ def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArr
     known = [flat(function(float(times[k]))) for k in tried]
     if count > len(tried):
         found = _at_once(function, times, len(known[0]))
-        if found is not None and _same(found[tried], known):
+        if found is not None and all(_same(found[k], row) for k, row in zip(tried, known, strict=True)):
             return found
         known = [flat(function(float(time))) for time in times]
     if len({len(row) for row in known}) > 1:
@@ -55,24 +61,27 @@ def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArr
 
 def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDArray[np.float64] | None:
     """Return the same of one call with all times; None if the function can't be called so."""
-    more = max(0, _LEAST - len(times))
-    given = np.concatenate([times, np.repeat(times[-1:], more)])
+    more = _LEAST - len(times)
+    given = np.concatenate([times, np.repeat(times[-1:], more)]) if more > 0 else times.copy()
     try:
         with np.errstate(all="ignore"):
-            rows = list(_leaves(function(given.copy()), len(given)))
+            rows = list(_leaves(function(given), len(given)))
         if len(rows) != width:
             return None
-        return np.stack([np.broadcast_to(row, given.shape) for row in rows], axis=-1)[: len(times)]
+        found = np.empty((len(times), width))
+        for k, row in enumerate(rows):
+            found[:, k] = row[: len(times)] if row.ndim else row
+        return found
     except Exception:  # whatever a function does with what it was not written for
         return None
 
 
-def _same(found: NDArray, known: list[NDArray]) -> bool:
+def _same(found: NDArray, known: NDArray) -> bool:
     """Tell whether these are the same numbers, but for rounding."""
-    if len({len(row) for row in known}) > 1:
+    if len(found) != len(known):
         return False
-    expected = np.array(known)
-    return bool((np.abs(found - expected) <= _SAME * (1.0 + np.abs(expected))).all())
+    pairs = zip(found.tolist(), known.tolist(), strict=True)  # few numbers: Python is quicker than NumPy
+    return all(abs(one - other) <= _SAME * (1.0 + abs(other)) for one, other in pairs)
 
 
 def _leaves(value: Any, count: int) -> Any:

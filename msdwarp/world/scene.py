@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..bodies import System, counted, headline
 from .colliders import Collider, Plane
+from .drives import Drive, bound
 from .loads import Load, check_loads
 from .look import Look
 from .schedule import Change
@@ -74,6 +75,7 @@ class Scene:
             if wrong := one.fits(dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
         check_loads(self.loads, self.system)
+        bound(self.loads, self.system)
         checks.gravity("gravity", self.gravity, dim)
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
@@ -103,6 +105,9 @@ class Scene:
             lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
         if self.looks:
             lines.append(f"looks of their own: {', '.join(self.looks)}")
+        drives = [repr(one) for one in self.loads if isinstance(one, Drive)]
+        if drives:
+            lines.append(f"driven: {', '.join(drives[:_SHOWN])}")
         if self.schedule:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"

@@ -1,6 +1,6 @@
 """Changes of a system's parameters while it runs, at once or at times that are set beforehand."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System, selected
+from .drives import released
+from .loads import Load
 
 OF_PARTICLES = ("mass",)
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
@@ -26,6 +28,8 @@ class Change:
     """Whether rest lengths become the present lengths."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """New values by name, or functions of the old ones."""
+    release: str | ArrayLike | None = None
+    """Particles that are driven no longer: a group's name, indices or a mask; None for nobody."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -72,6 +76,14 @@ class Change:
             fields["velocity"] = np.where(pinned[:, None], 0.0, system.velocity)
         return system.replace(**fields)
 
+    def released_from(self, loads: Sequence[Load], system: System) -> tuple[Load, ...]:
+        """Return bound loads as they are after the change; ValueError if none drives what it lets go."""
+        if self.release is None:
+            return tuple(loads)
+        if isinstance(self.release, str):
+            return released(loads, system.group(self.release), f"release is {self.release!r}, which")
+        return released(loads, selected("release", self.release, system.particle_count))
+
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which particles are meant, and which connections: those between them; ValueError if unknown."""
         chosen = self._particles(system)
@@ -93,7 +105,14 @@ def _with(name: str, old: NDArray, where: NDArray[np.bool_], new: ArrayLike) -> 
     return values
 
 
-def at(time: float, *, group: str | ArrayLike | None = None, freeze: bool = False, **parameters: Any) -> Change:
+def at(
+    time: float,
+    *,
+    group: str | ArrayLike | None = None,
+    freeze: bool = False,
+    release: str | ArrayLike | None = None,
+    **parameters: Any,
+) -> Change:
     """Return a change at `time` [s] of a schedule, such as at(1.0, stiffness=300.0, group="scoop").
 
     Parameters
@@ -105,6 +124,9 @@ def at(time: float, *, group: str | ArrayLike | None = None, freeze: bool = Fals
         with the connections between them; by default all.
     freeze
         Set rest lengths to the present lengths: the body keeps the shape it has.
+    release
+        Driven particles (see `Drive`) that go on freely, with the velocity they have and masses of their own: the
+        name of a group, indices or a mask.
     parameters
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for those meant, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length.
@@ -114,4 +136,4 @@ def at(time: float, *, group: str | ArrayLike | None = None, freeze: bool = Fals
     ValueError
         If the time is negative or there is no such parameter.
     """
-    return Change(time, group, freeze, parameters)
+    return Change(time, group, freeze, parameters, release)

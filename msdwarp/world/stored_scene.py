@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import System
-from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere, displacement_and_turn
+from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .look import Look
+from .motion import displacement_and_turn
 from .scene import Scene
 from .schedule import OF_PARTICLES, Change
 

@@ -192,8 +192,8 @@ def test_a_motion_is_known_from_time_zero_on(device, substeps):
     # upon a floor that comes up at 1 m/s, and e = 0.5.
     seen = []
 
-    def rise(t: float):
-        seen.append(t)
+    def rise(t):
+        seen.extend(np.ravel(t))
         return 0, 0, t
 
     h = 0.01
@@ -256,6 +256,62 @@ def test_a_change_does_not_disturb_what_moves(device):
     simulation.change(stiffness=10.0)
     simulation.step(3)
     assert simulation.frame().position[0, 2] == pytest.approx(2.0 * 0.6**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("substeps", [5, "auto"])
+def test_many_frames_at_once_are_as_one_by_one(device, substeps):
+    # The next frame is prepared while one runs; its poses are the same numbers, whether steps are repeated or not.
+    def shake(t):
+        return (0.1 * np.sin(9 * t), 0 * t, 0.05 * np.sin(25 * t)), (0.3 * t, 0 * t, 0.2 * np.sin(5 * t))
+
+    block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).translate((0, 0, 0.1))
+    floor, wall = Plane(motion=shake, friction=0.4), Plane((1, 0, 0), offset=-1.0)
+    common = {"colliders": [floor, wall], "precision": "float64", "device": device, "fps": 50.0}
+    many, one = (Simulation(block, substeps=substeps, **common) for _ in range(2))
+    many.step(30)
+    for _ in range(30):
+        one.step()
+    np.testing.assert_array_equal(many.frame().position, one.frame().position)
+    np.testing.assert_array_equal(many.frame().velocity, one.frame().velocity)
+
+
+def test_what_the_host_changes_between_steps_counts_at_once(device):
+    # A motion may read what the caller changes between two calls of `step`: nothing is prepared across them.
+    speed = {"up": 1.0}
+    floor = Plane(motion=lambda t: (0 * t, 0 * t, speed["up"] * t), restitution=0.0)
+    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    simulation.step(2)
+    speed["up"] = 2.0
+    simulation.step(2)
+    assert simulation.frame().position[0, 2] == pytest.approx(2.0 * 0.4, rel=1e-12)
+
+
+@pytest.mark.parametrize("frames", [[2, 1], [3]])
+def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(device, frames):
+    # Prepared or not: the frames before it stand, and one that never comes is no error.
+    def ends(t):
+        if np.max(t) > 0.2 + 1e-9:
+            raise RuntimeError("off the rails")
+        return 0.1 * t, 0 * t, 0 * t
+
+    floor = Plane(motion=ends)
+    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    for count in frames[:-1]:
+        simulation.step(count)
+    with pytest.raises(ValueError, match=r"colliders\[0\] has no place at 0.21 s: off the rails"):
+        simulation.step(frames[-1])
+    assert simulation.frame_index == 2
+
+
+def test_a_motion_may_take_another_form_on_the_way(device):
+    # First a displacement alone, then one with a turn, as only one call for each time tells.
+    def form(t):
+        return (0.0, 0.0, 0.1 * t) if t < 0.15 else ((0.0, 0.0, 0.1 * t), (0.0, 0.0, t))
+
+    floor = Plane(motion=form, restitution=0.0)
+    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10, gravity=5.0)
+    simulation.step(3)
+    assert simulation.frame().position[0, 2] == pytest.approx(0.03, rel=1e-12)
 
 
 def test_a_fixed_one_among_moving_ones_stands(device):

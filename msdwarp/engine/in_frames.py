@@ -1,0 +1,117 @@
+"""In frames: numbers that depend on time, as tables on a device that are filled anew for each frame."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import warp as wp
+from numpy.typing import NDArray
+
+Tables = dict[str, NDArray]
+"""Tables by name, of the device's precision; those of vectors and matrices have their coordinates behind."""
+_ALIGNED = 4
+"""Tables begin at multiples of so many numbers, as the device likes to read them."""
+
+
+class InFrames:
+    """Tables on a device that say for each frame what the host knows of it: poses, forces, rest lengths.
+
+    They lie in one piece of memory, there and on the host, so that a frame costs one copy. A frame can be prepared
+    while the one before it runs.
+
+    Parameters
+    ----------
+    tables
+        Shape and Warp type of each table, by name; all of one type of numbers.
+    scalar
+        That type.
+    device
+        Where they are.
+    fill
+        `fill(time, tables)` writes into the host's tables what they hold in the frame that begins at `time` [s].
+        What it does not write stays as it was, at first 0.
+
+    Attributes
+    ----------
+    arrays
+        The tables on the device, by name.
+    tables
+        The tables on the host, by name, for what never changes.
+    """
+
+    def __init__(
+        self,
+        tables: Mapping[str, tuple[tuple[int, ...], Any]],
+        scalar: Any,
+        device: Any,
+        fill: Callable[[float, Tables], None],
+    ) -> None:
+        places, total = {}, 0
+        for name, (shape, dtype) in tables.items():
+            whole = (*shape, *getattr(dtype, "_shape_", ()))
+            places[name] = total, whole
+            total += -(-math.prod(whole) // _ALIGNED) * _ALIGNED
+        self._device, self._there = device, wp.zeros(total, dtype=scalar, device=device)
+        # The device copies by itself, later, only from memory that is pinned.
+        self._here = wp.zeros(total, dtype=scalar, device="cpu", pinned=device.is_cuda)
+        self._copied = wp.Event(device) if device.is_cuda else None
+        numbers, size = self._here.numpy(), wp.types.type_size_in_bytes(scalar)
+        self.tables: Tables = {}
+        self.arrays: dict[str, wp.array] = {}
+        for name, (first, whole) in places.items():
+            shape, dtype = tables[name]
+            self.tables[name] = numbers[first : first + math.prod(whole)].reshape(whole)
+            view = wp.array(ptr=int(self._there.ptr or 0) + first * size, dtype=dtype, shape=shape, device=device)
+            view._ref = self._there  # a view does not own its memory
+            self.arrays[name] = view
+        self._fill = fill
+        self._holds: float | None = None
+        """When the frame begins that the host's tables are of; None where they are of none."""
+
+    def prepare(self, time: float) -> None:
+        """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
+
+        What goes wrong is that frame's affair: it is raised when it begins, if it ever does.
+        """
+        try:
+            self._fill_in(time)
+        except Exception:
+            self._holds = None
+
+    def begin_frame(self, time: float) -> None:
+        """Have the device's tables be those of the frame that begins at `time` [s]: filled now unless prepared.
+
+        Raises
+        ------
+        Exception
+            What `fill` raises; the device's tables then stay as they are.
+        """
+        if self._holds != time:
+            self._fill_in(time)
+        self._holds = None  # what has been used is not used again, as functions need not repeat themselves
+        self._copy()
+
+    def upload(self, fill: Callable[[Tables], None]) -> None:
+        """Have the device's tables be what `fill` makes of those that were there last, until a frame begins."""
+        self._wait()
+        self._holds = None
+        fill(self.tables)
+        self._copy()
+
+    def _fill_in(self, time: float) -> None:
+        """Fill the host's tables."""
+        self._holds = None
+        self._wait()
+        self._fill(time, self.tables)
+        self._holds = time
+
+    def _copy(self) -> None:
+        """Have the device copy the host's tables."""
+        wp.copy(self._there, self._here)
+        if self._copied is not None:
+            self._device.stream.record_event(self._copied)
+
+    def _wait(self) -> None:
+        """Wait until the device has read the host's tables, which may then be written."""
+        if self._copied is not None:
+            wp.synchronize_event(self._copied)

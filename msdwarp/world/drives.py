@@ -1,0 +1,142 @@
+"""Drives: particles whose places are prescribed as a function of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from .loads import Load
+from .motion import Motion, pose
+
+
+@dataclass(frozen=True, eq=False)
+class Drive(Load):
+    """Moves particles as a function of time says, whatever pulls at them; what is attached feels place and speed.
+
+    A drive that stands still is a pin. `at(t, release=...)` lets particles go, with the velocity that they have.
+
+    Parameters
+    ----------
+    on
+        The particles that it moves; see `Load`. No particle can be in two drives.
+    motion
+        A function of time that displaces and turns them all from where they are at the start, as it does with a
+        collider (see `Motion`). Its speed is found by differences.
+    about
+        The point about which it turns them [m], shape [d]; by default their centre of mass at the start.
+
+    Raises
+    ------
+    ValueError
+        If `motion` is no function, or `about` no point.
+    """
+
+    on: Any = None
+    motion: Motion | None = None
+    about: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not callable(self.motion):
+            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time")
+        if self.about is not None:
+            object.__setattr__(self, "about", checks.point("about", self.about))
+
+    def __repr__(self) -> str:
+        on = "" if self.on is None else f"{self.on!r}, " if isinstance(self.on, str) else "particles, "
+        return f"Drive({on}{getattr(self.motion, '__name__', type(self.motion).__name__)})"
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        self.bound(system).pose(0.0)
+
+    def bound(self, system: System) -> "Driven":
+        """Return it as it acts on a system that starts as this one."""
+        held = np.flatnonzero(self.particles(system))
+        start = np.array(system.position[held])
+        if self.about is not None:
+            centre = np.array(self.about)
+            if len(centre) != system.dim:
+                raise ValueError(f"about is {self.about}; it must have {system.dim} coordinates")
+        else:
+            mass = system.mass[held]
+            centre = np.average(start, axis=0, weights=mass if np.isfinite(mass).all() else None)
+        return Driven(self.on, self.motion, self.about, held, start, centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Driven(Drive):
+    """A drive of a system: what `Drive.bound` returns."""
+
+    held: Any = ()
+    """The particles that it holds now, shape [count]."""
+    start: Any = ()
+    """Where they are at the start [m], shape [count, d]."""
+    centre: Any = ()
+    """About which point it turns them [m], shape [d]."""
+
+    def particles(self, system: System) -> NDArray[np.bool_]:
+        """Return the particles that it holds, shape [particle_count]."""
+        held = np.zeros(system.particle_count, dtype=bool)
+        held[self.held] = True
+        return held
+
+    def bound(self, system: System) -> "Driven":
+        """Return itself: where it moves particles from is known."""
+        return self
+
+    def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (R, o): at `time` what started at y is at R y + o; raise ValueError if that is no pose."""
+        assert self.motion is not None
+        return pose(self.motion, self.centre, time)
+
+    def keeping(self, kept: NDArray[np.bool_]) -> "Driven":
+        """Return it with no others than these particles, of shape [particle_count]."""
+        still = kept[self.held]
+        return Driven(self.on, self.motion, self.about, self.held[still], self.start[still], self.centre)
+
+
+def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
+    """Return loads with their drives as these act on a system that starts as this one.
+
+    Raises
+    ------
+    ValueError
+        If a particle is in two drives, or one cannot act on this system.
+    """
+    result, owner = list(loads), np.full(system.particle_count, -1)
+    for k, one in enumerate(loads):
+        if not isinstance(one, Drive):
+            continue
+        try:
+            drive = result[k] = one.bound(system)
+        except ValueError as error:
+            raise ValueError(f"loads[{k}].{error}") from error
+        others = owner[drive.held]
+        if (others >= 0).any():
+            i = int(np.argmax(others >= 0))
+            raise ValueError(
+                f"loads[{k}] drives particle {drive.held[i]}, as loads[{others[i]}] does; one drive at most may"
+            )
+        owner[drive.held] = k
+    return tuple(result)
+
+
+def driven_particles(loads: Sequence[Load], system: System) -> NDArray[np.bool_]:
+    """Return which particles are driven, shape [particle_count]."""
+    driven = np.zeros(system.particle_count, dtype=bool)
+    for one in loads:
+        if isinstance(one, Drive):
+            driven |= one.particles(system)
+    return driven
+
+
+def released(loads: Sequence[Load], group: NDArray[np.bool_], name: str = "release") -> tuple[Load, ...]:
+    """Return bound loads whose drives hold none of a group any longer; ValueError if they hold none of it now."""
+    if not any(isinstance(one, Driven) and group[one.held].any() for one in loads):
+        raise ValueError(f"{name} names no particle that a drive holds then")
+    return tuple(one.keeping(~group) if isinstance(one, Driven) else one for one in loads)
