@@ -55,9 +55,9 @@ from .integrators import (
 )
 from .pictures import Renderer, Scale
 from .quiet import verbose
-from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, lattice, sheet
+from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, lattice, sheet, shell
 from .simulation import Simulation, SimulationDiverged
-from .world import Box, Capsule, Cone, Drive, Force, Look, Plane, Scene, Sphere, at
+from .world import Box, Capsule, Cone, Drive, Force, Gas, Look, Plane, Pressure, Scene, Sphere, Wind, at
 
 __version__ = "0.1.0"
 
@@ -78,6 +78,7 @@ __all__ = [
     "ExplicitEuler",
     "Force",
     "Frame",
+    "Gas",
     "Integrator",
     "Leapfrog",
     "LinearlyImplicitEuler",
@@ -85,6 +86,7 @@ __all__ = [
     "Material",
     "Measures",
     "Plane",
+    "Pressure",
     "QuadraticDamper",
     "Renderer",
     "Scale",
@@ -98,6 +100,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryWriter",
     "UnstableStep",
+    "Wind",
     "at",
     "ball",
     "box",
@@ -106,8 +109,10 @@ __all__ = [
     "cone",
     "cylinder",
     "from_mesh",
+    "icosphere",
     "lattice",
     "sheet",
+    "shell",
     "stability_limit",
     "verbose",
 ]

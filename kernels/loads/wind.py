@@ -13,73 +13,104 @@ from .faces import face
 
 
 @functools.cache
-def wind(dim: int, scalar: type, compensated: bool, faces: bool, lifts: bool, function: Any) -> Piece:
-    """Return what wind adds to kernels: the force of the air on the faces around a particle, or on itself.
+def _blows(dim: int, scalar: type, function: Any):
+    """Compose (Winds, air): what is known of the air, and its velocity at x for wind w in a stage of a frame."""
+    V = vector(dim, scalar)
+
+    @wp.struct
+    class Winds:
+        velocity: wp.array2d(dtype=V)  # of the air [m/s], shape [stages of a frame + 1, wind_count]
+        drag: wp.array(dtype=scalar)  # ½ ρ C_d [kg/m³], shape [wind_count]
+        lift: wp.array(dtype=scalar)  # ½ ρ C_l [kg/m³], shape [wind_count]
+
+    @wp.func
+    def air(winds: Winds, x: V, time: scalar, stage: int, w: int) -> V:
+        if wp.static(function is not None):
+            return function(x, time)
+        return winds.velocity[stage, w]
+
+    return Winds, air
+
+
+@functools.cache
+def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> Piece:
+    """Return what wind on a surface adds to kernels: the force of the air on the triangles around a particle.
 
     With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
     of which each corner takes a third: drag against u as on a plate of the area seen along u, lift across u
-    towards the lee side; both sides of the surface count. A particle of area A feels −½ ρ C_d A |u| u. Without a
-    relative speed there is no force, exactly.
-    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22; drag as on a flat plate.
+    towards the lee side. Both sides of the surface count. Without a relative speed there is no force, exactly.
+    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
+    itself; the quadratic law of drag is that of a plate.
 
     Parameters
     ----------
     dim, scalar, compensated
         Coordinates, numbers, and whether sums keep what rounding takes away.
-    faces
-        Whether it acts on triangles; else on particles.
-    lifts
-        Whether there is lift.
     function
         A wp.func (x, t) -> velocity of the air [m/s]; None where it is given by numbers.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    load = records(dim, scalar).load
     Faces, corners = face(dim, scalar, compensated)
+    Winds, air = _blows(dim, scalar, function)
 
     @wp.struct
-    class Wind:
-        velocity: wp.array(dtype=V)  # of the air in each stage of a frame, and at its end [m/s]
-        drag: scalar  # ½ ρ C_d [kg/m³]
-        lift: scalar  # ½ ρ C_l [kg/m³]
-        faces: Faces  # the triangles around each particle
-        area: wp.array(dtype=scalar)  # of each particle [m²], where it acts on particles
+    class WindOnFaces:
+        winds: Winds
+        faces: Faces
+        wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
 
     @wp.func
-    def air(w: Wind, x: V, time: scalar, stage: int) -> V:
-        if wp.static(function is not None):
-            return function(x, time)
-        return w.velocity[stage]
-
-    @wp.func
-    def push(w: Wind, u: V, a: V) -> V:
+    def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
         through = wp.dot(u, a)
-        force = -w.drag * wp.abs(through) * u
-        if wp.static(lifts):
-            speed = wp.length(u)
-            area = wp.length(a)
-            if speed * area > scalar(0.0):
-                force -= w.lift * through / area * (speed * a - through / speed * u)
+        force = -drag * wp.abs(through) * u
+        speed = wp.length(u)
+        area = wp.length(a)
+        if lift * speed * area > scalar(0.0):
+            force -= lift * through / area * (speed * a - through / speed * u)
         return force
 
     def force(World: Any):
         @wp.func
         def blow(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            time = world.time[world.stage]
-            if wp.static(not faces):
-                u = load(v, i) - air(world.wind, load(x, i), time, world.stage)
-                return -world.wind.drag * world.wind.area[i] * wp.length(u) * u
             total = V()
             for e in range(world.wind.faces.first[i], world.wind.faces.first[i + 1]):
-                centre, velocity, a = corners(world.wind.faces, lost, x, v, world.wind.faces.number[e])
-                u = velocity - air(world.wind, centre, time, world.stage)
-                total += push(world.wind, u, a) / scalar(3.0)
+                t = world.wind.faces.number[e]
+                w = world.wind.wind[t]
+                centre, velocity, a = corners(world.wind.faces, lost, x, v, t)
+                u = velocity - air(world.wind.winds, centre, world.time[world.stage], world.stage, w)
+                total += push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a) / scalar(3.0)
             return total
 
         return blow
 
-    return Piece("wind", Wind, force=force, selective=True, timed=True, works=True)
+    return Piece("wind", WindOnFaces, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> Piece:
+    """Return what wind on particles adds to kernels: −½ ρ C_d A |u| u on a particle of area A."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    Winds, air = _blows(dim, scalar, function)
+
+    @wp.struct
+    class WindOnParticles:
+        winds: Winds
+        wind: wp.array(dtype=int)  # which one blows on each particle, shape [particle_count]
+        area: wp.array(dtype=scalar)  # [m²], shape [particle_count]
+
+    def force(World: Any):
+        @wp.func
+        def blow(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            w = world.drag.wind[i]
+            u = load(v, i) - air(world.drag.winds, load(x, i), world.time[world.stage], world.stage, w)
+            return -world.drag.winds.drag[w] * world.drag.area[i] * wp.length(u) * u
+
+        return blow
+
+    return Piece("drag", WindOnParticles, force=force, selective=True, timed=True, works=True)

@@ -54,6 +54,8 @@ class Dynamics:
         if self.composition.selective:
             self.world.marks = wp.array(self._marks(), dtype=wp.uint8, device=model.device)
         self._steps, self._last_stage = Steps(1.0, 1), 0
+        nothing = Effect.before_forces
+        self._preceding = [effect for effect in model.effects if type(effect).before_forces is not nothing]
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
@@ -144,6 +146,9 @@ class Dynamics:
             self._recorded.append((method, step))
             return
         model = self.model
+        if forced:
+            for effect in self._preceding:
+                effect.before_forces(step.x, step.lost)
         if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
             kernel, threads = each_connection(self.composition), model.connection_count
@@ -155,6 +160,11 @@ class Dynamics:
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
         if self.composition.timed and self.world.stage < self._last_stage:
             self.world.stage += 1
+
+    @property
+    def launches_before_forces(self) -> bool:
+        """Whether anything is launched before the forces of a stage are taken."""
+        return bool(self._preceding)
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""

@@ -79,6 +79,12 @@ class Effect:
     def hold(self, time: float) -> None:
         """Have all stages see what there is at `time` [s]: for what is launched between frames."""
 
+    def before_forces(self, x: wp.array, lost: Any) -> None:
+        """Launch what the forces on particles at x need, before they are taken; `lost` is as kernels have it.
+
+        Where an effect does so, each stage is a launch of its own.
+        """
+
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
         return False
@@ -104,6 +110,12 @@ class Effect:
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for particles at x. The bound is twice the largest eigenvalue of a block over the mass.
+        """
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add how steeply the force on each particle rises against its speed [N s/m], shape [particle_count].
+
+        The same for forces that depend on speeds, for particles at x that move at v.
         """
 
     def energy(self, x: wp.array) -> float:

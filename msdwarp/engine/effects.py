@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
 from ..world import Collider, Load
+from .blowing import blowing
 from .contact import Contact
 from .driving import driving
 from .effect import Effect
 from .forcing import forcing
+from .pressing import pressing
 from .work import Work
 from .yielding import Yielding
 
@@ -32,6 +34,8 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: Yielding(model) if model.system.yields else None,
     lambda model, around: driving(model, around.loads),
     lambda model, around: forcing(model, around.loads),
+    lambda model, around: blowing(model, around.loads),
+    lambda model, around: pressing(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -61,7 +61,7 @@ class Applied(Effect):
     def hold(self, time: float) -> None:
         """Have all stages see the forces at `time` [s]."""
         now = self._at(np.array([time]))
-        self.data.value.assign(np.repeat(now, self.data.value.shape[0], axis=0))
+        self.data.value.assign(np.broadcast_to(now, (*self.data.value.shape, self._model.dim)))
 
     def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each force at each time [N], shape [time_count, force_count, d]."""

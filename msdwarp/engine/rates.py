@@ -68,19 +68,31 @@ def _bounds(model: Model, state: State) -> tuple[float, float]:
     """Return bounds of the largest eigenvalues of M⁻¹K and M⁻¹B, with what effects add."""
     blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
+    _add_effects(model, state, blocks)
+    return _largest(model, blocks)
+
+
+def _add_effects(model: Model, state: State, blocks: list[wp.array]) -> None:
+    """Add what effects hold particles with, and how they resist their motion."""
     for effect in model.effects:
         effect.add_blocks(state.x, *blocks)
-    return _largest(model, blocks)
+    resisting = [one for one in model.effects if type(one).add_resistance is not Effect.add_resistance]
+    if resisting:
+        total = np.zeros(model.particle_count)
+        for effect in resisting:
+            effect.add_resistance(state.x, state.v, total)
+        blocks[1].assign(blocks[1].numpy() + total[:, None, None] * np.eye(model.dim))
 
 
 def _effect_bounds(model: Model, state: State) -> tuple[float, float]:
     """Return the same of what effects add alone."""
-    adding = [effect for effect in model.effects if type(effect).add_blocks is not Effect.add_blocks]
-    if not adding:
+    overridden = ("add_blocks", "add_resistance")
+    if not any(
+        getattr(type(one), name) is not getattr(Effect, name) for one in model.effects for name in overridden
+    ):
         return 0.0, 0.0
     blocks = _blocks(model)
-    for effect in adding:
-        effect.add_blocks(state.x, *blocks)
+    _add_effects(model, state, blocks)
     return _largest(model, blocks)
 
 

@@ -51,6 +51,7 @@ class Stepper:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
         if blocks == "auto":
             blocks = persistent_blocks(dynamics.model)
+        one_kernel = one_kernel and not dynamics.launches_before_forces
         self.blocks: tuple[int, int] | None = blocks if one_kernel else None
         """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
         if self.blocks is None:

@@ -3,6 +3,19 @@
 from .lattices import box, chain, lattice, sheet
 from .meshes import from_mesh
 from .outlines import cloth
+from .shells import icosphere, shell
 from .solids import ball, cone, cylinder
 
-__all__ = ["ball", "box", "chain", "cloth", "cone", "cylinder", "from_mesh", "lattice", "sheet"]
+__all__ = [
+    "ball",
+    "box",
+    "chain",
+    "cloth",
+    "cone",
+    "cylinder",
+    "from_mesh",
+    "icosphere",
+    "lattice",
+    "sheet",
+    "shell",
+]

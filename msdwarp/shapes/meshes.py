@@ -63,7 +63,7 @@ def from_mesh(
         If an argument is out of its range; the mesh is empty, open, not finite, without volume, or inconsistently
         turned; or the body is of several pieces.
     """
-    points, uv, triangles = _read(mesh)
+    points, uv, triangles = read_mesh(mesh)
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
     centre = (low + high) / 2
@@ -90,7 +90,7 @@ def from_mesh(
     return body.translate(centre)
 
 
-def _read(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
+def read_mesh(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
     """Return (points, uv, triangles) of a mesh, uv None where it has none, without points that no triangle has."""
     uv = None
     if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):

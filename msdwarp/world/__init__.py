@@ -6,9 +6,11 @@ from .in_time import sampled
 from .loads import Force, Load, check_loads
 from .look import Look
 from .motion import Motion, pose, poses
+from .pressure import Gas, Pressure, volume
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
+from .wind import Wind
 
 __all__ = [
     "Box",
@@ -19,13 +21,16 @@ __all__ = [
     "Drive",
     "Driven",
     "Force",
+    "Gas",
     "Load",
     "Look",
     "Motion",
     "Plane",
+    "Pressure",
     "Scene",
     "Sphere",
     "Stored",
+    "Wind",
     "at",
     "bound",
     "check_loads",
@@ -37,4 +42,5 @@ __all__ = [
     "sampled",
     "scene_as_stored",
     "scene_from_stored",
+    "volume",
 ]

@@ -45,6 +45,10 @@ class Load:
         """Raise ValueError if it cannot act on this system."""
         self.particles(system)
 
+    def bound(self, system: System) -> "Load":
+        """Return the load as it is on a system that starts as this one."""
+        return self
+
 
 @dataclass(frozen=True, eq=False)
 class Force(Load):
@@ -82,7 +86,7 @@ class Force(Load):
     @property
     def of_place(self) -> bool:
         """Whether it is a `wp.func`, a function of place, speed and time."""
-        return type(self.force).__module__.partition(".")[0] == "warp"
+        return is_device_function(self.force)
 
     @property
     def varies(self) -> bool:
@@ -98,6 +102,11 @@ class Force(Load):
     def at(self, times: NDArray[np.float64], dim: int, name: str = "force") -> NDArray[np.float64]:
         """Return the force at these times [N], shape [time_count, d]."""
         return values_at(name, self.force, times, dim)
+
+
+def is_device_function(given: Any) -> bool:
+    """Tell whether something is a `wp.func`, to be compiled into kernels."""
+    return type(given).__module__.partition(".")[0] == "warp"
 
 
 def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:

@@ -1,0 +1,123 @@
+"""Pressure on the triangles of a surface, given or of an enclosed gas."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensation
+from ..effect import Piece
+from ..records import records
+from .faces import face
+
+
+@functools.cache
+def given_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what given pressures add to kernels: Σ p a / 3 on a particle, over the triangles around it."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    Faces, corners = face(dim, scalar, compensated)
+
+    @wp.struct
+    class Pressed:
+        value: wp.array2d(dtype=scalar)  # [Pa], shape [stages of a frame + 1, count]
+        faces: Faces
+        of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
+
+    def force(World: Any):
+        @wp.func
+        def press(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            total = V()
+            for e in range(world.pressure.faces.first[i], world.pressure.faces.first[i + 1]):
+                t = world.pressure.faces.number[e]
+                _centre, _velocity, a = corners(world.pressure.faces, lost, x, v, t)
+                total += world.pressure.value[world.stage, world.pressure.of[t]] / scalar(3.0) * a
+            return total
+
+        return press
+
+    return Piece("pressure", Pressed, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def gas_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return the same of enclosed gases, whose pressures `gas_law` has found for the places of this stage."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    Faces, corners = face(dim, scalar, compensated)
+
+    @wp.struct
+    class Gases:
+        over: wp.array(dtype=scalar)  # pressure above that of the air outside [Pa], shape [gas_count]
+        faces: Faces
+        of: wp.array(dtype=int)  # which gas each triangle encloses, shape [triangle_count]
+
+    def force(World: Any):
+        @wp.func
+        def press(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            total = V()
+            for e in range(world.gas.faces.first[i], world.gas.faces.first[i + 1]):
+                t = world.gas.faces.number[e]
+                _centre, _velocity, a = corners(world.gas.faces, lost, x, v, t)
+                total += world.gas.over[world.gas.of[t]] / scalar(3.0) * a
+            return total
+
+        return press
+
+    return Piece("gas", Gases, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def gas_law(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, by one block of threads, that finds the pressure of a gas: p = p0 (V0 / V)^γ.
+
+    The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, summed in float64 from one of the corners on: by
+    each thread a share, and these in an order that is the same each time.
+    """
+    V = vector(dim, scalar)
+    load = records(dim, scalar).load
+
+    @wp.func
+    def place(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int) -> wp.vec3d:
+        own = load(x, i)
+        result = wp.vec3d(wp.float64(own[0]), wp.float64(own[1]), wp.float64(own[2]))
+        if wp.static(compensated):
+            off = load(x_lost, i)
+            result -= wp.vec3d(wp.float64(off[0]), wp.float64(off[1]), wp.float64(off[2]))
+        return result
+
+    @kernel
+    def find_pressure(
+        # Model:
+        corner: wp.array(dtype=wp.vec3i),  # the particles of each triangle, shape [any]
+        begin: int,  # the first triangle around this gas, and the first behind
+        end: int,
+        inside: wp.float64,  # p0, where the volume is V0 [Pa]
+        outside: wp.float64,  # pressure of the air around [Pa]
+        volume: wp.float64,  # V0 [m³]
+        exponent: wp.float64,  # γ
+        gas: int,
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # what they have lost by rounding [m]
+        # Out:
+        over: wp.array(dtype=scalar),  # pressure above that outside [Pa], shape [gas_count]
+    ):
+        thread = wp.tid()
+        origin = place(x, x_lost, corner[begin][0])
+        share = wp.float64(0.0)
+        t = begin + thread
+        while t < end:
+            a = place(x, x_lost, corner[t][0]) - origin
+            b = place(x, x_lost, corner[t][1]) - origin
+            c = place(x, x_lost, corner[t][2]) - origin
+            share += wp.dot(a, wp.cross(b, c))
+            t += wp.block_dim()
+        total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
+        if thread == 0:
+            # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
+            part = wp.max(total / volume, wp.float64(1e-6))
+            over[gas] = scalar(inside * wp.pow(part, -exponent) - outside)
+
+    return find_pressure

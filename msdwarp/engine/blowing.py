@@ -1,0 +1,127 @@
+"""Blowing: the wind of a scene on a device."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..kernels.loads import wind_on_faces, wind_on_particles
+from ..world import Load, Wind
+from .effect import Effect
+from .faces import area_vectors, faces_on
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Named = Sequence[tuple[str, Wind]]
+"""Winds, and what they are called."""
+
+
+def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the wind among the loads of a scene: of that on surfaces, and on particles."""
+    winds = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
+    on_faces = [(name, one) for name, one in winds if one.area is None]
+    on_particles = [(name, one) for name, one in winds if one.area is not None]
+    effects: list[Effect] = [OnFaces(model, on_faces)] if on_faces else []
+    return effects + ([OnParticles(model, on_particles)] if on_particles else [])
+
+
+class Blowing(Effect):
+    """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
+
+    def __init__(self, model: "Model", winds: Named, compose: Any) -> None:
+        self._model, self._winds = model, winds
+        places = [name for name, one in winds if one.of_place]
+        if places and len(winds) > 1:
+            raise ValueError(
+                f"{places[0]}.velocity is a function of place; it must then be the only wind on "
+                "surfaces, or on particles"
+            )
+        function = winds[0][1].velocity if places else None
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated, function)
+        self.data = piece.Data()
+        self._varies = any(one.varies for _, one in winds)
+        for name in ("drag", "lift"):
+            values = np.array([0.5 * one.density * getattr(one, name) for _, one in winds])
+            setattr(self.data.winds, name, wp.array(values, dtype=model.scalar, device=model.device))
+        self._given = not places
+        self._speed = np.zeros(len(winds))
+        self.hold(0.0)
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the velocities of a frame."""
+        shape = (len(self.steps.times(0.0)), len(self._winds))
+        self.data.winds.velocity = wp.zeros(shape, dtype=self._model.vector, device=self._model.device)
+
+    def begin_frame(self, time: float) -> None:
+        """Take the velocities of the frame that begins at `time` [s]."""
+        if self._varies:
+            self._take(self._at(self.steps.times(time)))
+
+    def hold(self, time: float) -> None:
+        """Have all stages see the velocities at `time` [s]."""
+        if self._given:
+            self._take(self._at(np.array([time])))
+
+    def _take(self, velocity: NDArray[np.float64]) -> None:
+        """Have kernels see these velocities [m/s], shape [rows or 1, wind_count, d]."""
+        self._speed = np.linalg.norm(velocity, axis=-1).max(axis=0)
+        if self.data.winds.velocity is not None:
+            self.data.winds.velocity.assign(
+                np.broadcast_to(velocity, (*self.data.winds.velocity.shape, self._model.dim))
+            )
+
+    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
+        values = np.empty((len(times), len(self._winds), self._model.dim))
+        for k, (name, one) in enumerate(self._winds):
+            values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
+            self._model.check_range(values[:, k], f"{name}.velocity")
+        return values
+
+    def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
+        """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
+        coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self._winds])[wind]
+        speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + self._speed[wind]
+        return coefficients * area * speed
+
+
+class OnFaces(Blowing):
+    """Wind on the triangles of a surface."""
+
+    def __init__(self, model: "Model", winds: Named) -> None:
+        super().__init__(model, winds, wind_on_faces)
+        corners = [one.corners(model.system) for _, one in winds]
+        self._corner = np.concatenate(corners)
+        self._wind = np.repeat(np.arange(len(winds)), list(map(len, corners)))
+        self.data.faces = faces_on(model, type(self.data.faces), self._corner)
+        self.data.wind = wp.array(self._wind, dtype=int, device=model.device)
+        self.members = np.zeros(model.particle_count, dtype=bool)
+        self.members[self._corner] = True
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add a third of each triangle's to each of its corners."""
+        area = np.linalg.norm(area_vectors(self._corner, x.numpy()), axis=1)
+        np.add.at(damping, self._corner, (self._resistance(v, area, self._wind) / 3)[:, None])
+
+
+class OnParticles(Blowing):
+    """Wind on particles that have an area."""
+
+    def __init__(self, model: "Model", winds: Named) -> None:
+        super().__init__(model, winds, wind_on_particles)
+        chosen = [one.particles(model.system) for _, one in winds]
+        if np.sum(chosen, axis=0).max() > 1:
+            raise ValueError(f"{winds[1][0]}.on shares particles with another wind's; one at most blows on each")
+        self.members = np.logical_or.reduce(chosen)
+        self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
+        for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):
+            self._area[mine], self._number[mine] = one.areas(model.system)[mine], k
+        self.data.wind = wp.array(self._number, dtype=int, device=model.device)
+        self.data.area = wp.array(self._area, dtype=model.scalar, device=model.device)
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add that of each particle."""
+        damping += self._resistance(v, self._area, self._number)

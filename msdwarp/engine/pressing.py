@@ -1,0 +1,150 @@
+"""Pressing: the pressures of a scene on a device."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..kernels.loads import gas_law, gas_pressure, given_pressure
+from ..world import Gas, Load, Pressure, volume
+from .effect import Effect
+from .faces import area_vectors, faces_on
+
+if TYPE_CHECKING:
+    from .model import Model
+
+THREADS = 256
+"""Threads that sum a volume."""
+
+
+def pressing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the pressures among the loads of a scene: of given ones, and of gases."""
+    named = [(f"loads[{k}]", one) for k, one in enumerate(loads)]
+    given = [(name, one) for name, one in named if isinstance(one, Pressure)]
+    gases = [one for _, one in named if isinstance(one, Gas)]
+    effects: list[Effect] = [GivenPressures(model, given)] if given else []
+    return effects + ([Gases(model, gases)] if gases else [])
+
+
+class Pressing(Effect):
+    """What given pressures and gases share: the triangles that they act on."""
+
+    def __init__(self, model: "Model", pressures: Sequence[Pressure | Gas], compose: Any) -> None:
+        self._model = model
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated)
+        corners = [one.corners(model.system) for one in pressures]
+        self._ends = np.cumsum([0, *map(len, corners)])
+        self._corner, self._of = (
+            np.concatenate(corners),
+            np.repeat(np.arange(len(corners)), list(map(len, corners))),
+        )
+        self.data = piece.Data()
+        self.data.faces = faces_on(model, type(self.data.faces), self._corner)
+        self.data.of = wp.array(self._of, dtype=int, device=model.device)
+        self.members = np.zeros(model.particle_count, dtype=bool)
+        self.members[self._corner] = True
+
+    def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how stiff each particle is since area vectors turn with it [N/m], shape [particle_count].
+
+        ∂a/∂x_j is half the opposite edge (as a cross product): by Gershgorin a particle's row of the stiffness is
+        at most p (|e_1| + |e_2| + |e_3|) / 6 of each of its triangles; blocks count half of that.
+        """
+        edges = sum(
+            np.linalg.norm(x[self._corner[:, k]] - x[self._corner[:, k - 1]], axis=1).astype(np.float64)
+            for k in range(3)
+        )
+        each = np.zeros(self._model.particle_count)
+        np.add.at(each, self._corner, (np.abs(pressure)[self._of] * edges / 12)[:, None])
+        return each
+
+    def _add(self, blocks: wp.array, each: NDArray[np.float64]) -> None:
+        blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
+
+
+class GivenPressures(Pressing):
+    """Pressures that are given, as numbers or as functions of time."""
+
+    def __init__(self, model: "Model", named: Sequence[tuple[str, Pressure]]) -> None:
+        super().__init__(model, [one for _, one in named], given_pressure)
+        self._named = named
+        self._varies = any(callable(one.pressure) for _, one in named)
+        self.hold(0.0)
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the pressures of a frame."""
+        shape = (len(self.steps.times(0.0)), len(self._named))
+        self.data.value = wp.zeros(shape, dtype=self._model.scalar, device=self._model.device)
+
+    def begin_frame(self, time: float) -> None:
+        """Take the pressures of the frame that begins at `time` [s]."""
+        if self._varies:
+            self._take(self._at(self.steps.times(time)))
+
+    def hold(self, time: float) -> None:
+        """Have all stages see the pressures at `time` [s]."""
+        self._take(self._at(np.array([time])))
+
+    def _take(self, pressure: NDArray[np.float64]) -> None:
+        """Have kernels see these pressures [Pa], shape [rows or 1, count]."""
+        self._largest = np.abs(pressure).max(axis=0)
+        if self.data.value is not None:
+            self.data.value.assign(np.broadcast_to(pressure, self.data.value.shape))
+
+    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return each pressure at each time [Pa], shape [time_count, count]."""
+        return np.stack([one.at(times, f"{name}.pressure") for name, one in self._named], axis=1)
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add how stiff the largest pressures of a frame make the particles."""
+        self._add(stiffness, self._turning(x.numpy(), self._largest))
+
+
+class Gases(Pressing):
+    """Gases that are enclosed: their pressures follow from their volumes, in each stage of a substep."""
+
+    def __init__(self, model: "Model", gases: Sequence[Gas]) -> None:
+        super().__init__(model, gases, gas_pressure)
+        self._gases = gases
+        self._law = gas_law(model.dim, model.scalar, model.compensated)
+        self.data.over = wp.zeros(len(gases), dtype=model.scalar, device=model.device)
+
+    def before_forces(self, x: wp.array, lost: Any) -> None:
+        """Launch what finds the pressures for particles at x."""
+        model = self._model
+        threads = THREADS if model.device.is_cuda else 1
+        for k, gas in enumerate(self._gases):
+            inputs = [
+                self.data.faces.corner,
+                int(self._ends[k]),
+                int(self._ends[k + 1]),
+                gas.pressure + gas.outside,
+            ]
+            inputs += [gas.outside, gas.volume, gas.exponent, k, x, lost.x]
+            wp.launch(self._law, threads, inputs, [self.data.over], device=model.device, block_dim=threads)
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add how stiff the gases make the particles.
+
+        Beside the turning of area vectors, a gas is a spring of stiffness γ p / V for its volume: a matrix of rank
+        1 whose eigenvalue, over masses, is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks count half of it, over each mass.
+        """
+        model, places = self._model, x.numpy()
+        inverse_mass = np.broadcast_to(model.inverse_mass.numpy(), model.particle_count).astype(np.float64)
+        over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
+        for k, gas in enumerate(self._gases):
+            corner = self._corner[self._ends[k] : self._ends[k + 1]]
+            assert gas.volume is not None  # as it is bound to the start
+            now = max(volume(corner, places), 1e-6 * gas.volume)
+            inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
+            over[k] = inside - gas.outside
+            gradient = np.zeros((model.particle_count, 3))
+            np.add.at(gradient, corner, (area_vectors(corner, places) / 3)[:, None])
+            rate = gas.exponent * inside / now * float(((gradient**2).sum(axis=1) * inverse_mass).sum())
+            mine = np.zeros(model.particle_count, dtype=bool)
+            mine[corner] = True
+            mine &= inverse_mass > 0
+            each[mine] += 0.5 * rate / inverse_mass[mine]
+        self._add(stiffness, each + self._turning(places, over))

@@ -1,0 +1,129 @@
+"""Shells: hollow bodies, the edges of whose triangles are connections."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Surface, System
+from .meshes import read_mesh
+
+CONSTANTS = ("rest_length", "stiffness", "damping")
+
+
+def shell(
+    mesh: Any, *, mass: float = 1.0, stiffness: ArrayLike = 100.0, damping: ArrayLike = 0.0, bending: float = 0.0
+) -> System:
+    """Return the skin of a mesh: a particle at each of its points, a connection along each edge of a triangle.
+
+    With `bending` the far corners of two triangles that share an edge are connected too: such springs resist
+    folding (Provot, Graphics Interface 1995).
+
+    Parameters
+    ----------
+    mesh
+        A PyVista surface, or a pair of points [m], shape [any, 3], and triangles, shape [any, 3].
+    mass
+        Mass of the whole skin [kg], shared by area: a third of each triangle's at each corner.
+    stiffness, damping
+        Of each connection along an edge [N/m], [N s/m].
+    bending
+        Stiffness of the connections across edges [N/m]; 0: there are none.
+
+    Returns
+    -------
+    System
+        Its surface has the mesh's triangles and, where it has such, texture coordinates; else these are longitude
+        and latitude about the middle.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is none, or has a triangle without area, or a number is out of its range.
+    """
+    points, uv, triangles = read_mesh(mesh)
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    checks.every("the area of a triangle", area, area > 0, "above 0")
+    share = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(points))
+    edges, across = edges_of(triangles)
+    uv_of = _longitude_and_latitude(points) if uv is None else uv
+    system = System(
+        position=points,
+        mass=checks.positive("mass", mass) * share / share.sum(),
+        connections=edges,
+        stiffness=stiffness,
+        damping=damping,
+        surface=Surface(particle=np.arange(len(points)), uv=uv_of, triangles=triangles),
+    )
+    if checks.non_negative("bending", bending) == 0.0 or not len(across):
+        return system
+    folds = System(position=points, connections=across, stiffness=bending)
+    joined = {name: np.append(getattr(system, name), getattr(folds, name)) for name in CONSTANTS}
+    return System(
+        position=points,
+        mass=system.mass,
+        connections=np.concatenate([edges, across]),
+        surface=system.surface,
+        **joined,
+    )
+
+
+def edges_of(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the edges of triangles, each once, and the far corners of each two that share one, shape [any, 2]."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    far = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
+    edges, which = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
+    order = np.argsort(which.ravel(), kind="stable")
+    first = np.flatnonzero(np.diff(which.ravel()[order], append=-1) == 0)
+    return edges.astype(np.int32), np.stack([far[order][first], far[order][first + 1]], axis=1).astype(np.int32)
+
+
+def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return the points and triangles of a sphere about the origin: an icosahedron whose triangles are divided.
+
+    Parameters
+    ----------
+    radius
+        Its radius [m].
+    subdivisions
+        How often each triangle is divided into four, 0 to 7.
+    """
+    checks.positive("radius", radius)
+    checks.one_of("subdivisions", subdivisions, range(8))
+    tall = (1 + 5**0.5) / 2
+    corners = [(-1, tall), (1, tall), (-1, -tall), (1, -tall)]
+    points = np.array([np.roll((a, b, 0.0), k) for k in range(3) for a, b in corners])
+    apart = np.linalg.norm(points[:, None] - points, axis=-1)
+    near = np.isclose(apart, 2.0)  # an edge of the icosahedron
+    found = [
+        (i, j, k)
+        for i in range(12)
+        for j in range(i + 1, 12)
+        for k in range(j + 1, 12)
+        if near[i, j] and near[j, k] and near[i, k]
+    ]
+    triangles = np.array(found)
+    outwards = np.einsum("td,td->t", np.cross(*(points[triangles[:, k]] for k in (0, 1))), points[triangles[:, 2]])
+    triangles[outwards < 0] = triangles[outwards < 0][:, ::-1]
+    for _ in range(subdivisions):
+        n, count = len(points), len(triangles)
+        sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        edges, which = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
+        points = np.concatenate([points, points[edges].sum(axis=1)])
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        ab, bc, ca = (n + which.ravel()[k * count : (k + 1) * count] for k in range(3))
+        a, b, c = triangles.T
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    points *= radius / np.linalg.norm(points, axis=1)[:, None]
+    return points, triangles.astype(np.int32)
+
+
+def _longitude_and_latitude(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return texture coordinates of points, by their directions from the middle."""
+    off = points - (points.min(axis=0) + points.max(axis=0)) / 2
+    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-300)
+    longitude = np.arctan2(off[:, 1], off[:, 0]) / (2 * np.pi) + 0.5
+    return np.stack([longitude, np.arccos(np.clip(off[:, 2] / distance, -1, 1)) / np.pi], axis=1)

@@ -1,0 +1,135 @@
+"""Pressure: on a surface from one side, given or of a gas that it encloses."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from .loads import Load, values_at
+from .wind import surface_corners
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed(Load):
+    """What loads on a surface from one side share."""
+
+    def corners(self, system: System) -> NDArray[np.int32]:
+        """Return the particles at the corners of the triangles that it acts on, shape [triangle_count, 3]."""
+        corner = surface_corners(system)
+        return corner[self.particles(system)[corner].all(axis=1)]
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        if not len(self.corners(system)):
+            raise ValueError(
+                f"on is {checks.said(self.on)}; it must hold the corners of a surface in space that lies "
+                "on particles itself"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Pressure(Pressed):
+    """A pressure on the back of a surface, which pushes it outwards.
+
+    A triangle with the area vector a feels p a, a third of it at each corner.
+
+    Parameters
+    ----------
+    pressure
+        By how much it exceeds that on the other side [Pa]: a number, or a function of time [s].
+    on
+        The particles of the surface, by default all (see `Load`): the triangles whose corners all are of them.
+
+    Raises
+    ------
+    ValueError
+        If it is not finite, or there is no surface of particles.
+    """
+
+    pressure: Any
+
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        if not callable(self.pressure):
+            object.__setattr__(self, "pressure", float(checks.vector("pressure", [self.pressure], 1)[0]))
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        self.at(np.zeros(1))
+
+    def at(self, times: NDArray[np.float64], name: str = "pressure") -> NDArray[np.float64]:
+        """Return the pressure at these times [Pa], shape [time_count]."""
+        return values_at(name, self.pressure, times, 1)[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Gas(Pressed):
+    """A gas that a closed surface encloses: its pressure p obeys p V^γ = constant, V being the volume.
+
+    Parameters
+    ----------
+    pressure
+        By how much the pressure inside exceeds that outside at the start [Pa]; below 0 it is a partial vacuum.
+    on
+        The particles of the surface, by default all (see `Load`); it must be closed.
+    outside
+        Pressure of the air outside [Pa].
+    exponent
+        γ: 1 for a gas that keeps its temperature (Boyle's law), 1.4 for air that keeps its heat.
+    volume
+        Volume at which the pressure is that of the start [m³]; by default the volume at the start.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the surface is not closed, or encloses nothing.
+    """
+
+    pressure: float
+    outside: float = 101_325.0
+    exponent: float = 1.0
+    volume: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.non_negative("outside", self.outside)
+        checks.positive("exponent", self.exponent)
+        checks.between("pressure", self.pressure, -self.outside, 1e30)
+        if self.volume is not None:
+            checks.positive("volume", self.volume)
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        corner = self.corners(system)
+        edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]]).astype(np.int64)
+        there, back = (edges[:, a] * system.particle_count + edges[:, b] for a, b in ((0, 1), (1, 0)))
+        open_edges = len(np.setdiff1d(there, back)) + len(there) - len(np.unique(there))
+        if open_edges:
+            raise ValueError(
+                f"on is {checks.said(self.on)}; the surface there must be closed, and {open_edges} of its edges "
+                "are not between two triangles"
+            )
+        if (enclosed := volume(corner, system.position)) <= 0:
+            raise ValueError(
+                f"on encloses {enclosed:.3g} m³; it must be more than 0, with triangles that face out"
+            )
+
+    def bound(self, system: System) -> Self:
+        """Return the gas with its volume, if that was to be that of this system."""
+        return (
+            self
+            if self.volume is not None
+            else replace(self, volume=volume(self.corners(system), system.position))
+        )
+
+
+def volume(corner: NDArray[np.int32], position: NDArray) -> float:
+    """Return the volume that triangles enclose [m³], by the divergence theorem."""
+    a, b, c = (np.asarray(position[corner[:, k]], dtype=np.float64) - position[corner[0, 0]] for k in range(3))
+    return float(np.einsum("td,td->", a, np.cross(b, c)) / 6)

@@ -1,0 +1,108 @@
+"""Wind: the force of the air on surfaces and particles."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from .loads import Load, is_device_function, values_at
+
+
+@dataclass(frozen=True, eq=False)
+class Wind(Load):
+    """The force of air that moves, or rests, on what moves in it.
+
+    A triangle of the surface with the area vector a (n = a/|a|) that moves at u against the air feels
+
+        F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
+
+    on both sides; see `msdwarp.kernels.loads.wind`. Air at rest is `Wind((0, 0, 0))`: it slows what falls.
+
+    Parameters
+    ----------
+    velocity
+        Velocity of the air [m/s]: a vector of shape [d]; a function of time [s] that returns one; or a `wp.func`
+        (x, t) -> velocity at the place x [m], which is compiled into the scene's kernels.
+    on
+        The particles that it blows on, by default all (see `Load`): the triangles whose corners all are of them.
+    drag
+        C_d, of a plate across the flow about 1.2.
+    lift
+        C_l.
+    density
+        ρ of the air [kg/m³].
+    area
+        The area that each particle shows the wind [m²], a number or shape [particle_count]. With it particles feel
+        −½ ρ C_d A |u| u by themselves, and surfaces do not matter: for ropes, grains, bodies without a surface.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range, or the wind is given neither a surface of particles nor an area.
+    """
+
+    velocity: Any
+    drag: float = 1.2
+    lift: float = 0.6
+    density: float = 1.225
+    area: Any = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        for name in ("drag", "lift", "density"):
+            checks.non_negative(name, getattr(self, name))
+        if not callable(self.velocity):
+            object.__setattr__(self, "velocity", checks.point("velocity", self.velocity))
+
+    @property
+    def of_place(self) -> bool:
+        """Whether the velocity of the air is a function of place, on the device."""
+        return is_device_function(self.velocity)
+
+    @property
+    def varies(self) -> bool:
+        """Whether the velocity of the air is a function of time."""
+        return callable(self.velocity) and not self.of_place
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        if not self.of_place:
+            self.at(np.zeros(1), system.dim, "velocity")
+        if self.area is not None:
+            self.areas(system)
+        elif not len(self.corners(system)):
+            raise ValueError(
+                "area is None; it must be the area of each particle [m²], for nothing that this wind blows on has "
+                "a surface of its own particles in three dimensions"
+            )
+
+    def at(self, times: NDArray[np.float64], dim: int, name: str = "velocity") -> NDArray[np.float64]:
+        """Return the velocity of the air at these times [m/s], shape [time_count, d]."""
+        return values_at(name, self.velocity, times, dim)
+
+    def areas(self, system: System) -> NDArray[np.float64]:
+        """Return the area of each particle [m²], shape [particle_count]."""
+        areas = checks.broadcast("area", self.area, (system.particle_count,))
+        checks.within("area", areas, (lambda a: np.isfinite(a) & (a >= 0), "finite and not negative"))
+        return areas
+
+    def corners(self, system: System) -> NDArray[np.int32]:
+        """Return the particles at the corners of the triangles that it blows on, shape [triangle_count, 3]."""
+        corner = surface_corners(system)
+        return corner[self.particles(system)[corner].all(axis=1)]
+
+
+def surface_corners(system: System) -> NDArray[np.int32]:
+    """Return the particles at the corners of each triangle of the surface, shape [triangle_count, 3].
+
+    None where the system has no surface, one that is carried by the mixtures of particles, or less than three
+    coordinates.
+    """
+    surface = system.surface
+    if surface is None or surface.weights is not None or system.dim < 3:
+        return np.zeros((0, 3), dtype=np.int32)
+    return surface.particle[surface.triangles]

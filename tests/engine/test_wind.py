@@ -1,0 +1,170 @@
+"""Wind on surfaces and on particles: terminal speeds, no force at rest, work, momentum, and how it is refused."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from problems import EPS64
+
+from msdwarp import RK4, Simulation, System, Wind, chain, sheet, stability_limit
+from msdwarp.engine.rates import rate_bounds
+from msdwarp.world.wind import surface_corners
+
+RHO, DRAG, G = 1.225, 1.2, 9.82
+
+
+def falling_sheet() -> System:
+    """Return a flat sheet whose masses are as the areas around its particles, so that it falls flat."""
+    cloth = sheet((7, 7), 0.1, stiffness=200.0, damping=0.2)
+    share = np.bincount(surface_corners(cloth).ravel(), minlength=cloth.particle_count) / 3
+    return cloth.replace(mass=0.1 * share / share.sum())
+
+
+def terminal(mass: float, area: float) -> float:
+    """Return v where ½ ρ C_d A v² = m g."""
+    return math.sqrt(2 * mass * G / (RHO * DRAG * area))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("rising", [0.0, 0.7])
+def test_a_sheet_falls_at_its_terminal_speed(device, rising, blocks):
+    # v = v_t tanh(g t / v_t) from rest in air at rest; after 3 s, 24 times v_t / g, that is v_t to e^-48.
+    how = {"gravity": G, "device": device, "precision": "float64", "blocks": blocks, "substeps": 30}
+    simulation = Simulation(falling_sheet(), loads=[Wind((0, 0, rising), drag=DRAG)], **how)
+    simulation.step(180)
+    v = simulation.frame().velocity
+    np.testing.assert_allclose(v[:, 2], rising - terminal(0.1, 0.36), rtol=1e-6)
+    assert np.abs(v[:, :2]).max() < 1e-9
+    measures = simulation.measure()
+    # What gravity gives and is not kinetic, air has taken: first order in h, h/2 of a fall of g.
+    if rising == 0.0:
+        fallen = simulation.frame().position[:, 2].mean()
+        spent = 0.1 * G * fallen + measures.kinetic_energy
+        assert measures.external_work == pytest.approx(spent, rel=0.01)
+
+
+def test_particles_fall_at_theirs(device):
+    rope = chain(5, 0.2, mass=0.01)
+    area = [0.01, 0.02, 0.01, 0.02, 0.01]
+    loose = rope.replace(stiffness=0.0)
+    how = {"gravity": G, "device": device, "precision": "float64", "substeps": 30}
+    simulation = Simulation(loose, loads=[Wind((0, 0, 0), drag=DRAG, area=area)], **how)
+    simulation.step(300)
+    expected = [-terminal(0.01, a) for a in area]
+    np.testing.assert_allclose(simulation.frame().velocity[:, 2], expected, rtol=1e-6)
+
+
+def test_a_particle_speeds_up_as_the_closed_form_says(plain_device):
+    # v = v_t tanh(g t / v_t); RK4's error at h = 1/600 s, h g / v_t = 0.002, is far below 1e-9.
+    body = System(position=np.zeros((1, 3)), mass=0.02)
+    load = Wind((0, 0, 0), drag=DRAG, area=0.05)
+    simulation = Simulation(
+        body, loads=[load], gravity=G, integrator=RK4(), precision="float64", substeps=10, device=plain_device
+    )
+    simulation.step(30)
+    v = terminal(0.02, 0.05)
+    assert simulation.frame().velocity[0, 2] == pytest.approx(-v * math.tanh(G * 0.5 / v), rel=1e-9)
+
+
+@pytest.mark.parametrize("area", [None, 0.01])
+def test_what_moves_with_the_air_feels_nothing(device, area):
+    cloth = sheet((4, 4), 0.1, mass=0.01).rotate(0.4, axis=(1, 2, 0)).with_velocity((3.0, 1.0, -2.0))
+    how = {"gravity": 0.0, "device": device, "precision": "float64", "substeps": 5}
+    simulation = Simulation(cloth, loads=[Wind((3.0, 1.0, -2.0), area=area)], **how)
+    simulation.step(2)
+    if area is None:  # the mean of three velocities is not quite each of them: (a + a + a) / 3
+        np.testing.assert_allclose(simulation.frame().velocity, cloth.velocity, rtol=0, atol=1e-14)
+    else:
+        np.testing.assert_array_equal(simulation.frame().velocity, cloth.velocity)
+
+
+@wp.func
+def vortex(x: Any, t: Any):
+    return type(x)(-x[1], x[0], type(t)(0.0))
+
+
+@pytest.mark.slow
+def test_a_wind_of_place_turns_what_is_in_it(plain_device):
+    cross = sheet((5, 5), 0.1, mass=0.001, stiffness=200.0, damping=0.1).rotate(0.5 * math.pi, axis=(1, 0, 0))
+    how = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
+    simulation = Simulation(cross, loads=[Wind(vortex)], **how)
+    simulation.step(60)
+    turn = simulation.measure().angular_momentum
+    assert turn[2] > 0
+    assert abs(turn[:2]).max() < 0.05 * turn[2]  # up and down it is as itself but for how squares are cut
+
+
+def test_lift_is_across_the_flow(plain_device):
+    # At 45° to the flow a plate feels ½ρ C_l A u² sin 45° cos 45° across it, and ½ρ C_d A u² sin 45° along it.
+    plate = falling_sheet().rotate(-0.25 * math.pi, axis=(0, 1, 0), about=(0, 0, 0))
+    how = {"gravity": 0.0, "device": plain_device, "precision": "float64", "fps": 1e6, "substeps": 1}
+    wind = Wind((4.0, 0, 0), drag=DRAG, lift=0.8)
+    simulation = Simulation(plate, loads=[wind], **how)
+    simulation.step()
+    force = simulation.measure().momentum / 1e-6
+    half = 0.5 * RHO * 0.36 * 16
+    expected = [DRAG * half * math.sqrt(0.5), 0.0, 0.8 * half * 0.5]
+    assert abs(force[2]) == pytest.approx(expected[2], rel=1e-6)
+    assert force[0] == pytest.approx(expected[0], rel=1e-6)
+    assert abs(force[1]) < 1e-9
+
+
+@pytest.mark.slow
+def test_routes_and_precisions_agree(plain_device):
+    cloth = sheet((9, 9), 0.1, mass=0.002, stiffness=100.0, damping=0.05).pin([0, 8])
+    load = Wind(lambda t: (3.0 + np.sin(5 * t), 0.3, 0.0))
+    frames = {}
+    for route in ("scatter", "gather", "stencil"):
+        for precision in ("float64", "float32-compensated"):
+            how = {"route": route, "precision": precision, "device": plain_device, "substeps": 20}
+            simulation = Simulation(cloth, loads=[load], **how)
+            simulation.step(20)
+            frames[route, precision] = simulation.frame().position
+    for (_, precision), position in frames.items():
+        atol = (
+            1e-10 if precision == "float64" else 1e-5
+        )  # 400 substeps of other roundings, in folds that are unstable
+        np.testing.assert_allclose(position, frames["scatter", "float64"], rtol=0, atol=atol)
+
+
+def test_the_bound_knows_the_resistance(plain_device):
+    # ∂F/∂v = ρ C_d A |u| on a particle; the bound of the rate may be twice that over its mass.
+    body = System(position=np.zeros((1, 3)), mass=0.02)
+    system_rates = Simulation(
+        body, loads=[Wind((50.0, 0, 0), drag=DRAG, lift=0.0, area=0.05)], device=plain_device
+    )
+    rate = rate_bounds(system_rates.system, system_rates.model, system_rates.state).damping
+    steepest = RHO * DRAG * 0.05 * 50 / 0.02
+    assert steepest <= rate * (1 + 4 * EPS64) <= 2 * steepest * (1 + 1e-12)
+    assert stability_limit(body) > 1e9  # without wind nothing limits it
+    system_rates.step(60)
+    assert np.abs(system_rates.frame().velocity[0, 0]) < 50
+
+
+@pytest.mark.parametrize(
+    ("system", "load", "message"),
+    [
+        (chain(3), lambda: Wind((1.0, 0, 0)), r"loads\[0\]\.area is None; it must be the area of each particle"),
+        (chain(3), lambda: Wind((1.0, 0, 0), area=-1.0), r"loads\[0\]\.area"),
+        (chain(3), lambda: Wind((1.0, 0), area=1.0), r"loads\[0\]\.velocity has 2 numbers; it must have 3"),
+        (chain(3), lambda: Wind((1.0, 0, 0), drag=-1.0, area=1.0), "drag is -1"),
+        (chain(3), lambda: Wind((1.0, 0, 0), density=float("nan"), area=1.0), "density is nan"),
+        (sheet((3, 3)), lambda: Wind((1.0, 0, 0), on=[0, 1]), r"loads\[0\]\.area is None"),
+    ],
+)
+def test_wind_is_refused_by_name(system, load, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(system, loads=[load()], device="cpu")
+
+
+def test_two_winds_blow_on_two_bodies(plain_device):
+    both = sheet((3, 3), 0.1, mass=0.01).named("a") + sheet((3, 3), 0.1, mass=0.01).translate((5, 0, 0)).named("b")
+    loads = [Wind((0, 0, 3.0), on="a"), Wind((0, 0, -3.0), on="b")]
+    simulation = Simulation(both, loads=loads, gravity=0.0, device=plain_device, precision="float64", substeps=10)
+    simulation.step(10)
+    v = simulation.frame().velocity[:, 2]
+    np.testing.assert_allclose(v[:9], -v[9:], rtol=0, atol=1e-14)
+    assert v[:9].min() > 0.1
