@@ -9,6 +9,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..records import records
+from .breaking import Breaking, struct
 from .dampers import Law
 from .law import spring_damper
 from .route import Route, difference
@@ -49,18 +50,53 @@ def _layout(rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, uniform: bool) -> Route:
+def remaining(dim: int, scalar: type, Forces: Any, breaking: Breaking):
+    """Compose the mask of particle i after its neighbour by direction d has been looked at.
+
+    The neighbour is that of `bit`, by which it is Δx away. The bit is cleared if their connection is too long;
+    `first` is the first particle of the connection, by which and by d its number is found.
+    """
+    V = vector(dim, scalar)
+    _, is_suspect, breaks = breaking
+
+    @wp.func
+    def remaining_mask(
+        forces: Forces, i: int, mask: wp.uint32, bit: wp.uint32, d: int, first: int, rest: scalar, dx: V
+    ) -> wp.uint32:
+        result = mask
+        if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
+            if (mask & bit) != wp.uint32(0):
+                c = forces.breaking.number[d * forces.mask.shape[0] + first]
+                if breaks(forces.breaking, c, rest, wp.dot(dx, dx)):
+                    result = mask & ~bit
+                    forces.mask[i] = result
+        return result
+
+    return remaining_mask
+
+
+@functools.cache
+def stencil(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    breaking: Breaking | None = None,
+) -> Route:
     """Compose the gathering route for lattices, whose neighbours need no table.
 
     A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
     of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
-    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction.
+    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
+    connections break each particle clears bits of its own mask.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
-    damped = damper is not None
+    damped, tears = damper is not None, breaking is not None
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
@@ -69,7 +105,7 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
 
-    @wp.struct
+    @struct(breaking)
     class Lattice:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: Shifts  # how far off each row of neighbours lies, in particles
@@ -79,7 +115,7 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
         stiffness: Constants  # [N/m]
         damping: Constants  # b in the units of the law
 
-    @wp.struct
+    @struct(breaking)
     class Lattices:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
@@ -90,6 +126,7 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
 
     Forces = Lattice if uniform else Lattices
+    remaining_mask = remaining(dim, scalar, Forces, breaking) if breaking is not None else None
 
     @wp.func
     def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
@@ -117,6 +154,15 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
                     dx = apart(lost, x, x_i, i, j)
                     if wp.static(damped):
                         dv = v_i - load(v, j)
+                    if wp.static(tears):
+                        bit = wp.uint32(wp.static(field(r, n, "bit")))
+                        first = i
+                        if wp.static(field(r, n, "bit") >= 1 << len(steps)):
+                            first = j
+                        if wp.static(uniform):
+                            mask = remaining_mask(forces, i, mask, bit, d, first, forces.rest_length[d], dx)
+                        else:
+                            mask = remaining_mask(forces, i, mask, bit, d, first, forces.rest_length[kind, d], dx)
                     if wp.static(uniform):
                         q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
                     else:
@@ -133,9 +179,9 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
                     force -= q * dx
         return force
 
-    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice) if uniform else None
+    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
-    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128)
+    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128, tears=tears)
 
 
 COLUMN = 2
@@ -143,7 +189,15 @@ COLUMN = 2
 
 
 @functools.cache
-def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, Lattice: Any):
+def column_forces(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    Lattice: Any,
+    breaking: Breaking | None = None,
+):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
@@ -161,7 +215,8 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
     found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
-    layout = _layout(rows, neighbours)
+    layout, tears = _layout(rows, neighbours), breaking is not None
+    remaining_mask = remaining(dim, scalar, Lattice, breaking) if breaking is not None else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
         """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
@@ -215,6 +270,13 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
                                 if wp.static(compensated):
                                     dx = dx - (own_lost[d] - lost_j)
                                 l0 = forces.rest_length[n]
+                                if wp.static(tears):
+                                    bit = wp.uint32(wp.static(field(r, p, a, d, "bit")))
+                                    own = i + d * forces.stride
+                                    first = own
+                                    if wp.static(field(r, p, a, d, "bit") >= 1 << len(steps)):
+                                        first = j
+                                    masks[d] = remaining_mask(forces, own, masks[d], bit, n, first, l0, dx)
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
                                 # What is read of a missing neighbour may be any other particle's.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):

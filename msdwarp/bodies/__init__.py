@@ -2,7 +2,7 @@
 
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
-from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
+from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .selection import selected
@@ -15,12 +15,14 @@ __all__ = [
     "AXES",
     "CONNECTION_FIELDS",
     "COTTON",
+    "DEFAULTS",
     "FOAM",
     "JELLY",
     "LINEAR",
     "PARTICLE_FIELDS",
     "RUBBER",
     "STEEL_WIRE",
+    "TEARING_FIELDS",
     "CoulombDamper",
     "Damper",
     "Frame",

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..kernels.contact import NO_CONTACT, Contact
 from ..kernels.effect import Piece
-from ..kernels.forces import COLUMN
+from ..kernels.forces import COLUMN, NO_SUBSTEP
 from ..kernels.integrators import (
     Composition,
     begin_each_connection,
@@ -21,6 +21,7 @@ from .effect import Effect
 from .forces import ROUTE_CLASSES
 from .model import Model
 from .state import State
+from .tearing import Tearing
 
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
@@ -52,6 +53,9 @@ class Dynamics:
 
     def _place(self, effect: Effect) -> None:
         """Have kernels find an effect's data as they are now."""
+        if isinstance(effect, Tearing):
+            self.world.forces.breaking = effect.data
+            return
         field = effect.piece.field if isinstance(effect.piece, Piece) else "colliders"
         setattr(self.world, field, effect.data)
 
@@ -80,8 +84,15 @@ class Dynamics:
             if effect.begin_substep(substep):
                 self._place(effect)
 
+    def have_begun(self) -> None:
+        """Have what is launched next begin no substep: nothing breaks then."""
+        if self.composition.route.tears:
+            self.world.forces.breaking.substep = NO_SUBSTEP
+
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
+
+        In the first one of a substep connections break.
 
         Parameters
         ----------
@@ -107,6 +118,7 @@ class Dynamics:
         else:
             kernel, threads = each_particle(self.composition, method), model.particle_count
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
+        self.have_begun()
 
     def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
         """Return the stages (method, step) that `take_substeps` would launch, without launching them."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..world import Collider
 from .contact import Contact
 from .effect import Effect
+from .tearing import Tearing
 from .yielding import Yielding
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ class Surroundings(NamedTuple):
 EFFECTS: list[Callable[["Model", Surroundings], Effect | None]] = [
     lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
+    lambda model, around: Tearing(model) if model.system.tears else None,
 ]
 """For each effect a function that returns it, or None where the scene lacks it."""
 

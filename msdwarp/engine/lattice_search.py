@@ -30,6 +30,18 @@ class Lattice(NamedTuple):
     constants: dict[str, NDArray[np.float64]]
     """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
 
+    def numbers(self, system: System) -> NDArray[np.int32]:
+        """Return the connection that leads in each direction from each particle; −1 where there is none.
+
+        Of the system in which the lattice was found; shape [direction_count, particle_count].
+        """
+        found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
+        for body in system.directions:
+            for name, part in body.items():
+                chosen = np.arange(system.connection_count, dtype=np.int32)[part]
+                found[self.steps.index(step_of(name)), system.connections[chosen, 0]] = chosen
+        return found
+
     @property
     def uniform(self) -> bool:
         """Whether shifts and constants are the same for all particles."""

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..kernels.forces import leave_out_broken
 from ..kernels.reductions import fold, strain_each, sum_connections, sum_difference, sum_particles
 from ..kernels.reductions import measure as columns
 from .model import Model
@@ -101,7 +102,8 @@ class Sums:
         compensated = model.compensated and x_lost is not None
         self._sum(0, sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v])
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-        kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
+        law, tears = model.system.damper.law, model.tearing is not None
+        kernel = sum_connections(model.dim, model.scalar, compensated, law, tears)
         self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
 
     def launch_difference(self, v: wp.array, u: wp.array) -> None:
@@ -128,8 +130,13 @@ class Sums:
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
     """Write each connection's strain, length / rest length − 1, computed in float64, shape [connection_count].
 
+    That of a broken one is NaN.
+
     `place` says where that of each connection on the device goes; None where the order is the system's.
     """
     kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
     inputs = [model.connections, model.rest_length, place, state.x, state.lost.x]
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
+    if model.tearing is not None:
+        inputs = [model.tearing.broken_at, place]
+        wp.launch(leave_out_broken(model.scalar), model.connection_count, inputs, [strain], device=model.device)
