@@ -190,6 +190,18 @@ def fold(
     rows[row, first + column] = total
 
 
+@kernel
+def put_in_order(
+    values: wp.array(dtype=wp.float32),  # in the order of the device, shape [connection_count]
+    place: wp.array(dtype=int),  # where that of each goes, shape [connection_count]
+    # Out:
+    result: wp.array(dtype=wp.float32),  # shape [connection_count]
+):
+    """Write what connections have in another order."""
+    c = wp.tid()
+    result[place[c]] = values[c]
+
+
 @functools.cache
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.

@@ -5,6 +5,7 @@ from .description import counted, headline
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
+from .parting import Edges, broken_before
 from .selection import selected
 from .space import AXES, in_space, rotation
 from .surface import Surface
@@ -25,11 +26,13 @@ __all__ = [
     "TEARING_FIELDS",
     "CoulombDamper",
     "Damper",
+    "Edges",
     "Frame",
     "Material",
     "QuadraticDamper",
     "Surface",
     "System",
+    "broken_before",
     "counted",
     "headline",
     "in_space",

@@ -7,7 +7,7 @@ implicit Euler launches its own solver.
 from .balance import Balance, Ledger, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .linearised import add_linearised, write_diagonal_blocks
-from .measures import Measures, measure, write_strain
+from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
 from .start import doubt_start
@@ -37,5 +37,6 @@ __all__ = [
     "size",
     "weight",
     "write_diagonal_blocks",
+    "write_in_order",
     "write_strain",
 ]

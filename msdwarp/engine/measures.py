@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.forces import leave_out_broken
-from ..kernels.reductions import fold, strain_each, sum_connections, sum_difference, sum_particles
+from ..kernels.reductions import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
 from ..kernels.reductions import measure as columns
 from .model import Model
 from .state import State
@@ -125,6 +125,17 @@ class Sums:
         particles, connections = sums[: WIDTHS[0]], sums[WIDTHS[0] : -WIDTHS[2]]
         connections[columns.STRAIN] = rows[:, WIDTHS[0] + columns.STRAIN].max()
         return particles, connections, float(sums[-1])
+
+
+def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
+    """Write numbers of float32 that connections on the device have in the order of the system's.
+
+    `place` says where that of each goes; None where the order is the same.
+    """
+    if place is None:
+        wp.copy(result, values)
+    else:
+        wp.launch(put_in_order, len(values), [values, place], [result], device=values.device)
 
 
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
