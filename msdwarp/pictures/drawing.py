@@ -52,7 +52,8 @@ class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
     The surface of the system, or, where `colouring` is "strain" or there is no surface, a tube along each
-    connection and, in small systems, a ball at each particle; behind them the solid colliders. `points`,
+    connection and, in small systems, a ball at each particle; behind them the solid colliders. What the system's
+    `broken_at` says is broken by the time of a frame is not drawn. `points`,
     `normals` and `colours` are float32 of shape [vertex_count, 3]. `scale` is what colours tell: of values of
     the particles, of the strain of connections, or None where they tell nothing.
     """
@@ -127,9 +128,8 @@ class Drawing:
         """Return the parts that follow the particles."""
         system, look = scene.system, scene.look
         if not self._shows_connections:
-            assert system.surface is not None
             colour = np.array(checks.colour("colour", look.colour))
-            return [SurfacePart(system.surface, colour, look.smooth, self.device)]
+            return [SurfacePart(system, colour, look.smooth, self.device)]
         body: list[BodyPart] = [Tubes(system, self.device)]
         few = system.particle_count <= MOST_BALLS
         if look.particles or (look.particles is None and few):

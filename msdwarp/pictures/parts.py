@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..bodies import Surface, System
+from ..bodies import Edges, System
 from ..kernels.pictures import drawing
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
@@ -48,19 +48,27 @@ class BodyPart(Part, Protocol):
 
 
 class SurfacePart:
-    """The surface of a system. Flat shading gives every triangle vertices of its own."""
+    """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
+
+    A triangle of which an edge is a broken connection is not drawn.
+    """
 
     radius = 0.0
 
-    def __init__(self, surface: Surface, colour: NDArray, smooth: bool, device: str) -> None:
-        vertices = len(surface.particle)
-        use = np.arange(vertices) if smooth else surface.triangles.ravel()
+    def __init__(self, system: System, colour: NDArray, smooth: bool, device: str) -> None:
+        assert system.surface is not None
+        surface, vertices = system.surface, len(system.surface.particle)
+        self._parted_at = None
+        if system.tears and surface.weights is None:
+            self._parted_at = wp.array(Edges(system).parted_at(system.broken_at), dtype=float, device=device)
+        own = not smooth or self._parted_at is not None
+        use = surface.triangles.ravel() if own else np.arange(vertices)
         self.uv, self.colour = surface.uv[use], colour
         self.triangles = surface.triangles
         normal_of = surface.normal_of
-        if not smooth:
+        if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
-            normal_of = None
+            normal_of = _normals_shared(use, normal_of) if smooth else None
         self._particle = wp.array(surface.particle[use], dtype=int, device=device)
         self._weights = None
         if surface.weights is not None:
@@ -77,6 +85,8 @@ class SurfacePart:
             _launch(drawing.place_vertices, len(points), [x, self._particle], [points])
         else:
             _launch(drawing.place_mixtures, len(points), [x, self._particle, self._weights], [points])
+        if self._parted_at is not None:
+            _launch(drawing.collapse, len(self._parted_at), [self._parted_at, time, 3], [points])
         self._sums.zero_()
         _launch(
             drawing.add_face_normals,
@@ -94,7 +104,7 @@ class SurfacePart:
 
 
 class Tubes:
-    """A three-sided tube along each connection."""
+    """A three-sided tube along each connection that is whole."""
 
     def __init__(self, system: System, device: str) -> None:
         vertices = 6 * system.connection_count
@@ -104,11 +114,16 @@ class Tubes:
         self.uv, self.colour = np.zeros((vertices, 2)), np.ones(3)
         self.radius = TUBE * float(np.median(system.rest_length))
         self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
+        self._broken_at = None
+        if system.tears:
+            self._broken_at = wp.array(np.array(system.broken_at), dtype=float, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Lay the tubes between their particles."""
         inputs = [x, self._connections, self.radius]
         _launch(drawing.place_tubes, len(self._connections), inputs, [points, normals])
+        if self._broken_at is not None:
+            _launch(drawing.collapse, len(self._broken_at), [self._broken_at, time, 6], [points])
 
     def mixture(self) -> tuple[NDArray, NDArray]:
         """Return the particle at the end where each vertex is: at the start and the end in turn."""
@@ -194,6 +209,16 @@ class ValuePaint:
         """Colour the part by values that are such shares of the full one."""
         inputs = [shares, self._particle, self._weights, self._stops]
         _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+
+
+def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
+    """Return the corner whose normal each corner of triangles takes, whose vertices are `use`.
+
+    Corners at vertices that take the same normal take that of the first of them.
+    """
+    vertex = use if normal_of is None else normal_of[use]
+    _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
+    return first[which.ravel()]
 
 
 def _alone(particle: NDArray) -> tuple[NDArray, NDArray]:

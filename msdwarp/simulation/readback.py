@@ -114,7 +114,8 @@ class Taken:
     def broken_at(self) -> NDArray | None:
         """Wait for it, and return when connections had broken by then [s]; None where none can break.
 
-        It is inf where they were whole, shape [connection_count]. As for `arrived`, the array is overwritten once this one has been released.
+        It is inf where they were whole, shape [connection_count]. As for `arrived`, the array is overwritten once
+        this one has been released.
         """
         self._room.wait()
         return self._room.there.get("broken_at")
