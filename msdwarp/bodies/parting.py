@@ -35,14 +35,21 @@ class Edges:
         self._of = np.where(pairs[found] == ends, found, -1)
 
     def parted_at(self, broken_at: NDArray) -> NDArray:
-        """Return when the first edge of each triangle broke, inf where none has, shape [triangle_count].
+        """Return when each triangle parted, inf where none has, shape [triangle_count].
+
+        It does when its corners are no longer joined by what is whole: as the second of its three edges breaks, or
+        the first where one of them has no connection.
 
         Parameters
         ----------
         broken_at
             When each connection broke [s], inf where it is whole, shape [connection_count].
         """
-        return np.append(broken_at, np.inf).astype(np.asarray(broken_at).dtype)[self._of].min(axis=1)
+        absent = self._of < 0
+        times = np.sort(np.where(absent, -np.inf, np.append(broken_at, np.inf)[self._of]), axis=1)
+        missing = absent.sum(axis=1)
+        parted = np.take_along_axis(times, np.clip(missing, 1, 2)[:, None], axis=1)[:, 0]
+        return np.where(missing == 3, np.inf, parted)
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:

@@ -50,7 +50,7 @@ class BodyPart(Part, Protocol):
 class SurfacePart:
     """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
 
-    A triangle of which an edge is a broken connection is not drawn.
+    A triangle that has parted (see `msdwarp.bodies.Edges`) is not drawn.
     """
 
     radius = 0.0

@@ -234,6 +234,7 @@ def test_strains_of_what_is_broken_are_none(device):
     simulation.step(3)
     taken = readback.take()
     strain, broken_at = taken.arrived()[1], taken.broken_at()
+    assert strain is not None
     np.testing.assert_array_equal(np.isnan(strain), simulation.snapshot().broken)
     np.testing.assert_array_equal(broken_at, simulation.snapshot().broken_at)
 

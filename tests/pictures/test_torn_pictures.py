@@ -19,6 +19,7 @@ def areas(drawing: Drawing, triangles: slice) -> np.ndarray:
 @pytest.mark.parametrize("smooth", [True, False])
 def test_triangles_along_a_tear_go(smooth):
     whole = sheet((5, 4), 0.1)
+    assert whole.surface is not None
     across = np.diff(whole.position[whole.connections][:, :, 0] > 0.05, axis=1)[:, 0]
     torn = whole.replace(broken_at=np.where(across, 1.5, np.inf))
     drawing, count = drawn(torn, smooth=smooth), len(whole.surface.triangles)
