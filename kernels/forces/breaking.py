@@ -20,7 +20,8 @@ class Breaking(NamedTuple):
     is_suspect: Any
     """wp.func (b, rest, square) -> bool: whether a connection of this rest length may be too long now."""
     breaks: Any
-    """wp.func (b, c, rest, square) -> bool: whether connection c is too long now; then it is noted as broken."""
+    """wp.func (b, c, rest, square) -> bool: whether connection c breaks, which it does as a substep begins; it is
+    then noted."""
 
 
 @functools.cache
@@ -40,6 +41,10 @@ def breaking(scalar: type) -> Breaking:
         start: wp.array(dtype=wp.float64)  # when the frame begins [s], shape [1]
         least: scalar  # square of the length over l0 up to which none breaks
         number: wp.array(dtype=int)  # of the connection in each of the route's places
+        # Of each neighbour in a uniform lattice, in the order of sums; to look one up among its arguments, a
+        # thread would copy all:
+        offset: wp.array(dtype=int)  # how far off it lies, in particles, shape [neighbour_count]
+        own: wp.array2d(dtype=scalar)  # rest length, stiffness and damping, shape [neighbour_count, 3]
         # By connection, shape [connection_count]:
         strain: wp.array(dtype=scalar)  # break strain ε
         stretch: wp.array(dtype=scalar)  # F/k [m]
@@ -51,10 +56,12 @@ def breaking(scalar: type) -> Breaking:
 
     @wp.func
     def is_suspect(b: Breaks, rest: scalar, square: scalar) -> bool:
-        return b.substep >= 0 and square > b.least * (rest * rest)
+        return square > b.least * (rest * rest)
 
     @wp.func
     def breaks(b: Breaks, c: int, rest: scalar, square: scalar) -> bool:
+        if b.substep < 0:
+            return False
         longest = wp.min(rest * (scalar(1.0) + b.strain[c]), rest + b.stretch[c])
         if square <= longest * longest:
             return False

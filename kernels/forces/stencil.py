@@ -50,29 +50,95 @@ def _layout(rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def remaining(dim: int, scalar: type, Forces: Any, breaking: Breaking):
-    """Compose the mask of particle i after its neighbour by direction d has been looked at.
+def after_breaking(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    Forces: Any,
+    breaking: Breaking,
+):
+    """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
-    The neighbour is that of `bit`, by which it is Δx away. The bit is cleared if their connection is too long;
-    `first` is the first particle of the connection, by which and by d its number is found.
+    Bits of neighbours are cleared whose connections are too long, and the force is summed anew without them. This
+    is seldom done, and so kept out of the loops that are unrolled for each neighbour.
     """
     V = vector(dim, scalar)
-    _, is_suspect, breaks = breaking
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, apart = records(dim, scalar).load, difference(dim, scalar, compensated)
+    force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
+    Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
+    # In the order in which forces are summed elsewhere: the number of the bit, the row, and the place in it.
+    each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
+    directions = len(steps)
+
+    def table(column: int) -> str:
+        return (
+            f"static const int table[] = {{{', '.join(str(entry[column]) for entry in each)}}}; return table[k];"
+        )
+
+    @wp.func_native(table(0))
+    def number_of(k: int) -> int: ...
+
+    @wp.func_native(table(1))
+    def row_of(k: int) -> int: ...
+
+    @wp.func_native(table(2))
+    def along_of(k: int) -> int: ...
 
     @wp.func
-    def remaining_mask(
-        forces: Forces, i: int, mask: wp.uint32, bit: wp.uint32, d: int, first: int, rest: scalar, dx: V
-    ) -> wp.uint32:
-        result = mask
-        if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
+    def remaining_force(
+        forces: Forces,
+        lost: Lost,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        i: int,
+        mask: wp.uint32,
+        suspects: wp.uint32,
+        force: V,
+    ) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        remaining = mask
+        total = V()
+        k = int(0)
+        while k < wp.static(2 * directions):
+            number = number_of(k)
+            bit = wp.uint32(1) << wp.uint32(number)
             if (mask & bit) != wp.uint32(0):
-                c = forces.breaking.number[d * forces.mask.shape[0] + first]
-                if breaks(forces.breaking, c, rest, wp.dot(dx, dx)):
-                    result = mask & ~bit
-                    forces.mask[i] = result
-        return result
+                d = number % wp.static(directions)
+                if wp.static(uniform):
+                    b = forces.breaking
+                    j = i + b.offset[k]
+                    own = Three(b.own[k, 0], b.own[k, 1], b.own[k, 2])
+                else:
+                    kind = forces.kind[i]
+                    j = i + forces.shift[row_of(k), i] + along_of(k)
+                    own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
+                dx = apart(lost, x, x_i, i, j)
+                if (suspects & bit) != wp.uint32(0):
+                    first = i  # of the connection's particles
+                    if number >= wp.static(directions):
+                        first = j
+                    c = forces.breaking.number[d * forces.mask.shape[0] + first]
+                    if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
+                        remaining = remaining & ~bit
+                if (remaining & bit) != wp.uint32(0):
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    total -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+            k += 1
+        if remaining == mask:
+            return force
+        forces.mask[i] = remaining
+        return total
 
-    return remaining_mask
+    return remaining_force
 
 
 @functools.cache
@@ -126,7 +192,11 @@ def stencil(
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
 
     Forces = Lattice if uniform else Lattices
-    remaining_mask = remaining(dim, scalar, Forces, breaking) if breaking is not None else None
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        kinds = (dim, scalar, damper, compensated, steps, uniform, Forces)
+        remaining_force = after_breaking(*kinds, breaking)
+        is_suspect = breaking.is_suspect
 
     @wp.func
     def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
@@ -142,6 +212,8 @@ def stencil(
         if wp.static(not uniform):
             kind = forces.kind[i]
         force = V()
+        if wp.static(tears):
+            suspects = wp.uint32(0)
         for r in range(wp.static(len(rows))):
             if wp.static(uniform):
                 row = i + forces.shift[r]
@@ -155,14 +227,12 @@ def stencil(
                     if wp.static(damped):
                         dv = v_i - load(v, j)
                     if wp.static(tears):
-                        bit = wp.uint32(wp.static(field(r, n, "bit")))
-                        first = i
-                        if wp.static(field(r, n, "bit") >= 1 << len(steps)):
-                            first = j
                         if wp.static(uniform):
-                            mask = remaining_mask(forces, i, mask, bit, d, first, forces.rest_length[d], dx)
+                            rest = forces.rest_length[d]
                         else:
-                            mask = remaining_mask(forces, i, mask, bit, d, first, forces.rest_length[kind, d], dx)
+                            rest = forces.rest_length[kind, d]
+                        if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
+                            suspects = suspects | wp.uint32(wp.static(field(r, n, "bit")))
                     if wp.static(uniform):
                         q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
                     else:
@@ -177,11 +247,25 @@ def stencil(
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
                         q = scalar(0.0)
                     force -= q * dx
+        if wp.static(tears):
+            if (suspects & mask) != wp.uint32(0):
+                force = remaining_force(forces, lost, x, v, i, mask, suspects, force)
         return force
 
     columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
-    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128, tears=tears)
+    single = scalar is wp.float32
+    # What is seldom done must not take registers from what each thread does.
+    bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
+    return Route(
+        Forces,
+        force_at,
+        column_forces=columns,
+        block=256 if single else 128,
+        bounds=bounds,
+        column_bounds=column_bounds,
+        tears=tears,
+    )
 
 
 COLUMN = 2
@@ -216,7 +300,10 @@ def column_forces(
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
     layout, tears = _layout(rows, neighbours), breaking is not None
-    remaining_mask = remaining(dim, scalar, Lattice, breaking) if breaking is not None else None
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
+        is_suspect = breaking.is_suspect
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
         """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
@@ -239,6 +326,8 @@ def column_forces(
         own_lost = Column()
         total = Column()
         masks = Masks()
+        if wp.static(tears):
+            suspects = Masks()
         if wp.static(layout) < 0:  # never: see _layout
             return total
         for d in range(wp.static(COLUMN)):
@@ -271,17 +360,18 @@ def column_forces(
                                     dx = dx - (own_lost[d] - lost_j)
                                 l0 = forces.rest_length[n]
                                 if wp.static(tears):
-                                    bit = wp.uint32(wp.static(field(r, p, a, d, "bit")))
-                                    own = i + d * forces.stride
-                                    first = own
-                                    if wp.static(field(r, p, a, d, "bit") >= 1 << len(steps)):
-                                        first = j
-                                    masks[d] = remaining_mask(forces, own, masks[d], bit, n, first, l0, dx)
+                                    if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
+                                        suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
                                 # What is read of a missing neighbour may be any other particle's.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)
                                 total[d] = total[d] - q * dx
+        if wp.static(tears):
+            for d in range(wp.static(COLUMN)):
+                if (suspects[d] & masks[d]) != wp.uint32(0):
+                    own = i + d * forces.stride
+                    total[d] = remaining_force(forces, lost, x, v, own, masks[d], suspects[d], total[d])
         return total
 
     return forces_at

@@ -180,6 +180,10 @@ class Stencil:
         if tearing is not None:
             numbers = lattice.numbers(model.system)
             tearing.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            if lattice.uniform:
+                offset, own = lattice.neighbours()
+                tearing.data.offset = wp.array(offset, dtype=int, device=device)
+                tearing.data.own = wp.array(own, dtype=model.scalar, device=device)
             tearing.carry_out(data.mask, partial(self._clear, model, tearing, numbers))
         if lattice.uniform:
             data.stride = lattice.stride

@@ -42,6 +42,16 @@ class Lattice(NamedTuple):
                 found[self.steps.index(step_of(name)), system.connections[chosen, 0]] = chosen
         return found
 
+    def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return how far off the neighbours in a uniform lattice are, and their constants, in the order of sums.
+
+        Of shapes [neighbour_count] and [neighbour_count, 3], the constants in the order of CONSTANTS.
+        """
+        _, rows = stencil_rows(self.steps)
+        each = [(int(self.shift[r]) + one.along, one.direction) for r, row in enumerate(rows) for one in row]
+        offset, direction = np.array(each, dtype=np.int32).T
+        return offset, np.stack([self.constants[name][0][direction] for name in CONSTANTS], axis=1)
+
     @property
     def uniform(self) -> bool:
         """Whether shifts and constants are the same for all particles."""
