@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import in_space
+from ..bodies import Edges, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
@@ -129,7 +129,10 @@ class Drawing:
         system, look = scene.system, scene.look
         if not self._shows_connections:
             colour = np.array(checks.colour("colour", look.colour))
-            return [SurfacePart(system, colour, look.smooth, self.device)]
+            assert system.surface is not None
+            parts = system.tears and system.surface.weights is None
+            parted_at = Edges(system).parted_at(system.broken_at) if parts else None
+            return [SurfacePart(system.surface, colour, look.smooth, self.device, parted_at)]
         body: list[BodyPart] = [Tubes(system, self.device)]
         few = system.particle_count <= MOST_BALLS
         if look.particles or (look.particles is None and few):

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..bodies import Edges, System
+from ..bodies import Surface, System
 from ..kernels.pictures import drawing
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
@@ -50,18 +50,17 @@ class BodyPart(Part, Protocol):
 class SurfacePart:
     """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
 
-    A triangle that has parted (see `msdwarp.bodies.Edges`) is not drawn.
+    A triangle is not drawn once it has parted (see `msdwarp.bodies.Edges`): when is in `parted_at` [s], shape
+    [triangle_count]; None where none can.
     """
 
     radius = 0.0
 
-    def __init__(self, system: System, colour: NDArray, smooth: bool, device: str) -> None:
-        assert system.surface is not None
-        surface, vertices = system.surface, len(system.surface.particle)
-        self._parted_at = None
-        if system.tears and surface.weights is None:
-            self._parted_at = wp.array(Edges(system).parted_at(system.broken_at), dtype=float, device=device)
-        own = not smooth or self._parted_at is not None
+    def __init__(
+        self, surface: Surface, colour: NDArray, smooth: bool, device: str, parted_at: NDArray | None = None
+    ) -> None:
+        vertices, own = len(surface.particle), not smooth or parted_at is not None
+        self._parted_at = None if parted_at is None else wp.array(parted_at, dtype=float, device=device)
         use = surface.triangles.ravel() if own else np.arange(vertices)
         self.uv, self.colour = surface.uv[use], colour
         self.triangles = surface.triangles
