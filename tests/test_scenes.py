@@ -217,3 +217,47 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     for a, b in zip(exact, rounded, strict=True):
         # float32 rounding of 6e-8 a substep, over some 400 of them, grown by the motion
         assert np.abs(a.position - b.position).max() < 1e-4 * size
+
+
+def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
+    # Let go at the pin's height, a pendulum of 1 kg pulls with 3 m g cos(angle): with 2.4 m g at 37 degrees.
+    scene = build("snap")
+    simulation = msd.Simulation.of(scene, device="cpu", fps=240)
+    while not simulation.snapshot().broken.any():
+        simulation.step()
+        assert simulation.time < 1.0
+    assert np.flatnonzero(simulation.snapshot().broken).tolist() == [3]
+    across, _, down = simulation.frame().position[-1] - simulation.frame().position[0]
+    # Waves on a chain that weighs 1.4 % of the weight change the pull by some of the root of that, 12 %.
+    assert -down / np.hypot(across, down) == pytest.approx(0.8, rel=2 * 0.12)
+
+
+@pytest.mark.slow
+def test_the_cookie_breaks_in_two():
+    scene = build("cookie")
+    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation.step(120)
+    now = simulation.snapshot()
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    whole, n = now.connections[~now.broken], now.particle_count
+    _, piece = connected_components(coo_array((np.ones(len(whole)), whole.T), shape=(n, n)))
+    sizes = np.sort(np.bincount(piece))
+    assert sizes[-2] > 0.3 * n  # crumbs apart
+    assert now.position[:, 2].max() < 0.3
+    assert np.linalg.norm(now.velocity, axis=1).mean() < 0.05
+
+
+@pytest.mark.slow
+def test_the_ball_tears_the_cloth_on_from_its_cut():
+    scene = build("tear")
+    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation.step(80)
+    now, system = simulation.snapshot(), scene.system
+    torn = now.broken & ~system.broken
+    order = np.argsort(np.where(torn, now.broken_at, np.inf))[:20]
+    middle = system.position[system.connections[order]].mean(axis=1)
+    tip = (0.0, 1.5 * 0.4 - 0.75, 1.0)
+    assert np.linalg.norm(middle - tip, axis=1).max() < 0.2  # it goes on at the end of the cut
+    assert torn.sum() > 50

@@ -6,6 +6,7 @@ are asked for, from a table of neighbours (`gather`) or, in a lattice, by counti
 x − lost.x in compensated precision: what rounding took matters to short springs.
 """
 
+from .breaking import NO_SUBSTEP, Breaking, breaking, leave_out_broken
 from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
 from .dampers import Law, damper_force
 from .gather import CHUNK, SLICE, gather
@@ -21,12 +22,16 @@ __all__ = [
     "CONSTANTS",
     "KIND_SHIFT",
     "MOST_KINDS",
+    "NO_SUBSTEP",
     "SLICE",
+    "Breaking",
     "Law",
     "Route",
     "add_blocks",
+    "breaking",
     "damper_force",
     "gather",
+    "leave_out_broken",
     "plastic_flow",
     "scatter",
     "stencil",

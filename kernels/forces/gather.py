@@ -12,6 +12,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..records import records
+from .breaking import Breaking, struct
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
 from .law import spring_damper
@@ -35,27 +36,31 @@ NEIGHBOURS = f"""
 
 
 @functools.cache
-def gather(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
+def gather(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+) -> Route:
     """Compose the route by particles: each sums the forces of its own connections, from a table of neighbours.
 
     The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
     fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
     numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
-    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number.
+    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number. A slot
+    whose connection breaks names the particle itself from then on.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
-    packed, damped = storage == "packed", damper is not None
+    packed, damped, tears = storage == "packed", damper is not None, breaking is not None
+    _, is_suspect, breaks = breaking or (None, None, None)
 
     Others = wp.types.vector(CHUNK, int)
 
     @wp.func_native(NEIGHBOURS)
     def neighbours(other: wp.array(dtype=int), slot: int) -> Others: ...
 
-    @wp.struct
+    @struct(breaking)
     class Gathered:
         first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
         other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count], and a chunk behind
@@ -87,9 +92,15 @@ def gather(dim: int, scalar: type, damper: Law | None, compensated: bool, storag
                 dx = apart(lost, x, x_i, i, j)
                 if wp.static(damped):
                     dv = v_i - load(v, j)
+                if wp.static(tears):
+                    if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):
+                        at = slot + n * wp.static(SLICE)
+                        if breaks(forces.breaking, forces.breaking.number[at], own[0], wp.dot(dx, dx)):
+                            forces.other[at] = i
+                            dx = V()
                 force -= force_density(dx, dv, own[0], own[1], own[2]) * dx
             slot += wp.static(CHUNK * SLICE)
         return force
 
     bounds = (256, 5) if scalar is wp.float32 else None
-    return Route(Gathered, force_at, bounds=bounds, grid_stride=False)
+    return Route(Gathered, force_at, bounds=bounds, tears=tears, grid_stride=False)

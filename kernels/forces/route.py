@@ -25,6 +25,10 @@ class Route(NamedTuple):
     """Threads in a block over particles."""
     bounds: tuple[int, int] | None = None
     """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
+    column_bounds: tuple[int, int] | None = None
+    """The same for columns."""
+    tears: bool = False
+    """Whether connections break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
     """Whether threads may take several particles (`wp.kernel`): False needs less, but made stencils slower."""
 

@@ -7,6 +7,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..records import records
+from .breaking import Breaking, struct
 from .constants import constants
 from .dampers import Law
 from .law import spring_damper
@@ -14,20 +15,24 @@ from .route import Route, difference, ends_of
 
 
 @functools.cache
-def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str) -> Route:
+def scatter(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+) -> Route:
     """Compose the route by connections: each adds its force to one end and subtracts it from the other.
 
     The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
-    Taking a force sets its place to zero for the next evaluation.
+    Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
+    itself, and adds nothing.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
-    damped = damper is not None
+    damped, tears = damper is not None, breaking is not None
+    _, is_suspect, breaks = breaking or (None, None, None)
 
-    @wp.struct
+    @struct(breaking)
     class Scattered:
         f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
@@ -43,6 +48,11 @@ def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, stora
         if wp.static(damped):
             dv = load(v, i) - load(v, j)
         own = take(forces.constants, c)
+        if wp.static(tears):
+            if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):
+                if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
+                    forces.connections[c] = wp.vec2i(i, i)
+                    dx = V()
         force = -force_density(dx, dv, own[0], own[1], own[2]) * dx
         add(forces.f, i, force)
         add(forces.f, j, -force)
@@ -53,4 +63,4 @@ def scatter(dim: int, scalar: type, damper: Law | None, compensated: bool, stora
         store(forces.f, i, V())
         return f
 
-    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1), grid_stride=False)
+    return Route(Scattered, force_at, evaluate, block=1024, bounds=(1024, 1), tears=tears, grid_stride=False)

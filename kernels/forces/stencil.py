@@ -9,6 +9,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..records import records
+from .breaking import Breaking, struct
 from .dampers import Law
 from .law import spring_damper
 from .route import Route, difference
@@ -49,18 +50,119 @@ def _layout(rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, uniform: bool) -> Route:
+def after_breaking(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    Forces: Any,
+    breaking: Breaking,
+):
+    """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
+
+    Bits of neighbours are cleared whose connections are too long, and the force is summed anew without them. This
+    is seldom done, and so kept out of the loops that are unrolled for each neighbour.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, apart = records(dim, scalar).load, difference(dim, scalar, compensated)
+    force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
+    Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
+    # In the order in which forces are summed elsewhere: the number of the bit, the row, and the place in it.
+    each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
+    directions = len(steps)
+
+    def table(column: int) -> str:
+        return (
+            f"static const int table[] = {{{', '.join(str(entry[column]) for entry in each)}}}; return table[k];"
+        )
+
+    @wp.func_native(table(0))
+    def number_of(k: int) -> int: ...
+
+    @wp.func_native(table(1))
+    def row_of(k: int) -> int: ...
+
+    @wp.func_native(table(2))
+    def along_of(k: int) -> int: ...
+
+    @wp.func
+    def remaining_force(
+        forces: Forces,
+        lost: Lost,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        i: int,
+        mask: wp.uint32,
+        suspects: wp.uint32,
+        force: V,
+    ) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        remaining = mask
+        total = V()
+        k = int(0)
+        while k < wp.static(2 * directions):
+            number = number_of(k)
+            bit = wp.uint32(1) << wp.uint32(number)
+            if (mask & bit) != wp.uint32(0):
+                d = number % wp.static(directions)
+                if wp.static(uniform):
+                    b = forces.breaking
+                    j = i + b.offset[k]
+                    own = Three(b.own[k, 0], b.own[k, 1], b.own[k, 2])
+                else:
+                    kind = forces.kind[i]
+                    j = i + forces.shift[row_of(k), i] + along_of(k)
+                    own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
+                dx = apart(lost, x, x_i, i, j)
+                if (suspects & bit) != wp.uint32(0):
+                    first = i  # of the connection's particles
+                    if number >= wp.static(directions):
+                        first = j
+                    c = forces.breaking.number[d * forces.mask.shape[0] + first]
+                    if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
+                        remaining = remaining & ~bit
+                if (remaining & bit) != wp.uint32(0):
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    total -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+            k += 1
+        if remaining == mask:
+            return force
+        forces.mask[i] = remaining
+        return total
+
+    return remaining_force
+
+
+@functools.cache
+def stencil(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    breaking: Breaking | None = None,
+) -> Route:
     """Compose the gathering route for lattices, whose neighbours need no table.
 
     A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
     of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
-    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction.
+    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
+    connections break each particle clears bits of its own mask.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
-    damped = damper is not None
+    damped, tears = damper is not None, breaking is not None
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
@@ -69,7 +171,7 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
 
-    @wp.struct
+    @struct(breaking)
     class Lattice:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: Shifts  # how far off each row of neighbours lies, in particles
@@ -79,7 +181,7 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
         stiffness: Constants  # [N/m]
         damping: Constants  # b in the units of the law
 
-    @wp.struct
+    @struct(breaking)
     class Lattices:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
@@ -90,6 +192,11 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
 
     Forces = Lattice if uniform else Lattices
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        kinds = (dim, scalar, damper, compensated, steps, uniform, Forces)
+        remaining_force = after_breaking(*kinds, breaking)
+        is_suspect = breaking.is_suspect
 
     @wp.func
     def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
@@ -105,6 +212,8 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
         if wp.static(not uniform):
             kind = forces.kind[i]
         force = V()
+        if wp.static(tears):
+            suspects = wp.uint32(0)
         for r in range(wp.static(len(rows))):
             if wp.static(uniform):
                 row = i + forces.shift[r]
@@ -117,6 +226,13 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
                     dx = apart(lost, x, x_i, i, j)
                     if wp.static(damped):
                         dv = v_i - load(v, j)
+                    if wp.static(tears):
+                        if wp.static(uniform):
+                            rest = forces.rest_length[d]
+                        else:
+                            rest = forces.rest_length[kind, d]
+                        if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
+                            suspects = suspects | wp.uint32(wp.static(field(r, n, "bit")))
                     if wp.static(uniform):
                         q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
                     else:
@@ -131,11 +247,25 @@ def stencil(dim: int, scalar: type, damper: Law | None, compensated: bool, steps
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
                         q = scalar(0.0)
                     force -= q * dx
+        if wp.static(tears):
+            if (suspects & mask) != wp.uint32(0):
+                force = remaining_force(forces, lost, x, v, i, mask, suspects, force)
         return force
 
-    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice) if uniform else None
+    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
-    return Route(Forces, force_at, column_forces=columns, block=256 if scalar is wp.float32 else 128)
+    single = scalar is wp.float32
+    # What is seldom done must not take registers from what each thread does.
+    bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
+    return Route(
+        Forces,
+        force_at,
+        column_forces=columns,
+        block=256 if single else 128,
+        bounds=bounds,
+        column_bounds=column_bounds,
+        tears=tears,
+    )
 
 
 COLUMN = 2
@@ -143,7 +273,15 @@ COLUMN = 2
 
 
 @functools.cache
-def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, Lattice: Any):
+def column_forces(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    Lattice: Any,
+    breaking: Breaking | None = None,
+):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
@@ -164,7 +302,11 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
     found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
-    layout = _layout(rows, neighbours)
+    layout, tears = _layout(rows, neighbours), breaking is not None
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
+        is_suspect = breaking.is_suspect
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
         """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
@@ -187,6 +329,8 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
         own_lost = Column()
         total = Column()
         masks = Masks()
+        if wp.static(tears):
+            suspects = Masks()
         if wp.static(layout) < 0:  # never: see _layout
             return total
         for d in range(wp.static(COLUMN)):
@@ -218,11 +362,19 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
                                 if wp.static(compensated):
                                     dx = dx - (own_lost[d] - lost_j)
                                 l0 = forces.rest_length[n]
+                                if wp.static(tears):
+                                    if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
+                                        suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
                                 # What is read of a missing neighbour may be any other particle's.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)
                                 total[d] = total[d] - q * dx
+        if wp.static(tears):
+            for d in range(wp.static(COLUMN)):
+                if (suspects[d] & masks[d]) != wp.uint32(0):
+                    own = i + d * forces.stride
+                    total[d] = remaining_force(forces, lost, x, v, own, masks[d], suspects[d], total[d])
         return total
 
     return forces_at

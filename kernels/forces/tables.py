@@ -101,6 +101,24 @@ def pack_kinds(
         other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
 
 
+@kernel
+def name_itself_where_broken(
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+    broken_at: wp.array(dtype=wp.float32),  # of each connection [s], inf where whole, shape [connection_count]
+    # Out:
+    other: wp.array(dtype=int),  # shape [slot_count]
+):
+    """Fill the slots of particle i whose connections are broken with the particle itself."""
+    i = wp.tid()
+    slot = first[i / SLICE] + i % SLICE
+    while slot < first[i / SLICE + 1]:
+        if connection[slot] >= 0:
+            if wp.isfinite(broken_at[connection[slot]]):
+                other[slot] = i
+        slot += SLICE
+
+
 @functools.cache
 def take(dtype: type):
     """Compose the kernel, over slots, that takes each connection's value into its slots."""

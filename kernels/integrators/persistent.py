@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel
+from ..forces import NO_SUBSTEP
 from .composition import Composition, beginning, loads, tools
 
 MOST_THREADS = 512
@@ -35,7 +36,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
     _, World, *_ = tools(composition)
     begin, load = beginning(composition), loads(composition)
     evaluate, force_at = composition.route.evaluate, composition.route.force_at
-    moving, timed = composition.contact.moving, composition.timed
+    moving, timed, tears = composition.contact.moving, composition.timed, composition.route.tears
     Step, advance, _ = method(composition)
 
     def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
@@ -44,6 +45,8 @@ def persistent(composition: Composition, method: Any, blocks: int):
             first = int(world.colliders.substep)
         if wp.static(timed):
             first_stage = int(world.stage)
+        if wp.static(tears):
+            begun = int(world.forces.breaking.substep)
         for k in range(count):
             step = steps[k % steps.shape[0]]
             if wp.static(timed):
@@ -55,6 +58,10 @@ def persistent(composition: Composition, method: Any, blocks: int):
                         begin(world, step.lost, step.x, c)
                         c += threads
                     wait()
+            if wp.static(tears):
+                world.forces.breaking.substep = wp.static(NO_SUBSTEP)
+                if k % (steps.shape[0] / 2) == 0:
+                    world.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
             if wp.static(evaluate is not None):
                 c = thread
                 while c < connection_count:

@@ -66,7 +66,6 @@ def each_column(composition: Composition, method: Any):
     load, forces_at = loads(composition), composition.route.column_forces
     Step, advance, _ = method(composition)
 
-    @kernel
     def advance_columns(world: World, step: Step):
         column = wp.tid()
         stride = world.forces.stride
@@ -78,7 +77,7 @@ def each_column(composition: Composition, method: Any):
                     forces[d] += load(world, step.lost, step.x, step.v, i + d * stride)
                 advance(world, step, forces[d], i + d * stride)
 
-    return advance_columns
+    return kernel(advance_columns, launch_bounds=composition.route.column_bounds)
 
 
 @functools.cache

@@ -144,6 +144,27 @@ def place_tubes(
 
 
 @wp.func
+def is_broken(broken_at: float, time: float) -> bool:
+    """Return whether what broke at that time is broken in a frame: before it, or from the start."""
+    return broken_at < time or broken_at <= 0.0
+
+
+@kernel
+def collapse(
+    broken_at: wp.array(dtype=float),  # of each piece [s], inf where it is whole, shape [piece_count]
+    time: float,  # [s]
+    corners: int,
+    # In and out:
+    points: wp.array(dtype=wp.vec3),  # [m], so many corners for each piece, shape [piece_count · corners]
+):
+    """Put all corners of broken pieces where their first ones are: nothing is seen of them then."""
+    piece = wp.tid()
+    if is_broken(broken_at[piece], time):
+        for k in range(1, corners):
+            points[piece * corners + k] = points[piece * corners]
+
+
+@wp.func
 def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
     """Return the colour at a share of a scale: linear between its stops, and its ends below 0 and above 1."""
     last = stops.shape[0] - 1

@@ -116,8 +116,11 @@ def difference(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
-    """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost."""
+def sum_connections(dim: int, scalar: type, compensated: bool, law: Law, tears: bool = False):
+    """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost.
+
+    With `tears` true those that have neither stiffness nor damping are broken: their strain is nobody's.
+    """
     V, resistance = vector(dim, scalar), damper_force(wp.float64, law)
     apart = difference(dim, scalar, compensated)
 
@@ -155,6 +158,9 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law):
             if length > wp.float64(0.0):
                 rate = closing / length
                 dissipated += resistance(rate, wp.float64(damping[c])) * rate
+            if wp.static(tears):
+                if stiffness[c] == scalar(0.0) and damping[c] == scalar(0.0):
+                    stretch = wp.float64(0.0)
             strain = wp.max(strain, wp.abs(stretch) / rest)
             c += shares.shape[0]
         shares[share, wp.static(ELASTIC)] = elastic
@@ -182,6 +188,18 @@ def fold(
             total += shares[share, column]
         share += rows.shape[0]
     rows[row, first + column] = total
+
+
+@kernel
+def put_in_order(
+    values: wp.array(dtype=wp.float32),  # in the order of the device, shape [connection_count]
+    place: wp.array(dtype=int),  # where that of each goes, shape [connection_count]
+    # Out:
+    result: wp.array(dtype=wp.float32),  # shape [connection_count]
+):
+    """Write what connections have in another order."""
+    c = wp.tid()
+    result[place[c]] = values[c]
 
 
 @functools.cache

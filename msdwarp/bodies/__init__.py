@@ -3,9 +3,10 @@
 from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
-from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
+from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
+from .parting import Edges, broken_before
 from .selection import selected
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
@@ -16,19 +17,23 @@ __all__ = [
     "AXES",
     "CONNECTION_FIELDS",
     "COTTON",
+    "DEFAULTS",
     "FOAM",
     "JELLY",
     "LINEAR",
     "PARTICLE_FIELDS",
     "RUBBER",
     "STEEL_WIRE",
+    "TEARING_FIELDS",
     "CoulombDamper",
     "Damper",
+    "Edges",
     "Frame",
     "Material",
     "QuadraticDamper",
     "Surface",
     "System",
+    "broken_before",
     "counted",
     "headline",
     "in_space",

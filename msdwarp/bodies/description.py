@@ -36,6 +36,9 @@ def description(system: "System") -> str:
         forces = [f"stiffness {span(system.stiffness)} N/m"]
         forces += [f"damping {span(system.damping)}{' N s/m' if linear else f' by {system.damper!r}'}"]
         forces += [f"yields beyond a strain of {span(system.yield_strain)}"] if system.yields else []
+        broken = int(system.broken.sum()) if system.tears else 0
+        forces += [f"{counted(broken, 'connection')} broken"] if broken else []
+        forces += ["tears"] if system.tears and not broken else []
         lines.append(", ".join(forces))
     if system.groups:
         groups = [f"{name} ({len(particles)})" for name, particles in list(system.groups.items())[:_NAMED]]

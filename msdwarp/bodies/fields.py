@@ -10,7 +10,7 @@ from .. import checks
 from .dampers import Damper
 from .selection import check_no_mask
 from .surface import Surface
-from .uniform import is_uniform
+from .uniform import is_uniform, stored
 
 _FINITE = (np.isfinite, "finite")
 LIMITS = {
@@ -23,6 +23,9 @@ LIMITS = {
     "yield_strain": ((lambda strain: strain >= 0, "at least 0 (inf never yields)"),),
     "relaxation_time": (_FINITE, (lambda time: time >= 0, "at least 0")),
     "largest_plastic_strain": ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),),
+    "break_strain": ((lambda strain: strain >= 0, "at least 0 (inf never breaks)"),),
+    "break_force": ((lambda force: force >= 0, "at least 0 (inf never breaks)"),),
+    "broken_at": ((lambda time: time >= 0, "at least 0 (inf is whole)"),),
 }
 PARTICLE_FIELDS = ("position", "velocity", "mass")
 """Arrays of a system with an entry for each particle."""
@@ -34,15 +37,24 @@ CONNECTION_FIELDS = (
     "relaxation_time",
     "largest_plastic_strain",
     "original_length",
+    "break_strain",
+    "break_force",
+    "broken_at",
 )
 """Arrays of a system with an entry for each connection."""
+TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
+"""Those of them that files of before tearing lack; they are then as by default."""
 DEFAULTS = {
     "stiffness": 1000.0,
     "damping": 0.0,
     "yield_strain": np.inf,
     "relaxation_time": 0.1,
     "largest_plastic_strain": 0.5,
+    "break_strain": np.inf,
+    "break_force": np.inf,
+    "broken_at": np.inf,
 }
+"""What connections have where nothing is said."""
 LIMITS["original_length"] = LIMITS["rest_length"]
 _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
 
@@ -71,6 +83,8 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if "connections" in new:
         fields["connections"] = pairs(fields["connections"], particle_count)
     fields |= _of_connections(fields, new)
+    if new & {"break_strain", "break_force"}:
+        check_bears_start(fields)
 
     if not isinstance(fields["damper"], Damper):
         was = checks.said(fields["damper"])
@@ -123,6 +137,39 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool 
     values = checks.broadcast(name, value, shape)
     checks.within(name, values, *LIMITS[name])
     return values
+
+
+def longest(fields: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the length beyond which each connection of a system breaks [m]: it exerts break_force there at most.
+
+    Parameters
+    ----------
+    fields
+        Those of the system by name, of which rest_length, stiffness, break_strain and break_force are read.
+    """
+    rest, stiffness = fields["rest_length"], fields["stiffness"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stretch = np.where(stiffness > 0, fields["break_force"] / stiffness, np.inf)
+    return np.minimum(rest * (1 + fields["break_strain"]), rest + stretch)
+
+
+def check_bears_start(fields: Mapping[str, Any]) -> None:
+    """Check that no connection that is whole is longer at the start than what it bears."""
+    if np.isinf(stored(fields["break_strain"])).all() and np.isinf(stored(fields["break_force"])).all():
+        return
+    length, most, rest = lengths(fields["position"], fields["connections"]), longest(fields), fields["rest_length"]
+    # Lengths of what was placed unstrained are those of the rest but for rounding.
+    bears = np.isfinite(fields["broken_at"]) | (length <= most * (1 + 8 * np.finfo(np.float64).eps))
+    if not bears.all():
+        c = int(np.argmin(bears))
+        name = "break_strain" if most[c] == rest[c] * (1 + fields["break_strain"][c]) else "break_force"
+        least = (
+            length[c] / rest[c] - 1 if name == "break_strain" else fields["stiffness"][c] * (length[c] - rest[c])
+        )
+        raise ValueError(
+            f"{name}[{c}] is {fields[name][c]:.6g}; it must be at least {least:.6g}, with which the connection "
+            "starts (or broken_at says that it is broken)"
+        )
 
 
 def check_pinned_still(velocity: NDArray[np.float64], mass: NDArray[np.float64]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from .dampers import LINEAR, Damper
 from .description import description
-from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, checked, lengths
+from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, checked, lengths
 from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
@@ -54,6 +54,15 @@ class System:
         Bound of |rest_length / original_length − 1|, below 1, shape [connection_count].
     original_length
         Rest length before anything yielded [m], shape [connection_count]; by default the rest length.
+    break_strain
+        Strain, of a connection that is longer than at rest, beyond which it breaks for good, shape
+        [connection_count]; inf: it never does. See `msdwarp.kernels.forces.breaking`.
+    break_force
+        Tension of the spring, stiffness · (length − rest_length), beyond which it breaks [N], shape
+        [connection_count].
+    broken_at
+        When each connection broke [s], shape [connection_count]; inf where it is whole. What is broken exerts no
+        force and stores no energy: broken_at=0 cuts it.
     surface
         The triangles that are drawn, if there are any.
     directions
@@ -66,7 +75,8 @@ class System:
     ValueError
         If an array has the wrong shape, is not finite, or holds a mass that is not positive, a negative
         stiffness or damping, a rest length that is not positive, an index that is out of range, a
-        connection of a particle with itself, or a pinned particle that moves.
+        connection of a particle with itself, a pinned particle that moves, or a connection that starts longer
+        than what breaks it.
     """
 
     position: NDArray[np.float64]
@@ -81,6 +91,9 @@ class System:
     relaxation_time: NDArray[np.float64]
     largest_plastic_strain: NDArray[np.float64]
     original_length: NDArray[np.float64]
+    break_strain: NDArray[np.float64]
+    break_force: NDArray[np.float64]
+    broken_at: NDArray[np.float64]
     surface: Surface | None
     directions: tuple[Mapping[str, slice], ...]
     groups: Mapping[str, NDArray[np.int32]]
@@ -100,6 +113,9 @@ class System:
         relaxation_time: ArrayLike = DEFAULTS["relaxation_time"],
         largest_plastic_strain: ArrayLike = DEFAULTS["largest_plastic_strain"],
         original_length: ArrayLike | None = None,
+        break_strain: ArrayLike = DEFAULTS["break_strain"],
+        break_force: ArrayLike = DEFAULTS["break_force"],
+        broken_at: ArrayLike = DEFAULTS["broken_at"],
         surface: Surface | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
         groups: Mapping[str, ArrayLike] | None = None,
@@ -117,6 +133,9 @@ class System:
             "relaxation_time": relaxation_time,
             "largest_plastic_strain": largest_plastic_strain,
             "original_length": original_length,
+            "break_strain": break_strain,
+            "break_force": break_force,
+            "broken_at": broken_at,
             "surface": surface,
             "directions": directions,
             "groups": groups,
@@ -194,6 +213,16 @@ class System:
     def yields(self) -> bool:
         """Whether any connection can give way for good."""
         return bool(np.isfinite(stored(self.yield_strain)).any())
+
+    @property
+    def broken(self) -> NDArray[np.bool_]:
+        """Which connections are broken, shape [connection_count]."""
+        return np.isfinite(self.broken_at)
+
+    @property
+    def tears(self) -> bool:
+        """Whether any connection can break, or is broken."""
+        return any(np.isfinite(stored(getattr(self, name))).any() for name in TEARING_FIELDS)
 
     @property
     def length(self) -> NDArray[np.float64]:

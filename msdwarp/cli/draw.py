@@ -79,6 +79,8 @@ def _draw(
     shown = range(len(trajectory)) if shown is None else shown
     fps, count = trajectory.fps if fps is None else fps, len(shown)
     scene = replace(scene, look=pictures.turned(scene.look))
+    if scene.system.tears:
+        scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
     colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
     size = parse_resolution(pictures.resolution)
     seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]

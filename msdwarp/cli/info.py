@@ -52,6 +52,12 @@ def _what(trajectory: Trajectory) -> Lines:
     pinned = int(system.pinned.sum())
     if pinned:
         yield "pinned", counted(pinned, "particle")
+    if system.tears:
+        broken_at, at_start = trajectory.broken_at, int(system.broken.sum())
+        broken = np.isfinite(broken_at) & ~system.broken
+        when = f", from {broken_at[broken].min():.4g} to {broken_at[broken].max():.4g} s" if broken.any() else ""
+        before = f", beside {at_start} that were from the start" if at_start else ""
+        yield "broken", f"{counted(int(broken.sum()), 'connection')}{when}{before}"
     interval = f", {1e3 / trajectory.fps:.4g} ms apart" if trajectory.fps else ""
     yield "frames", f"{trajectory.fps:.4g} a second of simulated time{interval}"
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import numpy as np
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
+from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
 from ..world import Drive, Scene
 from .scene_files import Origin
 from .trust import Script, script_as_stored
@@ -100,7 +100,9 @@ def digest(scene: Scene) -> str:
 
 
 def _parts(scene: Scene) -> Iterator[bytes]:
-    for field in fields(System):
+    # What no scene had before connections could break is left out where they cannot: digests stay what they were.
+    absent = () if scene.system.tears else TEARING_FIELDS
+    for field in (field for field in fields(System) if field.name not in absent):
         values = getattr(scene.system, field.name)
         if isinstance(values, np.ndarray):
             yield f"{field.name} {values.shape}".encode()
@@ -124,7 +126,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         if change.release is not None:
             yield repr(("release", np.asarray(change.release).tolist())).encode()
         changed = change.applied_to(scene.system)
-        for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+        for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 
 

@@ -8,7 +8,7 @@ from .balance import Balance, Ledger, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Steps
 from .linearised import add_linearised, write_diagonal_blocks
-from .measures import Measures, measure, write_strain
+from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
 from .start import doubt_start, starting_state
@@ -40,5 +40,6 @@ __all__ = [
     "starting_state",
     "weight",
     "write_diagonal_blocks",
+    "write_in_order",
     "write_strain",
 ]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.contact import NO_CONTACT, Contact
 from ..kernels.effect import Piece
-from ..kernels.forces import COLUMN
+from ..kernels.forces import COLUMN, NO_SUBSTEP
 from ..kernels.integrators import (
     Composition,
     begin_each_connection,
@@ -23,6 +23,7 @@ from .effect import Effect, Steps
 from .forces import ROUTE_CLASSES
 from .model import Model
 from .state import State
+from .tearing import Tearing
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
@@ -61,6 +62,9 @@ class Dynamics:
 
     def _place(self, effect: Effect) -> None:
         """Have kernels find an effect's data as they are now."""
+        if isinstance(effect, Tearing):
+            self.world.forces.breaking = effect.data
+            return
         field = effect.piece.field if isinstance(effect.piece, Piece) else "colliders"
         setattr(self.world, field, effect.data)
 
@@ -128,8 +132,15 @@ class Dynamics:
         if self.composition.timed:
             self.world.stage = substep * len(self._steps.stage_times)
 
+    def have_begun(self) -> None:
+        """Have what is launched next begin no substep: nothing breaks then."""
+        if self.composition.route.tears:
+            self.world.forces.breaking.substep = NO_SUBSTEP
+
     def launch(self, method: Any, **fields: Any) -> None:
         """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
+
+        In the first one of a substep connections break.
 
         Parameters
         ----------
@@ -160,6 +171,7 @@ class Dynamics:
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
         if self.composition.timed and self.world.stage < self._last_stage:
             self.world.stage += 1
+        self.have_begun()
 
     @property
     def launches_before_forces(self) -> bool:

@@ -48,8 +48,8 @@ class Effect:
     watch and the measures each call every effect; an effect overrides what concerns it and leaves the rest.
     """
 
-    piece: Piece | ContactPiece
-    """What it adds to kernels."""
+    piece: Piece | ContactPiece | None
+    """What it adds to kernels; None where the routes to the forces do it."""
     data: Any
     """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
     members: NDArray[np.bool_] | None = None

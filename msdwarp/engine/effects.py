@@ -11,6 +11,7 @@ from .driving import driving
 from .effect import Effect
 from .forcing import forcing
 from .pressing import pressing
+from .tearing import Tearing
 from .work import Work
 from .yielding import Yielding
 
@@ -32,6 +33,7 @@ class Surroundings(NamedTuple):
 EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
     lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
+    lambda model, around: Tearing(model) if model.system.tears else None,
     lambda model, around: driving(model, around.loads),
     lambda model, around: forcing(model, around.loads),
     lambda model, around: blowing(model, around.loads),

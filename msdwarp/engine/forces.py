@@ -3,6 +3,7 @@
 `data` is the struct that the functions of `route` read; see `msdwarp.kernels.forces`.
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from ..bodies import System, is_uniform
 from ..kernels.forces import CHUNK, CONSTANTS, KIND_SHIFT, MOST_KINDS, SLICE, gather, scatter, stencil, tables
 from .model import Model
+from .tearing import Tearing
 
 
 class Scatter:
@@ -19,11 +21,22 @@ class Scatter:
 
     def __init__(self, model: Model) -> None:
         storage, fields = stored_constants(model)
-        self.route = scatter(model.dim, model.scalar, model.damper, model.compensated, storage)
+        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        self.route = scatter(*kinds, model.tearing and model.tearing.breaking)
         self.data = self.route.Forces()
         self.data.f, self.data.connections = model.vectors(), model.connections
         for name, value in fields.items():
             setattr(self.data.constants, name, value)
+        if model.tearing is not None:
+            joined = self.data.connections = wp.clone(model.connections)
+            model.tearing.carry_out(joined, partial(_join_with_themselves, model.tearing, joined))
+
+
+def _join_with_themselves(tearing: Tearing, connections: wp.array) -> None:
+    """Let connections that are broken join their first particles with themselves."""
+    joined = np.array(connections.numpy())
+    joined[tearing.broken, 1] = joined[tearing.broken, 0]
+    connections.assign(joined)
 
 
 class Gather:
@@ -33,7 +46,9 @@ class Gather:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
         storage = "packed" if packed else "listed" if model.lengths_change else storage
-        self.route = gather(model.dim, model.scalar, model.damper, model.compensated, storage)
+        tearing = model.tearing
+        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        self.route = gather(*kinds, tearing and tearing.breaking)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
@@ -44,6 +59,15 @@ class Gather:
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind"
             setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
+        if tearing is not None:
+            tearing.data.number = connection
+            tearing.carry_out(self.data.other, partial(self._name_themselves, model, tearing))
+
+    def _name_themselves(self, model: Model, tearing: Tearing) -> None:
+        """Let the slots of broken connections name their own particles."""
+        inputs = [self.data.first, tearing.data.number, tearing.broken_at]
+        kernel, outputs = tables.name_itself_where_broken, [self.data.other]
+        wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
 
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
@@ -148,10 +172,19 @@ class Stencil:
     def __init__(self, model: Model) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        kinds = (model.dim, model.scalar, model.damper, model.compensated)
-        self.route = stencil(*kinds, lattice.steps, lattice.uniform)
+        kinds = (model.dim, model.scalar, model.damper, model.compensated, lattice.steps, lattice.uniform)
+        tearing = model.tearing
+        self.route = stencil(*kinds, tearing and tearing.breaking)
         data = self.data = self.route.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
+        if tearing is not None:
+            numbers = lattice.numbers(model.system)
+            tearing.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            if lattice.uniform:
+                offset, own = lattice.neighbours()
+                tearing.data.offset = wp.array(offset, dtype=int, device=device)
+                tearing.data.own = wp.array(own, dtype=model.scalar, device=device)
+            tearing.carry_out(data.mask, partial(self._clear, model, tearing, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
             data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
@@ -166,6 +199,15 @@ class Stencil:
         data.kind = wp.array(lattice.kind, dtype=int, device=device)
         for name in CONSTANTS:
             setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
+
+    def _clear(self, model: Model, tearing: Tearing, numbers: NDArray[np.int32]) -> None:
+        """Clear the bits of broken connections, whose numbers are by direction and first particle."""
+        mask, directions = np.array(self.data.mask.numpy()), len(numbers)
+        gone = (numbers >= 0) & tearing.broken[numbers]
+        for d, first in enumerate(map(np.flatnonzero, gone)):
+            mask[first] &= ~np.uint32(1 << d)
+            mask[model.system.connections[numbers[d, first], 1]] &= ~np.uint32(1 << (d + directions))
+        self.data.mask.assign(mask)
 
 
 ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}

@@ -30,6 +30,28 @@ class Lattice(NamedTuple):
     constants: dict[str, NDArray[np.float64]]
     """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
 
+    def numbers(self, system: System) -> NDArray[np.int32]:
+        """Return the connection that leads in each direction from each particle; −1 where there is none.
+
+        Of the system in which the lattice was found; shape [direction_count, particle_count].
+        """
+        found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
+        for body in system.directions:
+            for name, part in body.items():
+                chosen = np.arange(system.connection_count, dtype=np.int32)[part]
+                found[self.steps.index(step_of(name)), system.connections[chosen, 0]] = chosen
+        return found
+
+    def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return how far off the neighbours in a uniform lattice are, and their constants, in the order of sums.
+
+        Of shapes [neighbour_count] and [neighbour_count, 3], the constants in the order of CONSTANTS.
+        """
+        _, rows = stencil_rows(self.steps)
+        each = [(int(self.shift[r]) + one.along, one.direction) for r, row in enumerate(rows) for one in row]
+        offset, direction = np.array(each, dtype=np.int32).T
+        return offset, np.stack([self.constants[name][0][direction] for name in CONSTANTS], axis=1)
+
     @property
     def uniform(self) -> bool:
         """Whether shifts and constants are the same for all particles."""

@@ -6,7 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.reductions import fold, strain_each, sum_connections, sum_difference, sum_particles
+from ..kernels.forces import leave_out_broken
+from ..kernels.reductions import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
 from ..kernels.reductions import measure as columns
 from .model import Model
 from .state import State
@@ -114,7 +115,8 @@ class Sums:
         compensated = model.compensated and x_lost is not None
         self._sum(0, sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v])
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-        kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
+        law, tears = model.system.damper.law, model.tearing is not None
+        kernel = sum_connections(model.dim, model.scalar, compensated, law, tears)
         self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
         if self._between is not None:
             inputs = [*self._between, x, v, x_lost if compensated else x]
@@ -144,11 +146,27 @@ class Sums:
         return particles, connections, float(sums[-1])
 
 
+def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
+    """Write numbers of float32 that connections on the device have in the order of the system's.
+
+    `place` says where that of each goes; None where the order is the same.
+    """
+    if place is None:
+        wp.copy(result, values)
+    else:
+        wp.launch(put_in_order, len(values), [values, place], [result], device=values.device)
+
+
 def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
     """Write each connection's strain, length / rest length − 1, computed in float64, shape [connection_count].
+
+    That of a broken one is NaN.
 
     `place` says where that of each connection on the device goes; None where the order is the system's.
     """
     kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
     inputs = [model.connections, model.rest_length, place, state.x, state.lost.x]
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
+    if model.tearing is not None:
+        inputs = [model.tearing.broken_at, place]
+        wp.launch(leave_out_broken(model.scalar), model.connection_count, inputs, [strain], device=model.device)

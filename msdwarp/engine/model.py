@@ -14,6 +14,7 @@ from ..world import Collider, Load, bound, check_loads, driven_particles
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
+from .tearing import Tearing
 from .work import Work
 
 CONTACT_RULES = ("coulomb", "report")
@@ -101,14 +102,14 @@ class Model:
         if self.lengths_change:  # each connection has its own
             rest_length = np.array(rest_length)
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
-        self.stiffness = self._upload(self.ordered(system.stiffness), "stiffness")
-        self.damping = self._upload(self.ordered(system.damping), "damping")
+        self.stiffness = self._upload_unbroken(system.stiffness, "stiffness")
+        self.damping = self._upload_unbroken(system.damping, "damping")
         # What an explicit step must bear: the steepest slope of the dampers' law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
-            self.steepest_damping = self._upload(self.ordered(steepest), "damping")
+            self.steepest_damping = self._upload_unbroken(steepest, "damping")
         self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads))
 
     @property
@@ -120,6 +121,11 @@ class Model:
         """Take over what a run has summed with a model of the same loads, whose particles then moved at v."""
         if self.work is not None and model.work is not None:
             self.work.before = model.work.total(v)
+
+    @property
+    def tearing(self) -> Tearing | None:
+        """What breaks connections; None where none can break or is broken."""
+        return next((effect for effect in self.effects if isinstance(effect, Tearing)), None)
 
     @property
     def lengths_change(self) -> bool:
@@ -179,6 +185,12 @@ class Model:
         )
         view._ref = storage
         return view
+
+    def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
+        """Upload what connections have, 0 for broken ones; where any can break, a number for each."""
+        if self.system.tears:
+            values = np.where(self.system.broken, 0.0, values)
+        return self._upload(self.ordered(values), name)
 
     def _upload(self, values: NDArray[np.float64], name: str) -> wp.array:
         self.check_range(values, name)

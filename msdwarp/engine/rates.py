@@ -52,6 +52,9 @@ def rate_bounds(system: System, model: Model | None = None, state: State | None 
     if is_uniform(springs) and is_uniform(dampers):
         springs, dampers = stored(springs), stored(dampers)
     stiff = springs > 0
+    if system.tears:  # what is broken is none
+        stiff = stiff & ~system.broken
+        springs, dampers = np.broadcast_to(springs, stiff.shape), np.broadcast_to(dampers, stiff.shape)
     ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
     if system.damper != LINEAR and math.isfinite(ratio):
         ratio = 0.0  # somewhere the slope of every other law is nothing, or almost

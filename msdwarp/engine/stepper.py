@@ -87,6 +87,7 @@ class Stepper:
             device=model.device,
             block_dim=threads,
         )
+        self._dynamics.have_begun()
 
 
 def persistent_blocks(model: Model) -> tuple[int, int] | None:

@@ -33,12 +33,14 @@ class GrowingFile:
         self.written = 0
         self._file: Any = None
 
-    def append(self, frame: Frame, strain: NDArray | None, substeps: int = 0) -> None:
+    def append(
+        self, frame: Frame, strain: NDArray | None, substeps: int = 0, broken_at: NDArray | None = None
+    ) -> None:
         """Write a frame and flush it."""
         if self._file is None:
-            self._create(frame, strain, substeps)
+            self._create(frame, strain, substeps, broken_at)
         else:
-            self._append(frame, strain, substeps)
+            self._append(frame, strain, substeps, broken_at)
         self.written += 1
 
     def reopen(self, system: System, kept: int) -> None:
@@ -72,7 +74,7 @@ class GrowingFile:
         finally:
             os.close(self._room)
 
-    def _create(self, frame: Frame, strain: NDArray | None, substeps: int) -> None:
+    def _create(self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None) -> None:
         """Write a file of one frame, and only then give it its name."""
         import h5py
 
@@ -88,7 +90,7 @@ class GrowingFile:
                 self._reserve(self._layout.static_size + scene)
                 self._layout.begin(self._file, *self._about)
                 self._layout.open(self._file)
-                self._append(frame, strain, substeps)
+                self._append(frame, strain, substeps, broken_at)
             finally:
                 self.close()
             if self.path.exists() and not self.force:
@@ -107,7 +109,7 @@ class GrowingFile:
         self._at, self._room = path, os.open(path, os.O_RDWR)
         self._size = os.fstat(self._room).st_size
 
-    def _append(self, frame: Frame, strain: NDArray | None, substeps: int) -> None:
+    def _append(self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None) -> None:
         try:
             there = os.path.samestat(os.stat(self._at), os.fstat(self._room))
         except FileNotFoundError:
@@ -117,7 +119,7 @@ class GrowingFile:
         if os.fstat(self._room).st_size < self._size:
             raise OSError("it was cut short meanwhile")
         self._reserve(self._layout.growth(self.written))
-        self._layout.append(self.written, frame, strain, substeps)
+        self._layout.append(self.written, frame, strain, substeps, broken_at)
         self._size = os.fstat(self._room).st_size
 
     def _reserve(self, size: int) -> None:

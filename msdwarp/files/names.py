@@ -10,6 +10,9 @@ FORMAT = 1
 """Version of the group `msdwarp` in a file; VTK's own has another."""
 OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
+BROKEN_AT = "CellData/broken_at"
+"""When each connection broke [s], inf where it is whole; of a triangle, when it parted (`Edges`). There is
+one for all frames, for what breaks in a later one does not change the earlier ones."""
 SUBSTEPS = "substeps"
 """Of each frame how many it took, in the group `msdwarp`; 0 where that is unknown."""
 COUNT = "NumberOfCells"

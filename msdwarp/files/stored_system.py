@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
+from ..bodies import TEARING_FIELDS, CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
 from .names import OWN, ROOT, restored, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
@@ -20,6 +20,9 @@ def arrays_of(system: System) -> dict[str, NDArray]:
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:
         del found["original_length"]
+    if not system.tears:
+        for name in TEARING_FIELDS:
+            del found[name]
     if system.surface is not None:
         found |= {f"surface/{field.name}": getattr(system.surface, field.name) for field in fields(system.surface)}
     found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
@@ -44,15 +47,18 @@ def read_system(file: Any) -> System:
     described, part = json.loads(restored(group["description"])), group["system"]
     law, constants = described["damper"]
     arrays = dict(_read(part))
+    # A system on its way may have what is about to break, which a start may not: it is no question to a file.
+    broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
     return System(
         **arrays,
+        broken_at=0.0,
         connections=restored(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
         damper=DAMPERS[law](**constants),
         surface=None if surface is None else Surface(**surface),
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
         groups={name: restored(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
-    )
+    ).replace(broken_at=broken_at)
 
 
 def _read(group: Any) -> Iterator[tuple[str, Any]]:

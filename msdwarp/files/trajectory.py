@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import AXES, Frame, System, counted
+from ..bodies import AXES, Frame, System, broken_before, counted
 from .frame_array import FrameArray
-from .names import COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .names import BROKEN_AT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .sound import too_large, unsound
 from .stored_system import read_system
 from .vtkhdf import read_times
@@ -159,6 +159,30 @@ class Trajectory:
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
         return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
+
+    @property
+    def broken_at(self) -> NDArray[np.float32]:
+        """When each connection broke [s], shape [connection_count]: 0 from the start, inf where it is whole.
+
+        Which are broken in a frame of some time: `msdwarp.bodies.broken_before`.
+
+        Raises
+        ------
+        ValueError
+            If that part of the file is damaged.
+        """
+        kept = self._file[ROOT].get(BROKEN_AT)
+        if kept is None:  # nothing can break, or could when the file was written
+            return np.full(self._lines, np.inf, dtype=np.float32)
+        try:
+            times = np.asarray(kept[: self._lines], dtype=np.float32)
+        except _ERRORS as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its broken_at: {error}") from error
+        if times.shape != (self._lines,) or not (times >= 0).all():
+            raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
+        # A frame is there when its time is; what broke behind the last one is not seen yet.
+        seen = broken_before(times, float(self.times[-1]) if len(self) else 0.0)
+        return np.where(seen, times, np.float32(np.inf))
 
     @property
     def substeps(self) -> NDArray[np.int32] | None:

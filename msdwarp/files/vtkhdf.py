@@ -10,8 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import AXES, System
-from .names import COUNT, FORMAT, GZIP, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, store, store_text
+from ..bodies import AXES, Edges, System, broken_before
+from .names import (
+    BROKEN_AT,
+    COUNT,
+    FORMAT,
+    GZIP,
+    KINDS,
+    OWN,
+    POINTS,
+    ROOT,
+    STRAIN,
+    SUBSTEPS,
+    VELOCITY,
+    store,
+    store_text,
+)
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
@@ -41,10 +55,18 @@ class Layout:
         Whether arrays are compressed.
     strain
         Whether there is a strain of each connection.
+    tears
+        Whether there is a time at which each connection broke; by default where any can.
     """
 
     def __init__(
-        self, system: System, dtype: np.dtype, frame_count: int | None, compress: bool, strain: bool
+        self,
+        system: System,
+        dtype: np.dtype,
+        frame_count: int | None,
+        compress: bool,
+        strain: bool,
+        tears: bool | None = None,
     ) -> None:
         self._system, self._dtype, self._compress = system, dtype, compress
         surface = system.surface
@@ -57,6 +79,8 @@ class Layout:
             cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
+        self._tears = system.tears if tears is None else tears
+        self._edges = Edges(system) if self._tears else None
         self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
 
     @classmethod
@@ -64,12 +88,14 @@ class Layout:
         """Return the layout of a file that has begun."""
         root = file[ROOT]
         values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(root, "Steps/Values", (), "f")
-        return cls(system, values.dtype, times.chunks[0], values.compression is not None, STRAIN in root)
+        compressed, strain, tears = values.compression is not None, STRAIN in root, BROKEN_AT in root
+        return cls(system, values.dtype, times.chunks[0], compressed, strain, tears)
 
     @property
     def static_size(self) -> int:
         """Bytes of what there is once."""
         own = sum(values.nbytes for values in arrays_of(self._system).values())
+        own += 4 * sum(map(len, self._cells.values())) if self._tears else 0
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
 
     def growth(self, k: int) -> int:
@@ -106,6 +132,9 @@ class Layout:
             store(group, "NumberOfConnectivityIds", np.array([cells.size]))
             store(group, "Connectivity", cells.ravel(), self._compress)
             store(group, "Offsets", np.arange(0, cells.size + 1, corners, dtype=cells.dtype), self._compress)
+        if self._edges is not None:
+            at_start = np.where(self._system.broken, 0.0, np.inf)
+            root.create_dataset(BROKEN_AT, data=self._broken_cells(at_start, self._edges))
         steps = root.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(0)
         _create_growing(steps, "Values", (), np.float64, self._foreseen, fillvalue=np.nan, fill_time="ifset")
@@ -123,6 +152,9 @@ class Layout:
             self._growing(self._steps, name, stride.shape, "i")
         widths = {name: () if name == STRAIN else (3,) for name in self._per_frame}
         self._datasets = {name: self._growing(file[ROOT], name, width, "f") for name, width in widths.items()}
+        self._broken_at = file[ROOT].get(BROKEN_AT) if self._tears else None
+        if self._broken_at is not None:
+            self._known = self._broken_at[: self._system.connection_count]
         self._substeps = None  # which files of before have not
         if SUBSTEPS in file[OWN]:
             self._substeps = self._growing(file[OWN], SUBSTEPS, (), "i")
@@ -139,13 +171,29 @@ class Layout:
     def truncate(self, k: int) -> None:
         """Let a file have its first k frames only; where the others were, the next ones will be written."""
         # VTK's reader writes past its memory where there are more times than frames.
+        last = float(self._times[k - 1]) if k else 0.0
         self._times.resize(k, axis=0)
+        if self._broken_at is not None and self._edges is not None:  # what broke behind them is whole again
+            self._known = np.where(broken_before(self._known, last), self._known, np.float32(np.inf))
+            self._broken_at[:] = self._broken_cells(self._known, self._edges)
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k))
         self._file.flush()
 
-    def append(self, k: int, frame: tuple[float, NDArray, NDArray], strain: NDArray | None, substeps: int) -> None:
+    def append(
+        self,
+        k: int,
+        frame: tuple[float, NDArray, NDArray],
+        strain: NDArray | None,
+        substeps: int,
+        broken_at: NDArray | None = None,
+    ) -> None:
         """Write frame k, behind the others, and flush it."""
+        if self._broken_at is not None and self._edges is not None and broken_at is not None:
+            known = np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
+            if not np.array_equal(known, self._known):
+                self._known = known
+                self._broken_at[:] = self._broken_cells(known, self._edges)
         if k % self._foreseen == 0:
             until = k + self._foreseen
             for name, stride in self._offsets().items():
@@ -176,7 +224,14 @@ class Layout:
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
         if STRAIN in self._per_frame:
             strides["CellDataOffsets/strain"] = self._per_frame[STRAIN]
+        if self._tears:
+            strides["CellDataOffsets/broken_at"] = 0
         return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
+
+    def _broken_cells(self, broken_at: NDArray, edges: Edges) -> NDArray[np.float32]:
+        """Return when each cell broke [s]: connections, and behind them triangles."""
+        before = np.full(len(self._cells["Vertices"]), np.inf)
+        return np.concatenate([before, broken_at, edges.parted_at(broken_at)]).astype(np.float32)
 
     def _row_size(self, name: str) -> int:
         return self._dtype.itemsize * (1 if name == STRAIN else 3)

@@ -36,6 +36,10 @@ class Pending(Protocol):
         """Wait for it; return it, and the strains of the connections if they come with it."""
         ...
 
+    def broken_at(self) -> NDArray | None:
+        """Wait for it; return when connections broke [s], inf where they are whole, if any can."""
+        ...
+
     def release(self) -> None:
         """Have its memory back: the frame is on disk."""
         ...
@@ -137,12 +141,18 @@ class TrajectoryWriter:
         """Frames in the file so far."""
         return self._file.written
 
-    def write(self, frame: tuple[float, NDArray, NDArray], strain: NDArray | None = None) -> None:
+    def write(
+        self,
+        frame: tuple[float, NDArray, NDArray],
+        strain: NDArray | None = None,
+        broken_at: NDArray | None = None,
+    ) -> None:
         """Hand over a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
 
         It waits while four frames are ahead. The arrays are the writer's from here on: nobody may write to them.
         `strain`, shape [connection_count], is computed from the positions and the system's rest lengths where it
-        is not given.
+        is not given. `broken_at`, of the same shape, says when connections broke [s], inf where they are whole; it
+        is kept where the system can tear.
 
         Raises
         ------
@@ -154,10 +164,11 @@ class TrajectoryWriter:
         frame = Frame(*frame)
         for name, values in zip(("position", "velocity"), frame[1:], strict=True):
             _check_shape(name, values, self._system.position.shape)
-        if strain is not None:
-            _check_shape("strain", strain, self._system.rest_length.shape)
+        for name, given in (("strain", strain), ("broken_at", broken_at)):
+            if given is not None:
+                _check_shape(name, given, self._system.rest_length.shape)
         if self.wants_next():
-            self._queue.put(_Arrived(frame, strain))
+            self._queue.put(_Arrived(frame, strain, broken_at))
         self._offered += 1
 
     def wants_next(self) -> bool:
@@ -220,7 +231,9 @@ class TrajectoryWriter:
         """Write what comes; after an error, only let go of it."""
         while (frame := self._queue.get()) is not None:
             if self._error is None:
-                self._attempt(lambda frame=frame: self._file.append(*frame.arrived(), frame.substeps))
+                self._attempt(
+                    lambda frame=frame: self._file.append(*frame.arrived(), frame.substeps, frame.broken_at())
+                )
             frame.release()
             self._queue.task_done()
         self._attempt(self._file.close)
@@ -266,11 +279,14 @@ def _check_continuation(path: Path, system: System, fps: float, kept: int) -> No
 class _Arrived:
     """A frame that was on the host from the start."""
 
-    def __init__(self, frame: Frame, strain: NDArray | None) -> None:
-        self._both, self.substeps = (frame, strain), 0
+    def __init__(self, frame: Frame, strain: NDArray | None, broken_at: NDArray | None) -> None:
+        self._both, self.substeps, self._broken_at = (frame, strain), 0, broken_at
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
         return self._both
+
+    def broken_at(self) -> NDArray | None:
+        return self._broken_at
 
     def release(self) -> None:
         pass

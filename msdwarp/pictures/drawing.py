@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, in_space
+from ..bodies import Edges, System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
@@ -61,7 +61,8 @@ class Drawing:
 
     The surface of the system, and a tube along each connection of bodies that have none, or between bodies. Where
     `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    connection and, in small systems, a ball at each particle. Behind them are the solid colliders. `points`,
+    connection and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
+    system's `broken_at` says is broken by the time of a frame is not drawn. `points`,
     `normals` and `colours` are float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `scale` is what
     colours tell: of values of the particles, of the strain of connections, or None where they tell nothing.
     """
@@ -150,11 +151,15 @@ class Drawing:
             drawn = drawn & between
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
+        parts = system.tears and surface is not None and surface.weights is None
+        parted_at = Edges(system).parted_at(system.broken_at) if parts else None
         body: list[BodyPart] = []
         for k, look in enumerate((scene.look, *scene.looks.values())):
             finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
             if surface is not None and (mine := of_triangle == k).any():
-                body.append(SurfacePart(part_of(surface, mine), finish, look.smooth, self.device))
+                part = part_of(surface, mine)
+                parted = None if parted_at is None else parted_at[mine]
+                body.append(SurfacePart(part, finish, look.smooth, self.device, parted))
             own = shown[of_connection == k]
             particles = np.flatnonzero(of_particle == k)
             if self._plain_tubes and len(own) + len(particles):
@@ -169,7 +174,8 @@ class Drawing:
         """Return connections as thin tubes, and particles as dark balls if there are few."""
         rest_length = system.rest_length[connections]
         unit = _unit(look, rest_length)
-        tubes = Tubes(system.connections[connections], TUBE * unit, Finish(np.ones(3)), self.device)
+        ends, broken_at = system.connections[connections], _broken_at(system, connections)
+        tubes = Tubes(ends, TUBE * unit, Finish(np.ones(3)), self.device, broken_at=broken_at)
         if self._shows_strain:
             self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
         few = system.particle_count <= MOST_BALLS
@@ -182,7 +188,8 @@ class Drawing:
     def _ropes(self, system: System, look: Look, connections: NDArray, finish: Finish) -> list[BodyPart]:
         """Return connections as round tubes in the colour of a look, with balls where they meet."""
         ends, unit = system.connections[connections], _unit(look, system.rest_length[connections])
-        tubes = Tubes(ends, TUBE * unit, finish, self.device, sides=ROUND)
+        broken_at = _broken_at(system, connections)
+        tubes = Tubes(ends, TUBE * unit, finish, self.device, sides=ROUND, broken_at=broken_at)
         joints = np.unique(ends)
         if look.particles is False or (look.particles is None and len(joints) > MOST_JOINTS):
             return [tubes]
@@ -227,6 +234,11 @@ class Drawing:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
             one.follow(self._x, time)
+
+
+def _broken_at(system: System, connections: NDArray) -> NDArray[np.float64] | None:
+    """Return when some connections broke [s], shape [any]; None where none can."""
+    return np.array(system.broken_at[connections]) if system.tears else None
 
 
 def _unit(look: Look, rest_length: NDArray) -> float:

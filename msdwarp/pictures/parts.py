@@ -51,19 +51,26 @@ class BodyPart(Part, Protocol):
 
 
 class SurfacePart:
-    """The surface of a system. Flat shading gives every triangle vertices of its own."""
+    """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
+
+    A triangle is not drawn once it has parted (see `msdwarp.bodies.Edges`): when is in `parted_at` [s], shape
+    [triangle_count]; None where none can.
+    """
 
     radius = 0.0
 
-    def __init__(self, surface: Surface, finish: Finish, smooth: bool, device: str) -> None:
-        vertices = len(surface.particle)
-        use = np.arange(vertices) if smooth else surface.triangles.ravel()
+    def __init__(
+        self, surface: Surface, finish: Finish, smooth: bool, device: str, parted_at: NDArray | None = None
+    ) -> None:
+        vertices, own = len(surface.particle), not smooth or parted_at is not None
+        self._parted_at = None if parted_at is None else wp.array(parted_at, dtype=float, device=device)
+        use = surface.triangles.ravel() if own else np.arange(vertices)
         self.uv, self.finish = surface.uv[use], finish
         self.triangles = surface.triangles
         normal_of = surface.normal_of
-        if not smooth:
+        if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
-            normal_of = None
+            normal_of = _normals_shared(use, normal_of) if smooth else None
         self._particle = wp.array(surface.particle[use], dtype=int, device=device)
         self._weights = None
         if surface.weights is not None:
@@ -80,6 +87,8 @@ class SurfacePart:
             _launch(drawing.place_vertices, len(points), [x, self._particle], [points])
         else:
             _launch(drawing.place_mixtures, len(points), [x, self._particle, self._weights], [points])
+        if self._parted_at is not None:
+            _launch(drawing.collapse, len(self._parted_at), [self._parted_at, time, 3], [points])
         self._sums.zero_()
         _launch(
             drawing.add_face_normals,
@@ -97,10 +106,17 @@ class SurfacePart:
 
 
 class Tubes:
-    """A tube of some sides along each of some connections, shape [any, 2]."""
+    """A tube of some sides along each of some connections, shape [any, 2], while these are whole."""
 
     def __init__(
-        self, connections: NDArray, radius: float, finish: Finish, device: str, *, sides: int = 3
+        self,
+        connections: NDArray,
+        radius: float,
+        finish: Finish,
+        device: str,
+        *,
+        sides: int = 3,
+        broken_at: NDArray | None = None,
     ) -> None:
         self.corners = 2 * sides
         along = np.arange(0, self.corners, 2)[:, None]
@@ -111,11 +127,14 @@ class Tubes:
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
         self.radius = radius
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
+        self._broken_at = None if broken_at is None else wp.array(broken_at, dtype=float, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Lay the tubes between their particles."""
         inputs = [x, self.connections, self.radius, self.corners // 2]
         _launch(drawing.place_tubes, len(self.connections), inputs, [points, normals])
+        if self._broken_at is not None:
+            _launch(drawing.collapse, len(self._broken_at), [self._broken_at, time, self.corners], [points])
 
     def mixture(self) -> tuple[NDArray, NDArray]:
         """Return the particle at the end where each vertex is: at the start and the end in turn."""
@@ -206,6 +225,16 @@ class ValuePaint:
         """Colour the part by values that are such shares of the full one."""
         inputs = [shares, self._particle, self._weights, self._stops]
         _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+
+
+def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
+    """Return the corner whose normal each corner of triangles takes, whose vertices are `use`.
+
+    Corners at vertices that take the same normal take that of the first of them.
+    """
+    vertex = use if normal_of is None else normal_of[use]
+    _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
+    return first[which.ravel()]
 
 
 def _alone(particle: NDArray) -> tuple[NDArray, NDArray]:

@@ -105,7 +105,8 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
         if near[i, j] and near[j, k] and near[i, k]
     ]
     triangles = np.array(found)
-    outwards = np.einsum("td,td->t", np.cross(*(points[triangles[:, k]] for k in (0, 1))), points[triangles[:, 2]])
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    outwards = np.einsum("td,td->t", np.cross(a, b), c)
     triangles[outwards < 0] = triangles[outwards < 0][:, ::-1]
     for _ in range(subdivisions):
         n, count = len(points), len(triangles)

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, System, stored
+from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
 from ..engine import Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
 from ..world import Driven, Load, driven_particles
@@ -23,7 +23,8 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     arrays = {name: np.array(array.numpy()) for name, array in _moving(stepping).items()}
     for effect in stepping.model.effects:
         arrays |= effect.checkpoint()
-    for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS):
+    absent = () if stepping.model.system.tears else TEARING_FIELDS
+    for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
         arrays[f"system.{name}"] = np.array(stored(getattr(stepping.model.system, name)))
     choice = stepping.choice
     numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
@@ -50,11 +51,19 @@ def restored_system(start: System, arrays: Arrays) -> System:
     fields = {}
     for names, count in ((PARTICLE_FIELDS, start.particle_count), (CONNECTION_FIELDS, start.connection_count)):
         for name in names:
+            if (
+                name in TEARING_FIELDS and f"system.{name}" not in arrays
+            ):  # in one of before, or where nothing tears
+                fields[name] = DEFAULTS[name]
+                continue
             values = checks.member("checkpoint", arrays, f"system.{name}")
             if np.ndim(values) == 0 or len(values) not in (1, count):
                 raise ValueError(f"checkpoint is of another system: its {name} has shape {np.shape(values)}")
             fields[name] = values[0] if len(values) < count else values
-    return start.replace(**fields)
+    # Whether a connection bears its length is a question to the start, not to a state on the way.
+    breaking = {name: fields.pop(name) for name in TEARING_FIELDS}
+    known = all((getattr(start, name) == value).all() for name, value in breaking.items())
+    return (start if known else start.replace(**breaking)).replace(**fields)
 
 
 def restored_choice(numbers: Numbers, fps: float) -> StepChoice:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame
-from ..engine import Model, write_strain
+from ..engine import Model, write_in_order, write_strain
 from .simulation import Simulation
 from .stepping import RECORDING
 
@@ -60,6 +60,10 @@ class Readback:
             wp.copy(room.here["velocity_lost"], state.lost.v)
         if self._strain:
             write_strain(stepping.model, state, self._place_in(stepping.model), room.here["strain"])
+        if stepping.model.tearing is not None and "broken_at" in room.here:
+            write_in_order(
+                stepping.model.tearing.broken_at, self._place_in(stepping.model), room.here["broken_at"]
+            )
         if self._stream is not None:
             room.send(self._stream)
         return Taken(self._simulation, room, self._free)
@@ -107,6 +111,15 @@ class Taken:
             velocity = velocity.astype(np.float64) - there["velocity_lost"]
         return Frame(self._time, position, velocity), there.get("strain")
 
+    def broken_at(self) -> NDArray | None:
+        """Wait for it, and return when connections had broken by then [s]; None where none can break.
+
+        It is inf where they were whole, shape [connection_count]. As for `arrived`, the array is overwritten once
+        this one has been released.
+        """
+        self._room.wait()
+        return self._room.there.get("broken_at")
+
     def release(self) -> None:
         """Give its memory back, for a frame to come; it may be called again."""
         if not self._released:
@@ -124,6 +137,8 @@ class _Room:
             kinds |= {f"{name}_lost": kind for name, kind in kinds.items()}
         if strain:
             kinds["strain"] = (model.connection_count, model.scalar)
+        if model.tearing is not None:
+            kinds["broken_at"] = (model.connection_count, wp.float32)
         self.here = {name: wp.empty(*kind, device=device) for name, kind in kinds.items()}
         self._host = self.here
         if device.is_cuda:  # copies run beside kernels only into memory that is pinned

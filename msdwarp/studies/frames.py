@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import System
+from ..bodies import System, broken_before
 from ..files import Trajectory
 from ..world import Change
 
@@ -22,7 +22,7 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
     """Return the system as it is in frame k of a trajectory.
 
     Positions and velocities are the frame's; masses, stiffnesses and dampings what the schedule has made of those
-    at the start; rest lengths, where they do not stay, what the strains tell.
+    at the start; what had broken by then is broken; rest lengths, where they do not stay, what the strains tell.
 
     Raises
     ------
@@ -34,6 +34,9 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
     for change in changes_made(trajectory, k, schedule):
         system = change.applied_to(system)
     system = system.replace(position=frame.position, velocity=frame.velocity)
+    if start.tears:
+        broken_at = trajectory.broken_at
+        system = system.replace(broken_at=np.where(broken_before(broken_at, frame.time), broken_at, np.inf))
     if not (start.yields or schedule):
         return system
     rest_length = recovered_rest_length(system, trajectory.strains[k])
@@ -56,7 +59,7 @@ def particle_energies(system: System) -> NDArray[np.float64]:
     """
     mass = np.where(system.pinned, 0.0, system.mass)
     energy = 0.5 * mass * (system.velocity**2).sum(axis=1)
-    half = 0.25 * system.stiffness * (system.length - system.rest_length) ** 2
+    half = 0.25 * np.where(system.broken, 0.0, system.stiffness) * (system.length - system.rest_length) ** 2
     for end in system.connections.T:
         energy += np.bincount(end, weights=half, minlength=system.particle_count)
     return energy

@@ -74,6 +74,8 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
             model, made = Model(system, gravity=gravity, device="cpu", precision="float64"), changes
         elif model.lengths_change:
             model.rest_length.assign(model.ordered(system.rest_length))
+        if model.tearing is not None:
+            model.tearing.restore({"broken_at": system.broken_at})
         state = State.of(system, model, 0)
         height, centre = system.position[:, -1], system.centre_of_mass
         heights = float(height.min()), float(centre[-1]), float(height.max())

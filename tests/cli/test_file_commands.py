@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from trajectories import SYSTEMS, write
 
-from msdwarp import Trajectory
+from msdwarp import Trajectory, TrajectoryWriter, chain
 from msdwarp.cli.draw import _rounded_up
 
 PICTURES = ["--resolution", "128x72", "--frames", "none"]
@@ -111,3 +111,13 @@ def test_a_scale_ends_at_a_round_number_that_is_not_less():
     ends = {0.0: 1.0, 1.0: 1.0, 1.01: 1.5, 4.2: 5.0, 0.0061: 0.008, 9.3: 10.0, 230.0: 300.0}
     for value, wanted in ends.items():
         assert _rounded_up(value) == pytest.approx(wanted)
+
+
+def test_info_says_what_broke(msdwarp, tmp_path):
+    row = chain(4, 0.1).replace(break_strain=0.5, broken_at=[0.0, np.inf, np.inf])
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", row, fps=60) as writer:
+        for k, broken_at in enumerate(([0.0, np.inf, np.inf], [0.0, np.inf, 0.01])):
+            writer.write((k / 60, row.position, row.velocity), broken_at=np.array(broken_at))
+    code, out, _ = msdwarp("info", str(tmp_path / "a.vtkhdf"))
+    assert code == 0
+    assert "broken: 1 connection, from 0.01 to 0.01 s, beside 1 that were from the start" in out
