@@ -7,7 +7,14 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import gingham
 
 
-def build(*, size: int = 31, stiffness: float = 120.0, damping: float = 0.06, mass: float = 0.001) -> Scene:
+def build(
+    *,
+    size: int = 31,
+    stiffness: float = 120.0,
+    damping: float = 0.06,
+    mass: float = 0.001,
+    bending: float = 0.001,
+) -> Scene:
     """Hang a cloth, one and a half metres wide, by three points.
 
     Parameters
@@ -20,11 +27,13 @@ def build(*, size: int = 31, stiffness: float = 120.0, damping: float = 0.06, ma
         Damper constant of each connection [N s/m].
     mass
         Mass of each particle [kg].
+    bending
+        Flexural rigidity [N m]: with less, folds are narrower than the particles can show.
     """
     checks.count("size", size, 5)
     width = 1.5
     spacing = width / (size - 1)
-    cloth = sheet((size, size), spacing, mass=mass, stiffness=stiffness, damping=damping)
+    cloth = sheet((size, size), spacing, mass=mass, stiffness=stiffness, damping=damping, bending=bending)
 
     # It is gathered before it falls: two folds between its pins, every thread as long as it was.
     along = np.linspace(0, width, size)

@@ -18,7 +18,7 @@ class Neighbour(NamedTuple):
     """One of the neighbours that a lattice point may have."""
 
     along: int
-    """Its place in its row, relative to the point: −1, 0 or 1."""
+    """Its place in its row, relative to the point: −1, 0 or 1, and up to 2 either way to second neighbours."""
     direction: int
     """Which direction of the lattice leads there, or back."""
     bit: int
@@ -147,8 +147,11 @@ def column_forces(dim: int, scalar: type, damper: Law | None, compensated: bool,
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
-    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers.
+    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers, or
+    second neighbours, which lie further off.
     """
+    if any(abs(s) > 1 for step in steps for s in step):
+        return None
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load

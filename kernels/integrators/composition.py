@@ -11,6 +11,7 @@ from ..compensation import compensation
 from ..contact import NO_CONTACT, Contact
 from ..effect import Driving, Piece
 from ..forces import Route
+from ..loads import measured
 from ..records import records
 
 
@@ -45,12 +46,7 @@ class Composition(NamedTuple):
     @property
     def timed(self) -> bool:
         """Whether anything depends on time."""
-        return self.works or any(piece.timed for piece in self.pieces)
-
-    @property
-    def works(self) -> bool:
-        """Whether the work of any effect is summed."""
-        return any(piece.works for piece in self.pieces)
+        return any(piece.timed for piece in self.pieces)
 
 
 class Stage(NamedTuple):
@@ -71,9 +67,7 @@ def world(composition: Composition):
     forces: what the route reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
     colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
     where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
-    stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's end [s]; work: what
-    loads have done on each particle [J]; weight: what a stage counts in its integral over time [s], 0 where it
-    belongs to no substep.
+    stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's end [s].
     """
     fields = {
         "forces": composition.route.Forces,
@@ -87,8 +81,6 @@ def world(composition: Composition):
     if composition.timed:
         fields["stage"] = int
         fields["time"] = wp.array(dtype=composition.scalar)
-    if composition.works:
-        fields["work"] = fields["weight"] = wp.array(dtype=wp.float64)
     names = {"__module__": __name__, "__qualname__": "world.<locals>.World"}
     return wp.struct(type("World", (), {"__annotations__": fields} | names))
 
@@ -138,7 +130,7 @@ def beginning(composition: Composition) -> Any:
 @functools.cache
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on particle i [N], (world, lost, x, v, i); None where there are none."""
-    V, World, Lost, load_vector, *_ = tools(composition)
+    V, World, Lost, *_ = tools(composition)
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
@@ -152,20 +144,33 @@ def loads(composition: Composition) -> Any:
         force = piece.force(World)
         if not piece.selective:
             return force
-        mark, works = 1 << composition.selective.index(piece), piece.works
+        mark = 1 << composition.selective.index(piece)
 
         @wp.func
         def load_where_marked(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
             total = V()
             if (world.marks[i] & wp.uint8(wp.static(mark))) != wp.uint8(0):
                 total = force(world, lost, x, v, i)
-                if wp.static(works):
-                    world.work[i] += world.weight[world.stage] * wp.float64(wp.dot(total, load_vector(v, i)))
             return total
 
         return load_where_marked
 
-    return _joined(both, [guarded(piece) for piece in composition.pieces if piece.force is not None])
+    forces = [(piece.works, guarded(piece)) for piece in composition.pieces if piece.force is not None]
+    working = _joined(both, [force for works, force in forces if works])
+    silent = [force for works, force in forces if not works]
+    if working is None:
+        return _joined(both, silent)
+    marks = sum(1 << k for k, piece in enumerate(composition.selective) if piece.works)
+    count = measured(composition.dim, composition.scalar, World, working, Lost)
+
+    @wp.func
+    def working_load(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        total = V()
+        if (world.marks[i] & wp.uint8(wp.static(marks))) != wp.uint8(0):
+            total = count(world, lost, x, v, i)
+        return total
+
+    return _joined(both, [*silent, working_load])
 
 
 @functools.cache

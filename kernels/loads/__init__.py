@@ -2,5 +2,6 @@
 
 from .drives import driven
 from .forces import applied_force, function_force
+from .work import measured, sum_work, work
 
-__all__ = ["applied_force", "driven", "function_force"]
+__all__ = ["applied_force", "driven", "function_force", "measured", "sum_work", "work"]

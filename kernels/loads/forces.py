@@ -1,4 +1,4 @@
-"""Forces on particles: given ones, by numbers for each stage of a frame, and functions of place, speed and time."""
+"""Forces on particles: given ones, by numbers for each stage of a frame, and functions of place and time."""
 
 import functools
 from typing import Any
@@ -46,8 +46,8 @@ def applied_force(dim: int, scalar: type, compensated: bool) -> Piece:
 def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> Piece:
     """Return what a force that is a function of place, speed and time adds to kernels.
 
-    `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t. `number`
-    tells several of a scene apart.
+    `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t.
+    `number` tells several of a scene apart.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)

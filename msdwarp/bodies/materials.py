@@ -39,7 +39,8 @@ class Material:
       shear are the more alike in all directions the larger s is, up to about 1/3. Hence s = 1/4: k₁ = 1/2 E a,
       k₂ = 3/10 E a, k₃ = 3/40 E a. At s = 1 a cell could be deformed without any resistance.
     - *Sheet of thickness t, 8 neighbours*: C11 t = k₁ + k₂ and C12 t = C66 t = k₂. It is isotropic if k₁ = 2 k₂;
-      then in plane stress E t = 8/3 k₂: k₁ = 3/4 E t, k₂ = 3/8 E t. Nothing resists bending out of its plane.
+      then in plane stress E t = 8/3 k₂: k₁ = 3/4 E t, k₂ = 3/8 E t. Nothing resists bending out of its
+      plane, unless `bending` of `sheet` asks for it.
     - *6 or 4 neighbours*: k₁ = E a or E t. The modulus is met along the axes; nothing resists shear.
     - *Chain of cross section A*: k₁ = E A / a.
 
@@ -98,6 +99,14 @@ class Material:
         """Return the stiffness of connections inside a body [N/m], by how many axes they go along, from 1."""
         unit = self.youngs_modulus * section * spacing ** (axes - 2)
         return tuple(unit * share for share in _STIFFNESS[axes, diagonals])
+
+    def flexural_rigidity(self, thickness: float, *, diagonals: bool = True) -> float:
+        """Return D = E t³ / (12 (1 − ν²)) of a sheet [N m].
+
+        ν is Poisson's ratio of its lattice: 1/3, or 0 without diagonals.
+        """
+        poisson = 1 / 3 if diagonals else 0.0
+        return self.youngs_modulus * thickness**3 / (12 * (1 - poisson**2))
 
     def damping_time(self, length: float) -> float:
         """Return β = b/k of a body of this length [s]."""

@@ -1,5 +1,6 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -161,6 +162,23 @@ class System:
     def connection_count(self) -> int:
         """Number of connections."""
         return len(self.connections)
+
+    @property
+    def between_neighbours(self) -> NDArray[np.bool_] | None:
+        """Which connections do not join second neighbours, shape [connection_count]; None if none does.
+
+        Directions of those have names such as "2x". They are compressed in a flat sheet: see
+        `msdwarp.shapes.bending`.
+        """
+        second = [
+            part for body in self.directions for name, part in body.items() if re.fullmatch("([+-]?2[xyz])+", name)
+        ]
+        if not second:
+            return None
+        found = np.ones(self.connection_count, dtype=bool)
+        for part in second:
+            found[part] = False
+        return found
 
     @property
     def dim(self) -> int:

@@ -17,7 +17,7 @@ class Balance(NamedTuple):
     """What a state holds, as far as growth can be told from it."""
 
     energy: float
-    """Kinetic, elastic, gravitational and other stored energy, as the method conserves it [J]."""
+    """Kinetic, elastic, gravitational and other stored energy, as the method conserves it, less work [J]."""
     swing: float
     """How much more there is of it as physics has it [J]."""
     inner: float
@@ -25,7 +25,7 @@ class Balance(NamedTuple):
     kinetic: float
     """Kinetic energy [J]."""
     free: float
-    """Kinetic and gravitational energy [J]."""
+    """Kinetic and gravitational energy, less the work of loads [J]."""
     strain: float
     """Largest |l / l0 − 1|."""
 
@@ -50,6 +50,8 @@ class Ledger:
         self._model, self._sums = dynamics.model, Sums(dynamics.model)
         self._mass = mass(self._model)
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
+        if self._model.work is not None:
+            self._shares = self._model.work.shares()
 
     def launch(self) -> None:
         """Launch what `balance` reads; it may be recorded."""
@@ -60,6 +62,8 @@ class Ledger:
             self._dynamics.launch(kick, h=self._lag, **fields)
             self._sums.launch_difference(self._v, now.v)
         self._sums.launch(now.x, self._v, now.lost.x)
+        if self._model.work is not None:
+            self._model.work.launch(now.v, self._shares)
 
     @np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
     def balance(self) -> Balance:
@@ -67,7 +71,8 @@ class Ledger:
         model = self._model
         particles, connections, swing = self._sums.totals()
         kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
-        free = kinetic + float(particles[columns.POTENTIAL])
+        work = 0.0 if model.work is None else model.work.before + float(self._shares.numpy().sum())
+        free = kinetic + float(particles[columns.POTENTIAL]) - work
         energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
         momentum = particles[columns.MOMENTUM :][: model.dim]
         together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / self._mass

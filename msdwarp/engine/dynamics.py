@@ -53,8 +53,6 @@ class Dynamics:
             self._place(effect)
         if self.composition.selective:
             self.world.marks = wp.array(self._marks(), dtype=wp.uint8, device=model.device)
-        if self.composition.works:
-            self.world.work = wp.zeros(model.particle_count, dtype=wp.float64, device=model.device)
         self._steps, self._last_stage = Steps(1.0, 1), 0
         self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
@@ -82,9 +80,6 @@ class Dynamics:
         self._steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
         if self.composition.timed:
             self.world.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
-        if self.composition.works:
-            weights = np.append(np.tile(steps.dt * np.asarray(steps.weights), steps.substeps), 0.0)
-            self.world.weight = wp.array(weights, dtype=wp.float64, device=self.model.device)
         for effect in self.model.effects:
             effect.steps = steps
             effect.begin(steps.substeps, steps.dt)

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..kernels.effect import Piece
 from ..world import Collider, Load
 from .contact import Contact
 from .driving import driving
 from .effect import Effect
 from .forcing import forcing
+from .work import Work
 from .yielding import Yielding
 
 if TYPE_CHECKING:
@@ -40,4 +42,6 @@ def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
     for make in EFFECTS:
         made = make(model, around)
         found += [made] if isinstance(made, Effect) else made or []
+    if any(isinstance(effect.piece, Piece) and effect.piece.works for effect in found):
+        found.append(Work(model))
     return found

@@ -27,8 +27,6 @@ def forcing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
 class Applied(Effect):
     """Forces that are given, as numbers or as functions of time."""
 
-    works = True
-
     def __init__(self, model: "Model", forces: Sequence[tuple[str, Force]]) -> None:
         self._model, self._forces = model, forces
         self.piece = applied_force(model.dim, model.scalar, model.compensated)
@@ -37,15 +35,13 @@ class Applied(Effect):
         # The entries, particle by particle; of each particle in the order of the forces.
         particle = np.concatenate([np.flatnonzero(each) for each in chosen])
         number = np.repeat(np.arange(len(forces)), [each.sum() for each in chosen])
-        share = [
-            1.0 / max(each.sum(), 1) if one.total else 1.0 for (_, one), each in zip(forces, chosen, strict=True)
-        ]
+        sharing = [each.sum() if one.total else 1 for (_, one), each in zip(forces, chosen, strict=True)]
         order = np.argsort(particle, kind="stable")
         first = np.append(0, np.cumsum(np.bincount(particle, minlength=model.particle_count)))
         data = self.data = self.piece.Data()
         data.first = wp.array(first, dtype=int, device=model.device)
         data.number = wp.array(number[order], dtype=int, device=model.device)
-        data.share = wp.array(np.array(share)[number[order]], dtype=model.scalar, device=model.device)
+        data.share = wp.array(1.0 / np.array(sharing)[number[order]], dtype=model.scalar, device=model.device)
         varies = [one.varies for _, one in forces]
         data.varies = wp.array(np.array(varies, dtype=np.int32), dtype=int, device=model.device)
         self._varies = any(varies)
@@ -78,8 +74,6 @@ class Applied(Effect):
 
 class OfPlace(Effect):
     """A force that is a function of place, speed and time, on the device."""
-
-    works = True
 
     def __init__(self, model: "Model", force: Force, number: int) -> None:
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)

@@ -59,13 +59,16 @@ class NotALattice(ValueError):
 
 
 def step_of(name: str) -> tuple[int, int, int]:
-    """Return the step of a lattice direction by its name: (1, −1, 0) of "x-y"."""
-    step, sign = [0, 0, 0], 1
+    """Return the step of a lattice direction by its name: (1, −1, 0) of "x-y", (0, 2, 0) of "2y"."""
+    step, sign, reach = [0, 0, 0], 1, 1
     for letter in name:
         if letter in "+-":
             sign = 1 if letter == "+" else -1
+        elif letter == "2":
+            reach = 2
         elif letter in "xyz":
-            step["xyz".index(letter)] = sign
+            step["xyz".index(letter)] = sign * reach
+            reach = 1
         else:
             raise NotALattice(f"direction {name!r} is none of a lattice")
     return step[0], step[1], step[2]

@@ -40,7 +40,9 @@ class Measures(NamedTuple):
     """Largest |l / l0 − 1|."""
 
     effect_energy: float = 0.0
-    """What other effects store, such as loads that have a potential [J]."""
+    """What other effects store, such as attachments [J]."""
+    external_work: float = 0.0
+    """What loads have done on the system so far [J]."""
 
     @property
     def energy(self) -> float:
@@ -75,6 +77,7 @@ def measure(
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
         sum(one.energy(state.x) for one in model.effects),
+        0.0 if model.work is None else model.work.total(state.v),
     )
 
 
@@ -91,6 +94,16 @@ class Sums:
         threads = [min(max(count // FEW_EACH, 1), MOST_THREADS) if on_gpu else 1 for count in counts]
         self._shares = [self._zeros(n, width) for n, width in zip(threads, WIDTHS, strict=True)]
         self._rows = self._zeros(ROWS if on_gpu else 1, sum(WIDTHS))
+        # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
+        between = None if model.lengths_change else model.system.between_neighbours
+        self._between = None
+        if between is not None:
+            chosen = np.flatnonzero(model.ordered(between)).astype(np.int32)
+            index = wp.array(chosen, dtype=int, device=model.device)
+            arrays = (model.connections, model.rest_length, model.stiffness, model.damping)
+            self._between = [wp.clone(one[index].contiguous()) for one in arrays]
+            self._strains = self._zeros(threads[1], columns.CONNECTION_COLUMNS)
+            self._strain_rows = self._zeros(self._rows.shape[0], columns.CONNECTION_COLUMNS)
 
     def _zeros(self, rows: int, columns: int) -> Any:
         return wp.zeros((rows, columns), dtype=wp.float64, device=self._model.device)
@@ -103,6 +116,11 @@ class Sums:
         constants = [model.connections, model.rest_length, model.stiffness, model.damping]
         kernel = sum_connections(model.dim, model.scalar, compensated, model.system.damper.law)
         self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
+        if self._between is not None:
+            inputs = [*self._between, x, v, x_lost if compensated else x]
+            wp.launch(kernel, len(self._strains), inputs, [self._strains], device=model.device)
+            rows = self._strain_rows
+            wp.launch(fold, rows.shape, [self._strains, columns.STRAIN, 0], [rows], device=model.device)
 
     def launch_difference(self, v: wp.array, u: wp.array) -> None:
         """Launch the sum of ½ m |v − u|²."""
@@ -121,7 +139,8 @@ class Sums:
         rows = self._rows.numpy()
         sums = rows.sum(axis=0)
         particles, connections = sums[: WIDTHS[0]], sums[WIDTHS[0] : -WIDTHS[2]]
-        connections[columns.STRAIN] = rows[:, WIDTHS[0] + columns.STRAIN].max()
+        strains = rows[:, WIDTHS[0] :] if self._between is None else self._strain_rows.numpy()
+        connections[columns.STRAIN] = strains[:, columns.STRAIN].max()
         return particles, connections, float(sums[-1])
 
 

@@ -14,6 +14,7 @@ from ..world import Collider, Load, bound, check_loads, driven_particles
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
+from .work import Work
 
 CONTACT_RULES = ("coulomb", "report")
 
@@ -109,6 +110,16 @@ class Model:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload(self.ordered(steepest), "damping")
         self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads))
+
+    @property
+    def work(self) -> Work | None:
+        """The work of its loads, where it has such."""
+        return next((effect for effect in self.effects if isinstance(effect, Work)), None)
+
+    def go_on_from(self, model: "Model", v: wp.array) -> None:
+        """Take over what a run has summed with a model of the same loads, whose particles then moved at v."""
+        if self.work is not None and model.work is not None:
+            self.work.before = model.work.total(v)
 
     @property
     def lengths_change(self) -> bool:

@@ -19,7 +19,7 @@ class Baseline(NamedTuple):
     """What the energy of a run is compared with."""
 
     energy: float
-    """Energy at the start: kinetic, elastic, gravitational, and what effects store [J]."""
+    """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
     scale: float
     """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
 
@@ -28,7 +28,7 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start = measure(model, state)
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        return cls(start.energy, scale + rounding_energy(model, state))
+        return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 
 class Watch:
@@ -46,7 +46,7 @@ class Watch:
         """The start of the run: it stays, though the number of substeps changes on the way."""
         self._look_over = look_over(model.dim, model.scalar)
         self.energy = 0.0
-        """Kinetic and gravitational energy of the state last found out about [J]."""
+        """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
         self._first = wp.empty(1, dtype=int, device=model.device)
         threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
         self._energies = wp.zeros((threads, 2), dtype=wp.float64, device=model.device)
@@ -54,6 +54,12 @@ class Watch:
         self._found = [self._first, self._energies]
         if model.device.is_cuda:
             self._found = [wp.empty_like(array, device="cpu", pinned=True) for array in self._found]
+        self._work = model.work
+        if self._work is not None:  # what loads have done is no sign of divergence
+            self._shares = self._work.shares()
+            self._found_work = self._shares
+            if model.device.is_cuda:
+                self._found_work = wp.empty_like(self._shares, device="cpu", pinned=True)
         energy, scale = self.baseline
         self._most = energy + energy_limit * scale if scale > 0 else np.inf
         if any(effect.works for effect in model.effects):
@@ -69,6 +75,10 @@ class Watch:
         if model.device.is_cuda:
             for there, here in zip(self._found, outputs, strict=True):
                 wp.copy(there, here)
+        if self._work is not None:
+            self._work.launch(state.v, self._shares)
+            if model.device.is_cuda:
+                wp.copy(self._found_work, self._shares)
 
     def finds_trouble(self) -> bool:
         """Tell whether the state last looked at has diverged."""
@@ -76,6 +86,8 @@ class Watch:
             wp.synchronize_stream(self._model.device.stream)
         first, energies = (array.numpy() for array in self._found)
         self.energy = float(energies.sum())
+        if self._work is not None:
+            self.energy -= self._work.before + float(self._found_work.numpy().sum())
         return int(first[0]) < self._model.particle_count or not self.energy <= self._most
 
     def culprit(self) -> int:

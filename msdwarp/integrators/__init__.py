@@ -13,7 +13,6 @@ from .stability import (
     StepChoice,
     UnstableStep,
     choose_forced,
-    choose_stable,
     choose_substeps,
     stability_limit,
 )
@@ -34,7 +33,6 @@ __all__ = [
     "SymplecticEuler",
     "UnstableStep",
     "choose_forced",
-    "choose_stable",
     "choose_substeps",
     "stability_limit",
 ]

@@ -42,6 +42,11 @@ class Integrator(ABC):
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property
+    def lagging(self) -> bool:
+        """Whether the velocities that forces see lag half a substep behind the positions."""
+        return False
+
+    @property
     def carried(self) -> int:
         """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
         return 0

@@ -51,6 +51,11 @@ class Leapfrog(Integrator):
         checks.one_of("damper_extrapolation", self.damper_extrapolation, (0.0, 0.5))
 
     @property
+    def lagging(self) -> bool:
+        """Whether the velocities that forces see lag half a substep behind the positions."""
+        return not self.damper_extrapolation
+
+    @property
     def carried(self) -> int:
         """Arrays carried along: the velocities that dampers see, where they are not the ones it steps with."""
         return 1 if self.damper_extrapolation else 0

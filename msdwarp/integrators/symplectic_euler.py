@@ -22,6 +22,11 @@ class SymplecticEuler(Integrator):
     order: ClassVar[int] = 1
     lag: ClassVar[float] = 0.5
 
+    @property
+    def lagging(self) -> bool:
+        """Whether the velocities that forces see lag half a substep behind the positions."""
+        return True
+
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""
         now, then = state.here, state.there

@@ -93,17 +93,24 @@ class SurfacePart:
         return self._particle.numpy(), self._weights.numpy()
 
 
+def shown(system: System) -> NDArray[np.bool_] | slice:
+    """Return which connections are drawn: all but those to second neighbours, which lie along two others."""
+    between = system.between_neighbours
+    return slice(None) if between is None else between
+
+
 class Tubes:
-    """A three-sided tube along each connection."""
+    """A three-sided tube along each connection that is shown."""
 
     def __init__(self, system: System, device: str) -> None:
-        vertices = 6 * system.connection_count
+        connections, rest_length = system.connections[shown(system)], system.rest_length[shown(system)]
+        vertices = 6 * len(connections)
         side = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 0, 5], [5, 0, 1]])
-        first = 6 * np.arange(system.connection_count)[:, None, None]
+        first = 6 * np.arange(len(connections))[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.colour = np.zeros((vertices, 2)), np.ones(3)
-        self.radius = TUBE * float(np.median(system.rest_length))
-        self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
+        self.radius = TUBE * float(np.median(rest_length))
+        self._connections = wp.array(connections, dtype=wp.vec2i, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Lay the tubes between their particles."""
@@ -124,7 +131,7 @@ class Balls:
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
         self.uv = np.zeros((n * count, 2))
         self.colour = np.repeat(np.where(system.pinned[:, None], PINNED, INK), n, axis=0)
-        self.radius = BALL * float(np.median(system.rest_length))
+        self.radius = BALL * float(np.median(system.rest_length[shown(system)]))
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
@@ -170,8 +177,9 @@ class StrainPaint:
     """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
 
     def __init__(self, system: System, full_strain: float, device: str) -> None:
-        self._connections = wp.array(system.connections, dtype=wp.vec2i, device=device)
-        self._rest_length = wp.array(system.rest_length, dtype=float, device=device)
+        chosen = shown(system)
+        self._connections = wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)
+        self._rest_length = wp.array(system.rest_length[chosen], dtype=float, device=device)
         self._full_strain = full_strain
         self._stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
 

@@ -110,6 +110,16 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
     return count[count > 0] / 2.0 ** (len(step) - np.count_nonzero(step))
 
 
+def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
+    """Return the part of cells beside a connection over two steps that are whole along both, from 0 to 1.
+
+    At the points of a grid of two axes that have a neighbour two steps further: see `ends_of`.
+    """
+    here, there = ends_of(step, whole.shape)
+    count = _cells_of(whole[here] & whole[there], step)
+    return count / 2.0 ** (len(step) - np.count_nonzero(step))
+
+
 def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int, ...] | None:
     """Return the first point of a mask that is no corner of a whole cell, if there is one."""
     loose = mask & (_cells_of(whole, (0,) * mask.ndim) == 0)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, Surface, System
+from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_shares,
     count_pieces,
@@ -65,12 +66,14 @@ def _lattice(
     surface: Surface | None,
     stuff: _Stuff,
     mask: NDArray[np.bool_] | None = None,
+    bending: float | str | None = None,
 ) -> System:
     """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates.
 
     With a mask, shape [nx, ny, nz], only where it is True.
     """
     spacing = checks.positive("spacing", spacing)
+    rigidity = flexural_rigidity(bending, stuff.material, stuff.section, diagonals, dim)
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
     position = np.zeros((*shape[::-1], dim))  # z, y, x
     for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
@@ -97,10 +100,16 @@ def _lattice(
         surface=surface,
         directions=(slices,),
     )
-    if stuff.material is None:
+    solid = stuff.material is not None
+    if not solid and not rigidity:
         return lattice.replace(**stuff.constants)
-    mask = np.ones(shape, dtype=bool) if mask is None else mask
-    return lattice.replace(**_constants_of(stuff.material, stuff.section, mask, spacing, diagonals))
+    mask, constants = np.ones(shape, dtype=bool) if mask is None else mask, stuff.constants
+    if stuff.material is not None:
+        constants = _constants_of(stuff.material, stuff.section, mask, spacing, diagonals)
+    lattice = lattice.replace(**constants)
+    if not rigidity:
+        return lattice
+    return resisting_bending(lattice, mask, spacing, rigidity, diagonals=diagonals, solid=solid)
 
 
 def _constants_of(
@@ -178,6 +187,7 @@ def sheet(
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
+    bending: float | str | None = None,
     dim: int = 3,
 ) -> System:
     """Return a rectangular sheet of particles in the x-y plane.
@@ -197,6 +207,11 @@ def sheet(
         Thickness [m], if there is a material.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    bending
+        What resists bending: the flexural rigidity D [N m], or "material", with which D is E t³ / (12 (1 − ν²)).
+        By default nothing does. Springs to second neighbours bring it about, and connections between neighbours
+        pull against them: `msdwarp.shapes.bending` derives both, and states the error. Stiffness and damping, if
+        they are arrays, are those of the connections there are without bending.
     dim
         Number of coordinates: 2 or 3.
 
@@ -209,7 +224,7 @@ def sheet(
     checks.one_of("neighbours", neighbours, (4, 8))
     _check_shape(shape, 2)
     stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
-    return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff)
+    return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff, bending=bending)
 
 
 def box(
@@ -262,6 +277,7 @@ def lattice(
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
+    bending: float | str | None = None,
     dim: int | None = None,
     surface: Surface | None = None,
 ) -> System:
@@ -287,6 +303,8 @@ def lattice(
         Thickness of a sheet [m], if there is a material.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    bending
+        What resists bending of a sheet, as for `sheet`.
     dim
         Number of coordinates: 3, or 2 for a sheet; by default 3.
     surface
@@ -322,8 +340,10 @@ def lattice(
         stuff = _stuff(material, mass, stiffness, damping)
         if thickness is not None:
             raise ValueError(f"thickness is {thickness!r}; for a solid body it must be left out")
+        if bending is not None:
+            raise ValueError(f"bending is {bending!r}; for a solid body it must be left out")
     surface = grid_surface(points.shape, points) if surface is None else surface
-    return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points)
+    return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points, bending)
 
 
 def _check_no_loose_particle(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> None:

@@ -25,6 +25,7 @@ def cloth(
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
+    bending: float | str | None = None,
     dim: int = 3,
 ) -> System:
     """Return a sheet of any outline in the x-y plane, where the outline is, facing up.
@@ -45,6 +46,8 @@ def cloth(
     material, thickness, mass, stiffness, damping
         A material and the thickness [m], or the constants of each particle [kg] and each connection [N/m],
         [N s/m]; see `lattice`.
+    bending
+        What resists bending: the flexural rigidity [N m], "material", or nothing, as for `sheet`.
     dim
         Number of coordinates: 2 or 3.
 
@@ -69,7 +72,7 @@ def cloth(
     points, triangles = _fitted(corners * _FINER, _cells_of(corners * _FINER, shape * _FINER))
     skin = Skin(points * (spacing / _FINER), np.clip(points / _FINER / extent + 0.5, 0, 1), triangles)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    constants |= {"material": material, "thickness": thickness}
+    constants |= {"material": material, "thickness": thickness, "bending": bending}
     body = embedded(cells, spacing, skin, neighbours=neighbours, dim=dim, **constants)
     return body.translate(np.resize([*centre, 0.0], dim))
 

@@ -11,13 +11,10 @@ from ..bodies import Frame, System
 from ..engine import (
     Blocks,
     Dynamics,
-    Measures,
     Model,
     Rates,
-    State,
     check_blocks,
     doubt_start,
-    measure,
     rate_bounds,
     starting_state,
 )
@@ -28,18 +25,18 @@ from ..integrators import (
     SymplecticEuler,
     UnstableStep,
     choose_forced,
-    choose_stable,
+    choose_substeps,
 )
 from ..world import Change, Collider, Load, Scene, bound
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
-from .headline import headline
 from .pace import Hopeless, Pace
+from .present import Present
 from .stepping import Stepping
 
 
-class Simulation:
+class Simulation(Present):
     """A system in its surroundings, advanced frame by frame on a device.
 
     Parameters
@@ -59,20 +56,19 @@ class Simulation:
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame; "auto" takes the least that stay within `safety` of the stability limit of
-        small motions (see `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
+        Integrator steps per frame; "auto" takes the least within `safety` of the stability limit (see
+        `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
         `msdwarp.simulation.pace`). What is chosen, and why, is in `choice`; what was, and when, in `chosen`.
     safety
         Share of the stability limit that automatic substeps may use, 0 … 1.
     refresh
-        Compute the stability limit anew before every frame, not only where stretching has changed by much.
+        Compute the stability limit before every frame, not only where stretching has changed by much.
     allow_unstable
         Accept substeps beyond the stability limit.
     energy_limit
-        The run has diverged when its energy has grown by this multiple of its scale, the energy at the start
-        and what falling by the system's own size would give, and of the swing that a step near the limit
-        gives a stable method's energy (`StepChoice.energy_swing`). With inf nothing is watched but that numbers
-        are finite: automatic substeps then stay those of the stability limit.
+        The run has diverged when its energy has grown by this multiple of its scale (the energy at the start and
+        what falling by the system's own size would give), times `StepChoice.energy_swing`. With inf only numbers
+        that are not finite end it: automatic substeps then stay those of the stability limit.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -81,8 +77,8 @@ class Simulation:
         How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
         "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
     blocks
-        How many blocks of threads, and threads in each, take all substeps of a frame in one launch, which is a
-        matter of speed alone: a pair, None for a launch for each stage of each substep, or "auto".
+        Blocks of threads, and threads in each, that take all substeps of a frame in one launch, a matter of speed
+        alone: a pair, None for a launch for each stage of each substep, or "auto".
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
 
@@ -164,7 +160,15 @@ class Simulation:
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
-        return headline(self, self._method, self._surroundings["colliders"])
+        system, model = self.system, self.model
+        parts = f"{system.particle_count} particles, {system.connection_count} connections"
+        around = "".join(f", {type(one).__name__}" for one in self._surroundings["colliders"][:4])
+        return (
+            f"<Simulation of {parts}{around}\n"
+            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
+            f"  {model.precision} by {model.route} on {self.device}\n"
+            f"  at {self.time:.4g} s, frame {self.frame_index}>"
+        )
 
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
@@ -180,6 +184,8 @@ class Simulation:
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
+        if self.time > 0.0:
+            model.go_on_from(self.model, self.state.v)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = starting_state(system, model, self._method.carried, self.time, self.fps)
         refinement, above = 1.0, 0.0
@@ -195,52 +201,13 @@ class Simulation:
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
         if self._forced is not None and self._allow_unstable:
             return choose_forced(rates, self._method, self.fps, self._forced)
-        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
-
-    @property
-    def system(self) -> System:
-        """The system as it was when it was last uploaded: at the start, or by the last change."""
-        return self.stepping.model.system
-
-    @property
-    def model(self) -> Model:
-        """The system on its device."""
-        return self.stepping.model
-
-    @property
-    def state(self) -> State:
-        """What moves, on the device; velocities are at the integrator's own instants."""
-        return self.stepping.state
-
-    @property
-    def integrator(self) -> Integrator:
-        """The time-stepping method as it is used with the present substeps."""
-        return self.stepping.integrator
-
-    @property
-    def choice(self) -> StepChoice:
-        """The substeps of a frame, and why."""
-        return self.stepping.choice
-
-    @property
-    def substeps(self) -> int:
-        """Integrator steps per frame, with automatic substeps those that the last one took."""
-        return self.choice.substeps
-
-    @property
-    def dt(self) -> float:
-        """Length of a substep [s]."""
-        return self.choice.step
-
-    @property
-    def time(self) -> float:
-        """Simulated time since the start [s]."""
-        return self.frame_index / self.fps
-
-    @property
-    def device(self) -> str:
-        """The device that simulates, by Warp's name for it."""
-        return self.model.device.alias
+        choice = choose_substeps(rates, self._method, self.fps, self._forced, self._safety)
+        if choice.substeps < choice.least:
+            raise UnstableStep(
+                f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
+                f"{math.ceil(choice.least / self._safety)} with a margin"
+            )
+        return choice
 
     def step(self, frames: int = 1) -> None:
         """Advance by one frame or more.
@@ -248,8 +215,8 @@ class Simulation:
         Raises
         ------
         SimulationDiverged
-            If a position or velocity is no longer finite, or energy has grown from nowhere, and with
-            automatic substeps only if more of them did not help. It is then back at the last good frame.
+            If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
+            of them did not help). It is then back at the last good frame.
         """
         for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -311,19 +278,6 @@ class Simulation:
         system = self.system.replace(**self.stepping.changed_fields())
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
 
-    def measure(self) -> Measures:
-        """Return energies, momentum and strain of the present state."""
-        return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)
-
-    @property
-    def rest_length(self) -> NDArray:
-        """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
-        return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
-
-    def frame(self) -> Frame:
-        """Return the present positions and velocities."""
-        return self.stepping.frame(self.time)
-
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the present frame and every frame of the next `duration` seconds.
 
@@ -342,11 +296,6 @@ class Simulation:
         for _ in range(count):
             self.step()
             yield self.frame()
-
-    def snapshot(self) -> System:
-        """Return the system as it is now: present positions and velocities, present parameters."""
-        _, position, velocity = self.frame()
-        return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
@@ -383,9 +332,7 @@ class Simulation:
     def change(self, *, group: Any = None, freeze: bool = False, release: Any = None, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
-        A mass of inf pins a particle where it is.
-        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
-        kinds. The route is chosen anew where that was left open, and so are the substeps.
+        The route is chosen anew where that was left open, and so are the substeps.
 
         Parameters
         ----------

@@ -77,8 +77,9 @@ class Stepping:
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
-        own = self.integrator
-        dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag))
+        method = self.integrator
+        when = method.stage_times, method.weights, method.lagging, method.lag
+        dynamics.begin(Steps(choice.fps, choice.substeps, *when))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)

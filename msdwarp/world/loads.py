@@ -19,7 +19,7 @@ class Load:
     Parameters
     ----------
     on
-        The particles that it acts on: the name of a group (see `System.named`), indices, or a mask; by default all.
+        The particles that it acts on: a group's name (see `System.named`), indices, or a mask; by default all.
     """
 
     on: Any = None
@@ -53,10 +53,10 @@ class Force(Load):
     Parameters
     ----------
     force
-        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for what
-        depends on place or speed, a `wp.func` (x, v, t, i) -> force on particle i, which is at x [m] and moves at v
-        [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors of the scene's
-        precision, or `Any`.
+        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for
+        what depends on place or speed, a `wp.func` (x, v, t, i) -> force on particle i, which is at x [m] and
+        moves at v [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors of the
+        scene's precision, or `Any`.
     on
         The particles that it acts on; see `Load`.
     total
