@@ -57,6 +57,7 @@ def lattices(damping: float) -> dict[str, System]:
         "smallest sheet": sheet((2, 2), **constants),
         "box 6": box((3, 4, 5), neighbours=6, **constants),
         "box 26": box((5, 4, 3), **constants),
+        "oblong cells": box((3, 4, 3), (0.7, 1.1, 1.6), **constants),
         "smallest box": box((2, 2, 2), **constants),
         "thin box": box((2, 2, 7), **constants),
         "ball": problems.ball(7, **constants),

@@ -106,6 +106,12 @@ PICTURES = [
     (lambda: msd.Look(smooth="yes"), "smooth is 'yes'; it must be one of False, True"),
     (lambda: msd.Look(azimuth="1"), "azimuth is '1'; it must be a number from -360 to 360"),
     (lambda: msd.Look(particles=np.array([1, 2])), "particles is array([1, 2]); it must be one of None, False"),
+    (lambda: msd.Look(tube="1"), "tube is '1'; it must be a number above 0"),
+    (lambda: scene(looks=3), "looks is 3; it must be a mapping"),
+    (
+        lambda: scene(looks={"bal": msd.Look()}),
+        "a name in looks is 'bal'; it must be one of those there are: none",
+    ),
     (lambda: msd.Renderer(3, BODY.position), "scene is 3; it must be a Scene"),
     (lambda: renderer(resolution=3), "resolution is 3; it must be two whole numbers, width and height"),
     (lambda: renderer(resolution=(64,)), "resolution is (64,); it must be two whole numbers"),

@@ -82,6 +82,8 @@ def test_a_scene_says_what_is_in_it():
         "  colliders: Plane(), Sphere(), Sphere() and 2 more",
         "  schedule: 2 changes, at 0.25 to 0.5 s",
     ]
+    dressed = msd.Scene(system=BLOCK.named("block"), looks={"block": msd.Look()})
+    assert repr(dressed).splitlines()[-1] == "  looks of their own: block"
     assert repr(msd.Scene(system=BLOCK)).splitlines()[0] == "Scene of 4 s, gravity 9.82 m/s²"
 
 

@@ -86,14 +86,15 @@ def take_normals(
 @kernel
 def place_balls(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
+    particle: wp.array(dtype=int),  # in the middle of each ball, shape [ball_count]
     directions: wp.array(dtype=wp.vec3),  # of unit length, shape [corner_count]
     radius: float,  # [m]
     # Out:
-    points: wp.array(dtype=wp.vec3),  # [m], shape [particle_count · corner_count]
+    points: wp.array(dtype=wp.vec3),  # [m], shape [ball_count · corner_count]
 ):
-    """Put a ball, given by the directions from its middle to its vertices, at every particle."""
+    """Put balls, given by the directions from their middles to their vertices, at some particles."""
     p, k = wp.tid()
-    points[p * directions.shape[0] + k] = x[p] + radius * directions[k]
+    points[p * directions.shape[0] + k] = x[particle[p]] + radius * directions[k]
 
 
 @kernel
@@ -117,11 +118,12 @@ def place_tubes(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     radius: float,  # [m]
+    sides: int,
     # Out:
-    points: wp.array(dtype=wp.vec3),  # [m], shape [6 · connection_count]
-    normals: wp.array(dtype=wp.vec3),  # of unit length, shape [6 · connection_count]
+    points: wp.array(dtype=wp.vec3),  # [m], shape [2 · sides · connection_count]
+    normals: wp.array(dtype=wp.vec3),  # of unit length, shape [2 · sides · connection_count]
 ):
-    """Lay a three-sided tube along every connection: six vertices each, at its start and its end in turn."""
+    """Lay a tube of some sides along every connection, with vertices at its start and its end in turn."""
     c = wp.tid()
     start = x[connections[c][0]]
     end = x[connections[c][1]]
@@ -131,10 +133,10 @@ def place_tubes(
         aside = wp.vec3(1.0, 0.0, 0.0)
     e1 = wp.normalize(wp.cross(axis, aside))
     e2 = wp.cross(axis, e1)
-    for k in range(3):
-        angle = float(k) * 2.0943951
+    for k in range(sides):
+        angle = 6.2831853 * float(k) / float(sides)
         outwards = wp.cos(angle) * e1 + wp.sin(angle) * e2
-        near = 6 * c + 2 * k
+        near = 2 * (sides * c + k)
         points[near] = start + radius * outwards
         points[near + 1] = end + radius * outwards
         normals[near] = outwards
@@ -156,16 +158,17 @@ def colour_by_strain(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     rest_length: wp.array(dtype=float),  # [m], shape [connection_count]
     full_strain: float,
+    corners: int,
     stops: wp.array(dtype=wp.vec3),  # colours of the scale, shape [stop_count]
     # Out:
-    colours: wp.array(dtype=wp.vec3),  # shape [6 · connection_count]
+    colours: wp.array(dtype=wp.vec3),  # shape [corners · connection_count]
 ):
-    """Colour the six vertices of every connection's tube by its strain / full_strain, in either direction."""
+    """Colour the vertices of every connection's tube by its strain / full_strain, in either direction."""
     c = wp.tid()
     strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
     colour = colour_at(stops, wp.abs(strain / full_strain))
-    for k in range(6):
-        colours[6 * c + k] = colour
+    for k in range(corners):
+        colours[corners * c + k] = colour
 
 
 @kernel

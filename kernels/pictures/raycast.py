@@ -16,7 +16,7 @@ class Body:
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
     texture: wp.array2d(dtype=wp.vec3)  # in 0 … 1, shape [height, width]
     textured: int  # 1 if the texture is what is seen, 0 if the colours are
-    gloss: float  # strength of highlights
+    gloss: wp.array(dtype=float)  # strength of highlights of each triangle, shape [triangle_count]
 
 
 @wp.struct
@@ -91,6 +91,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     if body.textured == 1:
         at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
         colour = texel(body.texture, at[0], at[1])
+    gloss = body.gloss[hit.face]
     diffuse = view.ambient
     glint = float(0.0)
     for k in range(2):
@@ -103,7 +104,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         if facing > 0.0:
             mirrored = 2.0 * facing * normal - light
             diffuse += strength * facing
-            glint += strength * body.gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), 30.0)
+            glint += strength * gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), 30.0)
     return diffuse * colour + wp.vec3(glint, glint, glint)
 
 

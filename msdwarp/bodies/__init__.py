@@ -1,5 +1,6 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
+from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
@@ -32,6 +33,7 @@ __all__ = [
     "headline",
     "in_space",
     "is_uniform",
+    "pieces",
     "rotation",
     "rotations",
     "selected",

@@ -23,10 +23,11 @@ class Steps(NamedTuple):
 
     weights: Sequence[float] = (1.0,)
     """What each of these counts in an integral over the substep; together 1."""
+    lag: float = 0.0
+    """Substeps by which the method keeps velocities behind positions."""
+
     lagging: bool = False
     """Whether the velocities that forces see lag half a substep behind the positions."""
-    lag: float = 0.0
-    """Substeps by which the velocities that the method keeps lag behind the positions."""
 
     @property
     def dt(self) -> float:

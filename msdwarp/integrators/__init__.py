@@ -13,6 +13,7 @@ from .stability import (
     StepChoice,
     UnstableStep,
     choose_forced,
+    choose_stable,
     choose_substeps,
     stability_limit,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "SymplecticEuler",
     "UnstableStep",
     "choose_forced",
+    "choose_stable",
     "choose_substeps",
     "stability_limit",
 ]

@@ -96,6 +96,19 @@ def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: in
     return StepChoice(rates, limit, least, substeps, fps)
 
 
+def choose_stable(
+    rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
+) -> StepChoice:
+    """Return the same as `choose_substeps`; raise UnstableStep too if the substeps given are too few."""
+    choice = choose_substeps(rates, integrator, fps, substeps, safety)
+    if choice.substeps < choice.least:
+        raise UnstableStep(
+            f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
+            f"{math.ceil(choice.least / safety)} with a margin"
+        )
+    return choice
+
+
 def choose_substeps(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:

@@ -8,17 +8,25 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import in_space
+from ..bodies import System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
-from .parts import Balls, BodyPart, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
+from .dressing import look_of_particles, look_of_triangles, part_of, uncovered
+from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
 from .stage import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 
 COLOURINGS = ("texture", "strain")
-MOST_BALLS = 200
-"""Particles of the largest system whose particles are drawn as balls unless the look says otherwise."""
+TUBE, BALL = 0.045, 0.11
+"""Radii of connections and of particles over the median rest length, unless a look says otherwise."""
+INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
+"""Colours of free and of pinned particles."""
+MOST_BALLS, LARGE_BALLS = 200, 50
+"""Particles of the largest system whose particles are drawn as balls unless the look says otherwise, and of the
+largest whose balls are large enough in the picture to deserve 162 corners, else 42."""
+ROUND, MOST_JOINTS = 8, 2000
+"""Sides of the tubes of ropes, and the most of their particles where balls join these."""
 
 
 class Scale(NamedTuple):
@@ -51,24 +59,28 @@ class PlacedPart(NamedTuple):
 class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    The surface of the system, or, where `colouring` is "strain" or there is no surface, a tube along each
-    connection and, in small systems, a ball at each particle; behind them the solid colliders. `points`,
-    `normals` and `colours` are float32 of shape [vertex_count, 3]. `scale` is what colours tell: of values of
-    the particles, of the strain of connections, or None where they tell nothing.
+    The surface of the system, and a tube along each connection of bodies that have none, or between bodies. Where
+    `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
+    connection and, in small systems, a ball at each particle. Behind them are the solid colliders. `points`,
+    `normals` and `colours` are float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `scale` is what
+    colours tell: of values of the particles, of the strain of connections, or None where they tell nothing.
     """
 
     def __init__(self, scene: Scene, colouring: str | Scale, device: str = "cpu") -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(colouring, Scale)
         """Whether the body takes the colours of values, which it is given as it follows the particles."""
-        self._shows_connections = colouring == "strain" or system.surface is None
-        self.scale = self._scale_of(colouring, look)
-        self.gloss = 0.0 if self.colours_move else look.gloss
+        bare = system.surface is None
+        self._shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
+        self._plain_tubes = self._shows_strain or (bare and self.by_value)
+        self._full_strain = look.full_strain
+        self._paints: dict[Part, Paint] = {}
+        self.scale = self._scale_of(colouring)
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
         self.device = device
         body = self._body_of(scene)
-        colour = np.array(checks.colour("obstacle", look.obstacle))
-        obstacles = [Obstacle(one, mesh, system.dim, colour, device) for one, mesh in meshes(scene)]
+        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.gloss)
+        obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in meshes(scene)]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
@@ -79,18 +91,23 @@ class Drawing:
         self.colours = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
         placed = self._placed(parts)
         self.triangles = np.concatenate([one.part.triangles + np.int32(one.vertices.start) for one in placed])
-        self.texture, uvs = self._textured(look, parts, len(body))
+        self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
+        self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
         if self.texture is None:
             for one in placed:
-                paint[one.vertices] = one.part.colour
+                paint[one.vertices] = one.part.finish.colour
         self.colours.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
         self._body, around = placed[: len(body)], placed[len(body) :]
-        self._painted = list(zip(self._paints_of(scene, body), self._body, strict=False))
+        if self.by_value:
+            self._paints = {part: ValuePaint(part, device) for part in body}
+        self._painted = [
+            (self._paints[part], one) for part, one in zip(body, self._body, strict=True) if part in self._paints
+        ]
         self._moving = [one for one, obstacle in zip(around, obstacles, strict=True) if obstacle.moves]
         for one in around:
             one.follow(self._x, 0.0)
@@ -106,12 +123,12 @@ class Drawing:
             first = own.stop
         return placed
 
-    def _scale_of(self, colouring: str | Scale, look: Look) -> Scale | None:
+    def _scale_of(self, colouring: str | Scale) -> Scale | None:
         """Return what the colours tell; raise ValueError if there is no such colouring."""
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colour", colouring, COLOURINGS)
-        return Scale("strain  |length / rest length - 1|", look.full_strain) if self._shows_connections else None
+        return Scale("strain  |length / rest length - 1|", self._full_strain) if self._shows_strain else None
 
     @property
     def colours_move(self) -> bool:
@@ -124,42 +141,72 @@ class Drawing:
         return VALUE_STOPS if self.by_value else STRAIN_STOPS
 
     def _body_of(self, scene: Scene) -> list[BodyPart]:
-        """Return the parts that follow the particles."""
-        system, look = scene.system, scene.look
-        if not self._shows_connections:
-            assert system.surface is not None
-            colour = np.array(checks.colour("colour", look.colour))
-            return [SurfacePart(system.surface, colour, look.smooth, self.device)]
-        body: list[BodyPart] = [Tubes(system, self.device)]
-        few = system.particle_count <= MOST_BALLS
-        if look.particles or (look.particles is None and few):
-            body.append(Balls(system, self.device))
+        """Return the parts that follow the particles, look by look."""
+        system, of_particle = scene.system, look_of_particles(scene)
+        surface = None if self._shows_strain else system.surface
+        of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
+        drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
+        if (between := system.between_neighbours) is not None:  # the others lie along two of these
+            drawn = drawn & between
+        shown = np.flatnonzero(drawn)
+        of_connection = of_particle[system.connections[shown]].max(axis=1)
+        body: list[BodyPart] = []
+        for k, look in enumerate((scene.look, *scene.looks.values())):
+            finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
+            if surface is not None and (mine := of_triangle == k).any():
+                body.append(SurfacePart(part_of(surface, mine), finish, look.smooth, self.device))
+            own = shown[of_connection == k]
+            particles = np.flatnonzero(of_particle == k)
+            if self._plain_tubes and len(own) + len(particles):
+                body += self._tubes_and_balls(system, look, own, particles)
+            elif len(own):
+                body += self._ropes(system, look, own, finish._replace(texture=None))
         return body
 
-    def _paints_of(self, scene: Scene, body: list[BodyPart]) -> list[Paint]:
-        """Return what gives the first parts of the body their colours, where those move."""
-        if self.by_value:
-            return [ValuePaint(part, self.device) for part in body]
-        if self.colours_move:  # of the tubes alone
-            return [StrainPaint(scene.system, scene.look.full_strain, self.device)]
-        return []
+    def _tubes_and_balls(
+        self, system: System, look: Look, connections: NDArray, particles: NDArray
+    ) -> list[BodyPart]:
+        """Return connections as thin tubes, and particles as dark balls if there are few."""
+        rest_length = system.rest_length[connections]
+        unit = _unit(look, rest_length)
+        tubes = Tubes(system.connections[connections], TUBE * unit, Finish(np.ones(3)), self.device)
+        if self._shows_strain:
+            self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
+        few = system.particle_count <= MOST_BALLS
+        if not (look.particles or (look.particles is None and few)):
+            return [tubes]
+        dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
+        fine = system.particle_count <= LARGE_BALLS
+        return [tubes, Balls(particles, BALL * unit, dark, self.device, fine=fine)]
 
-    def _textured(self, look: Look, parts: list[Part], body: int) -> tuple[NDArray | None, list[NDArray]]:
-        """Return the texture of all parts, of which the first `body` are the body's, and their coordinates."""
-        uvs = [part.uv for part in parts]
-        if self.colours_move:
+    def _ropes(self, system: System, look: Look, connections: NDArray, finish: Finish) -> list[BodyPart]:
+        """Return connections as round tubes in the colour of a look, with balls where they meet."""
+        ends, unit = system.connections[connections], _unit(look, system.rest_length[connections])
+        tubes = Tubes(ends, TUBE * unit, finish, self.device, sides=ROUND)
+        joints = np.unique(ends)
+        if look.particles is False or (look.particles is None and len(joints) > MOST_JOINTS):
+            return [tubes]
+        return [tubes, Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device)]
+
+    def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
+        """Return what a part looks like, which does not shine where colours tell something."""
+        return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
+
+    def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
+        """Return the texture of all parts, and their coordinates in it; without any where none has one."""
+        uvs, finishes = [part.uv for part in parts], [part.finish for part in parts]
+        if self.colours_move or all(finish.texture is None for finish in finishes):
             return None, uvs
-        if len(parts) == body or (look.texture is None and look.obstacle_texture is None):
-            return look.texture, uvs
-        images = [
-            plain(checks.colour(name, colour)) if image is None else image
-            for name, image, colour in (
-                ("colour", look.texture, look.colour),
-                ("obstacle", look.obstacle_texture, look.obstacle),
-            )
-        ]
-        texture, moves = atlas(images)
-        return texture, [moves[int(k >= body)](uv) for k, uv in enumerate(uvs)]
+        images: dict[object, NDArray] = {}
+        keys: list[object] = []
+        for colour, texture, _ in finishes:
+            keys.append(tuple(colour) if texture is None else id(texture))
+            images.setdefault(keys[-1], plain(tuple(colour)) if texture is None else np.asarray(texture))
+        if len(images) == 1:
+            return images[keys[0]], uvs
+        texture, moves = atlas(list(images.values()))
+        move_of = dict(zip(images, moves, strict=True))
+        return texture, [move_of[key](uv) for key, uv in zip(keys, uvs, strict=True)]
 
     def follow(self, position: NDArray, time: float = 0.0, values: NDArray | None = None) -> None:
         """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`.
@@ -180,3 +227,10 @@ class Drawing:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
             one.follow(self._x, time)
+
+
+def _unit(look: Look, rest_length: NDArray) -> float:
+    """Return that of which TUBE and BALL are shares [m]."""
+    if look.tube is not None:
+        return look.tube / TUBE
+    return float(np.median(rest_length)) if len(rest_length) else 0.0

@@ -49,7 +49,7 @@ class OpenGL:
             wp.copy(self._backdrop, self._pixels)
             self._plotter.remove_actor(bare, render=False)
             self._shadow = self._add_shadow(pv, texture)
-        self._body = self._add_body(pv)
+        self._bodies = self._add_bodies(pv)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
@@ -78,7 +78,7 @@ class OpenGL:
     def _add_shadow(self, pv: Any, texture: Any) -> Any:
         """Add the body's triangles a second time, to lie on the ground: its own texture, darkened."""
         assert self.ground is not None
-        shadow = self._triangles(pv)
+        shadow = self._triangles(pv, self.drawing.triangles)
         shadow.active_texture_coordinates = np.zeros((shadow.n_points, 2), np.float32)
         actor = self._plotter.add_mesh(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
         self._only_above_ground(pv, actor, 0.0)
@@ -93,18 +93,26 @@ class OpenGL:
         origin = self.ground.centre - below * self.ground.normal
         actor.mapper.AddClippingPlane(pv.generate_plane(self.ground.normal, origin))
 
-    def _add_body(self, pv: Any) -> Any:
-        drawing, body = self.drawing, self._triangles(pv)
+    def _add_bodies(self, pv: Any) -> list[Any]:
+        """Add the drawing's triangles, those of one gloss together: VTK has one for all that it draws at once."""
+        drawing, texture = self.drawing, None
+        if drawing.texture is not None:
+            texture = pv.Texture(np.ascontiguousarray(drawing.texture))
+        return [self._add_body(pv, gloss, texture) for gloss in np.unique(drawing.gloss)]
+
+    def _add_body(self, pv: Any, gloss: float, texture: Any) -> Any:
+        drawing = self.drawing
+        body = self._triangles(pv, drawing.triangles[drawing.gloss == gloss])
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         body.points = drawing.points.numpy()
         body.point_data["Normals"] = drawing.normals.numpy()
         body.GetPointData().SetActiveNormals("Normals")
         style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
         style |= {"ambient": drawing.ambient, "diffuse": drawing.diffuse}
-        style |= {"specular": drawing.gloss, "specular_power": 30.0}
-        if drawing.texture is not None:
+        style |= {"specular": float(gloss), "specular_power": 30.0}
+        if texture is not None:
             body.active_texture_coordinates = drawing.uv
-            style["texture"] = pv.Texture(np.ascontiguousarray(drawing.texture))
+            style["texture"] = texture
         else:
             body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
             style |= {"scalars": "colours", "rgb": True}
@@ -114,17 +122,18 @@ class OpenGL:
             self._only_above_ground(pv, actor, drawing.below)
         return body
 
-    def _triangles(self, pv: Any) -> Any:
+    def _triangles(self, pv: Any, triangles: NDArray) -> Any:
         points = np.zeros((len(self.drawing.points), 3), np.float32)
-        return pv.PolyData.from_regular_faces(points, self.drawing.triangles)
+        return pv.PolyData.from_regular_faces(points, triangles)
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
-        drawing, body = self.drawing, self._body
-        body.GetPoints().Modified()
-        body.GetPointData().GetNormals().Modified()
-        if drawing.colours_move:
-            body.point_data["colours"][:] = 255 * drawing.colours.numpy()
+        drawing = self.drawing
+        for body in self._bodies:
+            body.GetPoints().Modified()
+            body.GetPointData().GetNormals().Modified()
+            if drawing.colours_move:
+                body.point_data["colours"][:] = 255 * drawing.colours.numpy()
         points = drawing.points.numpy()
         drawn = [points]
         if self._shadow is not None and self.ground is not None:

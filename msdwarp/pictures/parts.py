@@ -2,35 +2,38 @@
 
 import functools
 import itertools
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..bodies import Surface, System
+from ..bodies import Surface
 from ..kernels.pictures import drawing
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
 
-TUBE, BALL = 0.045, 0.11
-"""Radii of connections and of particles over the median rest length."""
-LARGE_BALLS = 50
-"""In systems of so few particles a ball is large enough in the picture to deserve 162 corners, else 42."""
-INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
-"""Colours of free and of pinned particles."""
+
+class Finish(NamedTuple):
+    """What a part looks like, as long as its colours tell nothing."""
+
+    colour: NDArray[np.float64]
+    """Red, green and blue in 0 … 1, shape [3], or of each vertex, shape [vertex_count, 3]."""
+    texture: NDArray[np.uint8] | None = None
+    """The image in place of the colour, shape [height, width, 3]."""
+    gloss: float = 0.0
+    """Strength of highlights, 0 … 1."""
 
 
 class Part(Protocol):
     """Some of the triangles of a drawing.
 
-    `uv` of shape [vertex_count, 2] and `colour`, broadcastable to [vertex_count, 3], are of its vertices as
-    they are at first; `triangles` of shape [triangle_count, 3] counts its own vertices from 0; `radius` is how
-    far it reaches around the particles [m].
+    `uv` of shape [vertex_count, 2] are where its vertices are in its texture; `triangles` of shape
+    [triangle_count, 3] counts its own vertices from 0; `radius` is how far it reaches around the particles [m].
     """
 
     uv: NDArray[np.float64]
-    colour: NDArray[np.float64]
+    finish: Finish
     triangles: NDArray[np.int32]
     radius: float
 
@@ -52,10 +55,10 @@ class SurfacePart:
 
     radius = 0.0
 
-    def __init__(self, surface: Surface, colour: NDArray, smooth: bool, device: str) -> None:
+    def __init__(self, surface: Surface, finish: Finish, smooth: bool, device: str) -> None:
         vertices = len(surface.particle)
         use = np.arange(vertices) if smooth else surface.triangles.ravel()
-        self.uv, self.colour = surface.uv[use], colour
+        self.uv, self.finish = surface.uv[use], finish
         self.triangles = surface.triangles
         normal_of = surface.normal_of
         if not smooth:
@@ -93,57 +96,58 @@ class SurfacePart:
         return self._particle.numpy(), self._weights.numpy()
 
 
-def shown(system: System) -> NDArray[np.bool_] | slice:
-    """Return which connections are drawn: all but those to second neighbours, which lie along two others."""
-    between = system.between_neighbours
-    return slice(None) if between is None else between
-
-
 class Tubes:
-    """A three-sided tube along each connection that is shown."""
+    """A tube of some sides along each of some connections, shape [any, 2]."""
 
-    def __init__(self, system: System, device: str) -> None:
-        connections, rest_length = system.connections[shown(system)], system.rest_length[shown(system)]
-        vertices = 6 * len(connections)
-        side = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 0, 5], [5, 0, 1]])
-        first = 6 * np.arange(len(connections))[:, None, None]
+    def __init__(
+        self, connections: NDArray, radius: float, finish: Finish, device: str, *, sides: int = 3
+    ) -> None:
+        self.corners = 2 * sides
+        along = np.arange(0, self.corners, 2)[:, None]
+        ahead = (along + 2) % self.corners
+        side = np.stack([along, ahead, along + 1, along + 1, ahead, ahead + 1], axis=-1).reshape(-1, 3)
+        first = self.corners * np.arange(len(connections))[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
-        self.uv, self.colour = np.zeros((vertices, 2)), np.ones(3)
-        self.radius = TUBE * float(np.median(rest_length))
-        self._connections = wp.array(connections, dtype=wp.vec2i, device=device)
+        self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
+        self.radius = radius
+        self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Lay the tubes between their particles."""
-        inputs = [x, self._connections, self.radius]
-        _launch(drawing.place_tubes, len(self._connections), inputs, [points, normals])
+        inputs = [x, self.connections, self.radius, self.corners // 2]
+        _launch(drawing.place_tubes, len(self.connections), inputs, [points, normals])
 
     def mixture(self) -> tuple[NDArray, NDArray]:
         """Return the particle at the end where each vertex is: at the start and the end in turn."""
-        return _alone(np.tile(self._connections.numpy(), (1, 3)).ravel())
+        return _alone(np.tile(self.connections.numpy(), (1, self.corners // 2)).ravel())
 
 
 class Balls:
-    """A ball at each particle; those of pinned particles are darker."""
+    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
 
-    def __init__(self, system: System, device: str) -> None:
-        directions, triangles = round_solid(2 if system.particle_count <= LARGE_BALLS else 1)
-        n, count = len(directions), system.particle_count
+    def __init__(
+        self, particles: NDArray, radius: float, finish: Finish, device: str, *, fine: bool = False
+    ) -> None:
+        directions, triangles = round_solid(2 if fine else 1)
+        n, count = len(directions), len(particles)
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
-        self.uv = np.zeros((n * count, 2))
-        self.colour = np.repeat(np.where(system.pinned[:, None], PINNED, INK), n, axis=0)
-        self.radius = BALL * float(np.median(system.rest_length[shown(system)]))
+        self.uv, self.finish = np.zeros((n * count, 2)), finish
+        if finish.colour.ndim > 1:
+            self.finish = finish._replace(colour=np.repeat(finish.colour, n, axis=0))
+        self.radius = radius
+        self._particles = wp.array(particles, dtype=int, device=device)
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Put the balls where their particles are."""
-        _launch(drawing.place_balls, (len(x), len(self._directions)), [x, self._directions, self.radius], [points])
+        inputs = [x, self._particles, self._directions, self.radius]
+        _launch(drawing.place_balls, (len(self._particles), len(self._directions)), inputs, [points])
         wp.copy(normals, self._normals)
 
     def mixture(self) -> tuple[NDArray, NDArray]:
         """Return the particle in the middle of each vertex's ball."""
-        corners = len(self._directions)
-        return _alone(np.arange(len(self._normals)) // corners)
+        return _alone(np.repeat(self._particles.numpy(), len(self._directions)))
 
 
 class Obstacle:
@@ -151,8 +155,8 @@ class Obstacle:
 
     radius = 0.0
 
-    def __init__(self, collider: Collider, mesh: Mesh, dim: int, colour: NDArray, device: str) -> None:
-        self.uv, self.colour, self.triangles = mesh.uv, colour, mesh.triangles
+    def __init__(self, collider: Collider, mesh: Mesh, dim: int, finish: Finish, device: str) -> None:
+        self.uv, self.finish, self.triangles = mesh.uv, finish, mesh.triangles
         self.moves = collider.motion is not None
         self._collider, self._dim = collider, dim
         self._points = wp.array(mesh.points, dtype=wp.vec3, device=device)
@@ -176,17 +180,17 @@ class Paint(Protocol):
 class StrainPaint:
     """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
 
-    def __init__(self, system: System, full_strain: float, device: str) -> None:
-        chosen = shown(system)
-        self._connections = wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)
-        self._rest_length = wp.array(system.rest_length[chosen], dtype=float, device=device)
+    def __init__(self, tubes: Tubes, rest_length: NDArray, full_strain: float, device: str) -> None:
+        self._tubes = tubes
+        self._rest_length = wp.array(rest_length, dtype=float, device=device)
         self._full_strain = full_strain
         self._stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
 
     def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
         """Colour the tubes of connections between particles at x."""
-        inputs = [x, self._connections, self._rest_length, self._full_strain, self._stops]
-        _launch(drawing.colour_by_strain, len(self._connections), inputs, [colours])
+        connections = self._tubes.connections
+        inputs = [x, connections, self._rest_length, self._full_strain, self._tubes.corners, self._stops]
+        _launch(drawing.colour_by_strain, len(connections), inputs, [colours])
 
 
 class ValuePaint:

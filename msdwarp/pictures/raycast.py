@@ -31,7 +31,7 @@ class RayCaster:
         blank = np.full((1, 1, 3), 255, dtype=np.uint8)
         self._body.texture = _image(blank if drawing.texture is None else drawing.texture, device)
         self._body.textured = int(drawing.texture is not None)
-        self._body.gloss = drawing.gloss
+        self._body.gloss = wp.array(drawing.gloss, dtype=float, device=device)
 
         view = self._view = raycast.Surroundings()
         view.eye = wp.vec3(*camera.eye)

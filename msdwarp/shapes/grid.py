@@ -10,9 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import Surface
-
-_BLOCK = 1 << 20  # connections that are looked at together: most of the later ones join what is joined already
+from ..bodies import Surface, pieces
 
 
 def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:
@@ -132,22 +130,8 @@ def longest_extent(mask: NDArray[np.bool_]) -> int:
 
 
 def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
-    """Return into how many pieces the connections leave the particles.
-
-    Every particle points to the lowest that it is known to be joined with. Where connections lead from one such
-    lowest to another, the higher is made to point to the lower, and all that point to it follow.
-    """
-    lowest = np.arange(particle_count, dtype=np.int32)
-    for start in range(0, len(connections), _BLOCK):
-        first, second = lowest[connections[start : start + _BLOCK].T]
-        while (apart := first != second).any():
-            first, second = first[apart], second[apart]
-            low, high = np.minimum(first, second), np.maximum(first, second)
-            lowest[high] = low  # of several, any will do: always downwards, so that nothing goes round
-            while not np.array_equal(further := lowest[lowest], lowest):
-                lowest = further
-            first, second = lowest[low], lowest[high]
-    return int(np.count_nonzero(lowest == np.arange(particle_count)))
+    """Return into how many pieces the connections leave the particles."""
+    return int(np.count_nonzero(pieces(particle_count, connections) == np.arange(particle_count)))
 
 
 def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> Surface | None:

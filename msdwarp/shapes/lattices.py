@@ -1,7 +1,7 @@
 """Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +60,7 @@ def _stuff(
 
 def _lattice(
     shape: Sequence[int],
-    spacing: float,
+    spacing: float | Sequence[float],
     diagonals: bool,
     dim: int,
     surface: Surface | None,
@@ -72,9 +72,16 @@ def _lattice(
 
     With a mask, shape [nx, ny, nz], only where it is True.
     """
-    spacing = checks.positive("spacing", spacing)
+    spacings = _spacings(spacing, len(shape))
     rigidity = flexural_rigidity(bending, stuff.material, stuff.section, diagonals, dim)
-    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
+    if (stuff.material is not None or rigidity) and len(set(spacings)) > 1:
+        why = "the stiffness of a Material" if stuff.material is not None else "that of bending"
+        what = "a material" if stuff.material is not None else "bending"
+        raise ValueError(
+            f"spacing is {spacing!r}; with {what} it must be the same along all axes: "
+            f"{why} is derived for such cells"
+        )
+    axes = [one * (np.arange(n) - (n - 1) / 2) for one, n in zip(spacings, shape, strict=True)]
     position = np.zeros((*shape[::-1], dim))  # z, y, x
     for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
         position[..., k] = coordinates
@@ -89,7 +96,9 @@ def _lattice(
         _check_one_piece(mask, connections)
     rest_length = np.empty(len(connections))
     for name, step in directions.items():
-        rest_length[slices[name]] = spacing * np.sqrt(sum(map(abs, step)))  # exactly 1, √2 or √3 spacings
+        along = [one for one, s in zip(spacings, step, strict=True) if s]
+        longest = max(along)  # taken out of the root, so that equal spacings give exactly 1, √2 or √3 of them
+        rest_length[slices[name]] = longest * np.sqrt(sum((one / longest) ** 2 for one in along))
     # What is made here is valid, but for a spacing so large that it overflows.
     for name, values in {"position": position, "rest_length": rest_length}.items():
         checks.within(name, values, (np.isfinite, "finite"))
@@ -105,11 +114,11 @@ def _lattice(
         return lattice.replace(**stuff.constants)
     mask, constants = np.ones(shape, dtype=bool) if mask is None else mask, stuff.constants
     if stuff.material is not None:
-        constants = _constants_of(stuff.material, stuff.section, mask, spacing, diagonals)
+        constants = _constants_of(stuff.material, stuff.section, mask, spacings[0], diagonals)
     lattice = lattice.replace(**constants)
     if not rigidity:
         return lattice
-    return resisting_bending(lattice, mask, spacing, rigidity, diagonals=diagonals, solid=solid)
+    return resisting_bending(lattice, mask, spacings[0], rigidity, diagonals=diagonals, solid=solid)
 
 
 def _constants_of(
@@ -129,6 +138,17 @@ def _constants_of(
         "stiffness": stiffness,
         "damping": material.damping_time(spacing * longest_extent(mask)) * stiffness,
     }
+
+
+def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
+    """Return the spacing along each axis, given as one number or, of several axes, as one for each."""
+    several = isinstance(spacing, list | tuple) or (isinstance(spacing, np.ndarray) and spacing.ndim > 0)
+    if axes == 1 or not several:
+        return (checks.positive("spacing", cast(float, spacing)),) * axes
+    each = cast(Sequence[float], spacing)
+    if len(each) != axes:
+        raise ValueError(f"spacing is {checks.said(spacing)}; it must be a number, or {axes}: one for each axis")
+    return tuple(checks.positive(f"spacing[{k}]", one) for k, one in enumerate(each))
 
 
 def _check_shape(shape: Sequence[int], axes: int) -> None:
@@ -179,7 +199,7 @@ def chain(
 
 def sheet(
     shape: tuple[int, int],
-    spacing: float = 1.0,
+    spacing: float | Sequence[float] = 1.0,
     *,
     neighbours: int = 8,
     material: Material | None = None,
@@ -197,7 +217,7 @@ def sheet(
     shape
         Number of particles along x and y, each at least 2.
     spacing
-        Distance of neighbours along an axis [m].
+        Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
         4 joins neighbours along the axes (such a sheet collapses by shearing: report fig. 7); 8 adds the
         diagonals (fig. 8).
@@ -229,7 +249,7 @@ def sheet(
 
 def box(
     shape: tuple[int, int, int],
-    spacing: float = 1.0,
+    spacing: float | Sequence[float] = 1.0,
     *,
     neighbours: int = 26,
     material: Material | None = None,
@@ -247,7 +267,7 @@ def box(
     shape
         Number of particles along x, y and z, each at least 2.
     spacing
-        Distance of neighbours along an axis [m].
+        Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
         6 joins neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals
         of faces and cells.
@@ -269,7 +289,7 @@ def box(
 
 def lattice(
     mask: ArrayLike,
-    spacing: float = 1.0,
+    spacing: float | Sequence[float] = 1.0,
     *,
     neighbours: int | None = None,
     material: Material | None = None,
@@ -292,7 +312,7 @@ def lattice(
         Which points of the lattice are particles: bool, shape [nx, ny, nz] for a solid body, [nx, ny] for
         a sheet in the x-y plane.
     spacing
-        Distance of neighbours along an axis [m].
+        Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
     material

@@ -25,12 +25,13 @@ from ..integrators import (
     SymplecticEuler,
     UnstableStep,
     choose_forced,
-    choose_substeps,
+    choose_stable,
 )
 from ..world import Change, Collider, Load, Scene, bound
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
+from .headline import headline
 from .pace import Hopeless, Pace
 from .present import Present
 from .stepping import Stepping
@@ -160,15 +161,7 @@ class Simulation(Present):
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
-        system, model = self.system, self.model
-        parts = f"{system.particle_count} particles, {system.connection_count} connections"
-        around = "".join(f", {type(one).__name__}" for one in self._surroundings["colliders"][:4])
-        return (
-            f"<Simulation of {parts}{around}\n"
-            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
-            f"  {model.precision} by {model.route} on {self.device}\n"
-            f"  at {self.time:.4g} s, frame {self.frame_index}>"
-        )
+        return headline(self, self._method, self._surroundings["colliders"])
 
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
@@ -201,13 +194,7 @@ class Simulation(Present):
         """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
         if self._forced is not None and self._allow_unstable:
             return choose_forced(rates, self._method, self.fps, self._forced)
-        choice = choose_substeps(rates, self._method, self.fps, self._forced, self._safety)
-        if choice.substeps < choice.least:
-            raise UnstableStep(
-                f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
-                f"{math.ceil(choice.least / self._safety)} with a margin"
-            )
-        return choice
+        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     def step(self, frames: int = 1) -> None:
         """Advance by one frame or more.
@@ -332,7 +319,9 @@ class Simulation(Present):
     def change(self, *, group: Any = None, freeze: bool = False, release: Any = None, **parameters: Any) -> None:
         """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
 
-        The route is chosen anew where that was left open, and so are the substeps.
+        A mass of inf pins a particle where it is.
+        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
+        kinds. The route is chosen anew where that was left open, and so are the substeps.
 
         Parameters
         ----------

@@ -77,9 +77,8 @@ class Stepping:
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
-        method = self.integrator
-        when = method.stage_times, method.weights, method.lagging, method.lag
-        dynamics.begin(Steps(choice.fps, choice.substeps, *when))
+        own = self.integrator
+        dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self.backup = Backup(state)

@@ -1,21 +1,27 @@
 """Look: how a scene is drawn."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
 
+OF_BODIES = ("colour", "texture", "smooth", "gloss", "particles", "tube")
+"""What a body can have of its own; the rest belongs to the whole picture."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """How a scene is drawn.
+    """How a scene, or a body in it, is drawn.
+
+    A body's own look, in `Scene.looks`, says the colour, texture, smooth, gloss, particles and tube; the other
+    parameters are of the whole picture, and said by the look of the scene alone.
 
     Parameters
     ----------
     colour
-        Colour of the body, "#rrggbb"; without effect where there is a texture.
+        Colour of the body, "#rrggbb"; of its surface without effect where there is a texture.
     texture
         An image laid over the surface by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
@@ -36,12 +42,15 @@ class Look:
     full_strain
         The strain at which a connection is drawn red.
     particles
-        Draw particles as balls between the connections; None: where there are not too many.
+        Draw particles as balls between the connections; None: where there are not too many, and where connections
+        are drawn in the body's colour as balls no thicker than these.
+    tube
+        Radius of connections that are drawn, such as those of ropes [m]; None: a share of their rest length.
 
     Raises
     ------
     ValueError
-        If a colour, a texture, an angle, the full strain or a choice is none.
+        If a colour, a texture, an angle, the full strain, a radius or a choice is none.
     """
 
     colour: str = "#d9603b"
@@ -57,6 +66,7 @@ class Look:
     strain: bool = False
     full_strain: float = 0.2
     particles: bool | None = None
+    tube: float | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -71,6 +81,18 @@ class Look:
         checks.one_of("strain", self.strain, (False, True))
         checks.positive("full_strain", self.full_strain)
         checks.one_of("particles", self.particles, (None, False, True))
+        if self.tube is not None:
+            checks.positive("tube", self.tube)
+
+    def of_the_picture(self) -> list[str]:
+        """Return the names of what it says, unlike a plain look, that is not a body's but the whole picture's."""
+        said = {one.name: (getattr(self, one.name), one.default) for one in fields(self)}
+        images = ("texture", "obstacle_texture")  # of which there is none by default
+        return [
+            name
+            for name, (value, default) in said.items()
+            if name not in OF_BODIES and (value is not None if name in images else value != default)
+        ]
 
 
 def _check_image(name: str, image: object) -> None:

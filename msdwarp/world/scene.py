@@ -1,6 +1,6 @@
 """Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +35,11 @@ class Scene:
     duration
         Simulated time [s].
     look
-        How it is drawn.
+        How it is drawn: the picture, and the bodies that have no look of their own.
+    looks
+        Looks of bodies by the name of their group (see `System.named`), of which what belongs to a body counts
+        (see `Look`). Where groups share particles, and in triangles and connections between two of them, the
+        later one counts.
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
 
@@ -52,6 +56,7 @@ class Scene:
     gravity: ArrayLike = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
+    looks: Mapping[str, Look] = field(default_factory=dict)
     schedule: Sequence[Change] = ()
 
     def __post_init__(self) -> None:
@@ -74,8 +79,22 @@ class Scene:
         checks.gravity("gravity", self.gravity, dim)
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
+        object.__setattr__(self, "looks", self._checked_looks())
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+
+    def _checked_looks(self) -> dict[str, Look]:
+        """Return the looks of groups; raise ValueError if a group is none, or a look says what is not a body's."""
+        looks = dict(checks.mapping("looks", self.looks))
+        for name, look in looks.items():
+            checks.one_of("a name in looks", name, self.system.groups)
+            checks.instance(f"looks[{name!r}]", look, Look, "Look(colour='#d9603b')")
+            if wrong := look.of_the_picture():
+                raise ValueError(
+                    f"looks[{name!r}] says {' and '.join(wrong)}, which is of the whole picture; it must be said "
+                    "by the scene's look"
+                )
+        return looks
 
     def __repr__(self) -> str:
         gravity = np.asarray(self.gravity, dtype=float)
@@ -84,6 +103,8 @@ class Scene:
         if self.colliders:
             shown, more = list(map(repr, self.colliders[:_SHOWN])), len(self.colliders) - _SHOWN
             lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
+        if self.looks:
+            lines.append(f"looks of their own: {', '.join(self.looks)}")
         drives = [repr(one) for one in self.loads if isinstance(one, Drive)]
         if drives:
             lines.append(f"driven: {', '.join(drives[:_SHOWN])}")

@@ -49,11 +49,10 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
     Changes of parameters are kept as the values that they make of the system as it is at the start.
     """
     arrays: dict[str, NDArray] = {}
-    look = {one.name: getattr(scene.look, one.name) for one in fields(Look)}
-    for name in _TEXTURES:
-        image = look.pop(name)
-        if image is not None:
-            arrays[f"look/{name}"] = np.asarray(image)
+    looks = [
+        {"group": group, "look": _look_as_stored(look, f"looks/{k}", arrays)}
+        for k, (group, look) in enumerate(scene.looks.items())
+    ]
     colliders = [
         _collider_as_stored(one, f"colliders/{k}", np.unique(np.asarray(times, dtype=float)), arrays)
         for k, one in enumerate(scene.colliders)
@@ -62,7 +61,8 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
     described = {
         "duration": scene.duration,
         "gravity": np.asarray(scene.gravity, dtype=float).tolist(),
-        "look": {name: _plain(value) for name, value in look.items()},
+        "look": _look_as_stored(scene.look, "look", arrays),
+        "looks": looks,
         "colliders": colliders,
         "schedule": _schedule_as_stored(scene, arrays),
     }
@@ -72,7 +72,7 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
 def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Scene:
     """Return the scene of a system that `scene_as_stored` described; raise ValueError if it is none."""
     try:
-        textures: dict[str, Any] = {name: arrays[f"look/{name}"] for name in _TEXTURES if f"look/{name}" in arrays}
+        looks = described.get("looks", [])  # which older files have not
         colliders = [_collider(one, arrays) for one in described["colliders"]]
         for one in colliders:
             if wrong := one.fits(system.dim):
@@ -82,7 +82,8 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
             colliders=colliders,
             gravity=described["gravity"],
             duration=described["duration"],
-            look=Look(**described["look"], **textures),
+            look=_look(described["look"], "look", arrays),
+            looks={one["group"]: _look(one["look"], f"looks/{k}", arrays) for k, one in enumerate(looks)},
             schedule=[_change(one, arrays) for one in described["schedule"]],
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -93,6 +94,20 @@ def known_until(scene: Scene) -> float:
     """Return until when it is known where all colliders are [s]: inf where their motions are functions."""
     recorded = [one.motion for one in scene.colliders if isinstance(one.motion, Recorded)]
     return min((float(motion.times[-1]) for motion in recorded), default=np.inf)
+
+
+def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[str, Any]:
+    values = {one.name: getattr(look, one.name) for one in fields(Look)}
+    for name in _TEXTURES:
+        image = values.pop(name)
+        if image is not None:
+            arrays[f"{place}/{name}"] = np.asarray(image)
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _look(described: Mapping[str, Any], place: str, arrays: Mapping[str, NDArray]) -> Look:
+    textures = {name: arrays[f"{place}/{name}"] for name in _TEXTURES if f"{place}/{name}" in arrays}
+    return Look(**{**described, **textures})
 
 
 def _collider_as_stored(

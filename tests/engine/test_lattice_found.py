@@ -28,6 +28,7 @@ SHAPES = {
     "bar along z": ((2, 2, 5), 26, box((2, 2, 5))),
     "thin bar 6": ((2, 2, 5), 6, box((2, 2, 5), neighbours=6)),
     "plate": ((3, 2, 4), 26, box((3, 2, 4))),
+    "oblong cells": ((3, 4, 5), 26, box((3, 4, 5), (0.1, 0.25, 0.4))),
 }
 every_shape = pytest.mark.parametrize(("shape", "neighbours", "system"), SHAPES.values(), ids=SHAPES.keys())
 
@@ -101,6 +102,14 @@ def test_constants_are_by_direction():
     np.testing.assert_array_equal(lattice.constants["rest_length"], [expected])  # computed in the same way
     assert (lattice.constants["stiffness"] == 70.0).all()
     assert (lattice.constants["damping"] == 0.3).all()
+
+
+def test_oblong_cells_have_rest_lengths_by_direction():
+    lattice = lattice_of(box((3, 4, 5), (0.1, 0.25, 0.4)))
+    expected = [np.linalg.norm(np.multiply(step, (0.1, 0.25, 0.4))) for step in lattice.steps]
+    # Roots of sums of squares, in another order: a few roundings.
+    np.testing.assert_allclose(lattice.constants["rest_length"], [expected], rtol=1e-15)
+    assert lattice.uniform
 
 
 def test_constants_may_differ_from_direction_to_direction():

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
-from surfaces import areas
+from surfaces import areas, volume
 
-from msdwarp import System, box, chain, lattice, sheet
+from msdwarp import RUBBER, System, box, chain, lattice, sheet
 
 SHEETS = [(2, 2), (2, 5), (4, 3), (7, 6)]
 BOXES = [(2, 2, 2), (3, 2, 4), (2, 5, 3), (4, 4, 4)]
@@ -87,6 +87,43 @@ def test_rest_lengths_are_exact(spacing):
     assert set(kind) == {1, 2, 3}
     # Positions up to 5.6 m round the placed length by a few ε of that.
     np.testing.assert_allclose(system.length, system.rest_length, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("make", "shape"), [(box, (4, 3, 5)), (sheet, (5, 3)), (lattice, None)])
+def test_equal_spacings_are_exactly_the_one_number(make, shape):
+    given = np.indices((4, 4, 4)).sum(axis=0) < 8 if shape is None else shape
+    axes = given.ndim if shape is None else len(shape)
+    one = make(given, 0.37, mass=0.1)
+    for several in ((0.37,) * axes, [0.37] * axes, np.full(axes, 0.37)):
+        other = make(given, several, mass=0.1)
+        for name in ("position", "connections", "rest_length", "original_length", "mass", "stiffness"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+        for name in ("particle", "uv", "triangles"):
+            np.testing.assert_array_equal(getattr(other.surface, name), getattr(one.surface, name))
+        assert other.directions == one.directions
+    made_of_rubber = [sheet((3, 4), s, material=RUBBER, thickness=0.01) for s in (0.2, (0.2, 0.2))]
+    for name in ("mass", "stiffness", "damping"):
+        np.testing.assert_array_equal(*(getattr(one, name) for one in made_of_rubber))
+
+
+@pytest.mark.parametrize(
+    ("system", "shape", "spacing"),
+    [
+        (box((4, 3, 3), (0.1, 0.25, 0.7)), (4, 3, 3), (0.1, 0.25, 0.7)),
+        (sheet((5, 4), (0.3, 0.1), dim=2), (5, 4), (0.3, 0.1)),
+        (lattice(np.ones((3, 3, 4), dtype=bool), (2.0, 1.0, 0.5), neighbours=6), (3, 3, 4), (2.0, 1.0, 0.5)),
+    ],
+)
+def test_each_axis_can_have_a_spacing_of_its_own(system, shape, spacing):
+    extent = (np.array(shape) - 1) * spacing
+    # Both from products of the spacings: rounding of a few ε of the extent.
+    np.testing.assert_allclose(np.ptp(system.position, axis=0), extent, rtol=0, atol=1e-15 * extent.max() * 4)
+    placed = np.sqrt(((steps(system, shape) * spacing) ** 2).sum(axis=1))
+    np.testing.assert_allclose(system.rest_length, placed, rtol=1e-15 * 4)  # roots and squares in another order
+    for axis, name in enumerate("xyz"[: len(shape)]):
+        assert (system.rest_length[system.direction(name)] == spacing[axis]).all()  # exactly
+    if len(shape) == 3:
+        assert volume(system) == pytest.approx(np.prod(extent), rel=1e-12)  # sums of some hundred products
 
 
 def test_connections_are_ordered_by_direction_and_length():
@@ -208,6 +245,17 @@ def test_each_box_face_has_a_tile_of_its_own():
         (lambda: box((2, 2, True)), r"shape\[2\] is True"),
         (lambda: box((2, 2, 2), neighbours=18), "neighbours is 18"),
         (lambda: box((2, 2, 2), spacing="wide"), "spacing is 'wide'"),
+        (
+            lambda: box((2, 2, 2), spacing=(1.0, 2.0)),
+            r"spacing is \(1.0, 2.0\); it must be a number, or 3: one for",
+        ),
+        (lambda: box((2, 2, 2), spacing=(1.0, 0.0, 1.0)), r"spacing\[1\] is 0; it must be a number above 0"),
+        (lambda: sheet((2, 2), spacing=(1.0, "a")), r"spacing\[1\] is 'a'"),
+        (lambda: chain(3, spacing=(1.0,)), r"spacing is \(1.0,\)"),
+        (
+            lambda: box((2, 2, 2), spacing=(1.0, 1.0, 2.0), material=RUBBER),
+            r"spacing is \(1.0, 1.0, 2.0\); with a material it must be the same along all axes",
+        ),
         (lambda: box((2, 2, 2), mass=0.0), r"mass is 0"),
         (lambda: box((2, 2, 2), stiffness=-1.0), r"stiffness is -1"),
     ],

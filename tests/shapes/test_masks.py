@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from surfaces import areas
 
 from msdwarp import Surface, box, lattice, sheet
+from msdwarp.bodies import connectivity
 from msdwarp.engine.lattice_search import find_lattice
-from msdwarp.shapes import grid
 from msdwarp.shapes.grid import count_pieces
 
 
@@ -117,7 +117,7 @@ def test_a_lattice_is_found_to_be_one(mask):
 @pytest.mark.parametrize("seed", range(8))
 def test_pieces_are_counted(seed, block, monkeypatch):
     # Against SciPy, on as many random connections as leave between one and many pieces; a few at a time, or all.
-    monkeypatch.setattr(grid, "_BLOCK", block)
+    monkeypatch.setattr(connectivity, "_BLOCK", block)
     random = np.random.default_rng(seed)
     n = 60
     connections = random.integers(0, n, (10 + 10 * seed, 2), dtype=np.int32)

@@ -1,0 +1,80 @@
+"""Dressing: which look each part of a body has, and which connections are drawn although there is a surface.
+
+Looks are numbered: 0 is the scene's, and those of groups follow in their order. Where several meet the later one
+counts.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies import Surface, System, pieces
+from ..world import Scene
+
+
+def look_of_particles(scene: Scene) -> NDArray[np.int32]:
+    """Return the number of each particle's look, shape [particle_count]."""
+    look = np.zeros(scene.system.particle_count, dtype=np.int32)
+    for k, name in enumerate(scene.looks, start=1):
+        look[scene.system.groups[name]] = k
+    return look
+
+
+def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the number of each triangle's look, shape [triangle_count], by those of particles."""
+    own = look_of[surface.particle]
+    if surface.weights is not None:
+        own = np.where(surface.weights != 0, own, 0).max(axis=1)
+    return own[surface.triangles].max(axis=1)
+
+
+def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
+    """Return some triangles of a surface, shape [triangle_count], with the vertices that they need."""
+    if chosen.all():
+        return surface
+    needed = np.unique(surface.triangles[chosen])
+    if surface.normal_of is not None:
+        needed = np.union1d(needed, surface.normal_of[needed])
+    number = np.zeros(len(surface.particle), dtype=np.int32)
+    number[needed] = np.arange(len(needed))
+    return Surface(
+        particle=surface.particle[needed],
+        weights=None if surface.weights is None else surface.weights[needed],
+        uv=surface.uv[needed],
+        triangles=number[surface.triangles[chosen]],
+        normal_of=None if surface.normal_of is None else number[surface.normal_of[needed]],
+    )
+
+
+def uncovered(system: System) -> NDArray[np.bool_]:
+    """Return which connections lie inside no body that has a surface, shape [connection_count].
+
+    These are the connections of bodies without a triangle, such as ropes, and those between bodies. A body is what
+    the lattice directions of one entry of `System.directions` join; particles that are in none are one body with
+    those that their connections lead to. So what ties a rope to a ball, in no direction of either, is in neither.
+    """
+    connections, count, surface = system.connections, len(system.directions), system.surface
+    bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
+    if surface is None:
+        return bare
+    carries = np.zeros(system.particle_count, dtype=bool)
+    vertices = np.unique(surface.triangles)
+    carriers = surface.particle[vertices]
+    carries[carriers if surface.weights is None else carriers[surface.weights[vertices] != 0]] = True
+
+    body_of = np.full(system.particle_count, -1)
+    covered = np.zeros(count + system.particle_count, dtype=bool)
+    for k, body in enumerate(system.directions):
+        for part in body.values():
+            body_of[connections[part]] = k
+            covered[k] |= carries[connections[part]].any()
+            in_none[part] = False
+        for part in body.values():
+            bare[part] = not covered[k]
+    rest = connections[in_none]
+    loose = body_of < 0
+    own = pieces(system.particle_count, rest[loose[rest].all(axis=1)])
+    body_of = np.where(loose, count + own, body_of)
+    covered[body_of[carries & loose]] = True
+    first, second = body_of[rest.T]
+    bare[in_none] = ~covered[first] | (first != second)
+    return bare

@@ -1,0 +1,192 @@
+"""Bodies with looks of their own, and ropes beside what has a surface."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import msdwarp as msd
+from msdwarp.pictures.drawing import Drawing, Scale
+from msdwarp.pictures.dressing import look_of_triangles, part_of, uncovered
+from msdwarp.pictures.opengl_window import opengl_window
+from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
+
+BACKENDS = [
+    pytest.param(
+        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+    ),
+    "raycast",
+]
+SIZE = (160, 120)
+RED, GREEN, BLUE = msd.Look(colour="#d01010", gloss=0), msd.Look(colour="#10c010"), msd.Look(colour="#1010d0")
+
+
+def tied(system, pairs):
+    """Return a system with connections added that are in no lattice direction."""
+    count = system.connection_count + len(pairs)
+    return msd.System(
+        position=system.position,
+        mass=system.mass,
+        connections=np.concatenate([system.connections, pairs]),
+        rest_length=np.concatenate([system.rest_length, np.full(len(pairs), 0.1)]),
+        stiffness=np.full(count, 100.0),
+        surface=system.surface,
+        directions=system.directions,
+        groups=system.groups,
+    )
+
+
+BALL = msd.ball(0.2, 0.1).named("ball")
+ROPE = msd.chain(6, 0.1).rotate(np.pi / 2, axis=(0, 1, 0)).translate((0, 0, 0.6)).named("rope")
+CLOTH = msd.sheet((6, 6), 0.2).translate((0, 0, -0.5)).named("cloth")
+SYSTEM = BALL + ROPE + CLOTH
+TIE = [[BALL.particle_count - 1, BALL.particle_count]]  # from the last of the ball to the first of the rope
+LOOKS = {"ball": RED, "rope": BLUE, "cloth": GREEN}
+
+
+def parts_of(scene, colouring="texture"):
+    """Return the parts of a scene's body, after it has followed its particles."""
+    drawing = Drawing(scene, colouring)
+    drawing.follow(scene.system.position)
+    return [one.part for one in drawing._body]
+
+
+def pixels_like(image, channel):
+    """Return how many pixels have one channel well above the two others."""
+    rest = np.delete(image.astype(int), channel, axis=2).max(axis=2)
+    return int((image[..., channel] > rest + 40).sum())
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("textured", [False, True])
+def test_each_body_has_its_colour(backend, textured):
+    # A texture of one body puts the plain colours of the others into an atlas with it.
+    texture = np.full((8, 8, 3), (16, 192, 16), np.uint8)
+    looks = LOOKS | {
+        "cloth": msd.Look(texture=texture) if textured else GREEN,
+        "rope": msd.Look(colour="#1010d0", tube=0.03),
+    }
+    scene = msd.Scene(system=tied(SYSTEM, TIE), look=msd.Look(background="#ffffff"), looks=looks)
+    renderer = msd.Renderer(scene, SYSTEM.position, resolution=SIZE, backend=backend)
+    image = renderer.image(SYSTEM.position)
+    for channel in range(3):  # of 19200 pixels the rope, 0.06 by 0.5 m of a view of some 2 m, has some 100
+        assert pixels_like(image, channel) > 60
+    assert renderer.drawing.scale is None
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_body_without_its_own_look_has_the_scene_s(backend):
+    scene = msd.Scene(system=SYSTEM, look=msd.Look(colour="#d01010"), looks={"cloth": GREEN})
+    image = msd.Renderer(scene, SYSTEM.position, resolution=SIZE, backend=backend).image(SYSTEM.position)
+    assert pixels_like(image, 0) > 60
+    assert pixels_like(image, 1) > 60
+    assert pixels_like(image, 2) == 0
+
+
+def test_where_looks_meet_the_later_counts():
+    system = SYSTEM.named("all")
+    first = parts_of(msd.Scene(system=system, looks={"all": RED, "ball": BLUE}))
+    surfaces = [part for part in first if isinstance(part, SurfacePart)]
+    assert [tuple(part.finish.colour > 0.5) for part in surfaces] == [(True, False, False), (False, False, True)]
+    assert len(surfaces[1].triangles) == len(BALL.surface.triangles)
+    second = parts_of(msd.Scene(system=system, looks={"ball": BLUE, "all": RED}))
+    assert len([part for part in second if isinstance(part, SurfacePart)]) == 1
+
+
+def test_connections_outside_of_surfaces_are_drawn_and_no_others():
+    own = slice(BALL.connection_count, BALL.connection_count + ROPE.connection_count)
+    expected = np.zeros(SYSTEM.connection_count, dtype=bool)
+    expected[own] = True
+    np.testing.assert_array_equal(uncovered(SYSTEM), expected)
+    np.testing.assert_array_equal(uncovered(tied(SYSTEM, TIE)), [*expected, True])
+    for whole in (BALL, CLOTH, msd.box((4, 4, 4)), BALL + CLOTH):
+        assert not uncovered(whole).any()
+    # Between two bodies with surfaces, and within one.
+    first_of_cloth = BALL.particle_count + ROPE.particle_count
+    ties = [[0, first_of_cloth], [first_of_cloth, first_of_cloth + 14]]
+    np.testing.assert_array_equal(uncovered(tied(SYSTEM, ties))[-2:], [True, False])
+    assert uncovered(ROPE).all()
+
+
+def test_bodies_that_name_no_directions_are_what_hangs_together():
+    solid, rope = msd.box((3, 3, 3)).replace(directions=()), msd.chain(4).replace(directions=())
+    both = solid + rope.translate((9, 0, 0))
+    np.testing.assert_array_equal(uncovered(both), np.arange(both.connection_count) >= solid.connection_count)
+    assert not uncovered(tied(both, [[0, 27]])).any()  # one piece, which has a surface: nobody says where it ends
+
+
+def test_what_has_no_rope_is_its_surface_alone():
+    (surface,) = parts_of(msd.Scene(system=BALL + CLOTH))
+    assert isinstance(surface, SurfacePart)
+    assert len(surface.triangles) == len(BALL.surface.triangles) + len(CLOTH.surface.triangles)
+
+
+def test_ropes_are_as_thick_as_their_look_says():
+    def rope(**look):
+        parts = parts_of(msd.Scene(system=SYSTEM, looks={"rope": msd.Look(**look)}))
+        return [(type(part), part.radius) for part in parts if not isinstance(part, SurfacePart)]
+
+    assert rope(tube=0.02) == [(Tubes, 0.02), (Balls, 0.02)]
+    assert rope(tube=0.02, particles=False) == [(Tubes, 0.02)]
+    (_, tube), (_, ball) = rope(tube=0.02, particles=True)
+    assert ball > 2 * tube
+    (_, thin), _ = rope()
+    assert 0.0 < thin < 0.05  # of a rope whose particles are 0.1 m apart
+
+
+@pytest.mark.parametrize("sides", [3, 8])
+def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
+    scene = msd.Scene(system=ROPE)
+    drawing = Drawing(scene, "texture")
+    drawing.follow(ROPE.position)
+    tubes = Tubes(ROPE.connections, 0.02, Finish(np.ones(3)), "cpu", sides=sides)
+    points, normals = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(2))
+    tubes.place(drawing._x, 0.0, points, normals)
+    # The rope is the z axis; float32 coordinates of about one metre.
+    np.testing.assert_allclose(np.linalg.norm(points.numpy()[:, :2], axis=1), 0.02, atol=1e-6)
+    a, b, c = points.numpy()[tubes.triangles].transpose(1, 0, 2)
+    assert (np.einsum("td,td->t", np.cross(b - a, c - a), normals.numpy()[tubes.triangles[:, 0]]) > 0).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_values_colour_ropes_and_surfaces_alike(backend):
+    scene = msd.Scene(system=SYSTEM, looks={"rope": msd.Look(tube=0.03), "ball": RED})
+    renderer = msd.Renderer(
+        scene, SYSTEM.position, resolution=SIZE, colouring=Scale("speed [m/s]", 1.0), backend=backend
+    )
+    still = renderer.image(SYSTEM.position, values=np.zeros(SYSTEM.particle_count))
+    moving = renderer.image(SYSTEM.position, values=1.0 * SYSTEM.group("rope"))
+    changed = (still != moving).any(axis=2)
+    assert 60 < changed.sum() < 1000  # the rope alone
+    assert not renderer.drawing.gloss.any()
+
+
+def test_strain_is_shown_of_all_bodies_by_the_looks_of_none():
+    parts = parts_of(msd.Scene(system=SYSTEM, looks=LOOKS), "strain")
+    assert {type(part) for part in parts} == {Tubes, Balls}
+    assert sum(len(part.connections) for part in parts if isinstance(part, Tubes)) == SYSTEM.connection_count
+
+
+def test_ropes_alone_have_colours_where_looks_are_given():
+    plain = Drawing(msd.Scene(system=ROPE), "texture")
+    dressed = Drawing(msd.Scene(system=ROPE, looks={"rope": BLUE}), "texture")
+    assert plain.scale is not None
+    assert dressed.scale is None
+    assert (dressed.colours.numpy()[:, 2] > 0.5).all()
+
+
+def test_a_part_of_a_surface_is_that_part():
+    surface = (BALL + CLOTH).surface
+    assert part_of(surface, np.ones(len(surface.triangles), dtype=bool)) is surface
+    look_of = np.repeat([1, 2], [BALL.particle_count, CLOTH.particle_count]).astype(np.int32)
+    chosen = look_of_triangles(surface, look_of) == 1
+    part, position = part_of(surface, chosen), (BALL + CLOTH).position
+    np.testing.assert_array_equal(
+        part.points(position)[part.triangles], surface.points(position)[surface.triangles[chosen]]
+    )
+    np.testing.assert_array_equal(part.uv[part.triangles], surface.uv[surface.triangles[chosen]])
+    assert len(part.particle) == len(BALL.surface.particle)
+
+
+def test_gloss_is_of_each_look():
+    scene = msd.Scene(system=SYSTEM, looks={"ball": msd.Look(gloss=0.9), "cloth": msd.Look(gloss=0.0)})
+    assert set(np.unique(Drawing(scene, "texture").gloss)) == {0.0, 0.25, 0.9}
