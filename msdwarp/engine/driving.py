@@ -24,7 +24,7 @@ WINDOW = 1 / 16
 
 
 def driving(model: "Model", loads: Sequence[Load]) -> Effect | None:
-    """Return the effect of the drives among the loads of a scene, as bound to its start; None if they hold nobody."""
+    """Return the effect of drives among loads that are bound to a start; None where they hold nobody."""
     drives = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Driven) and len(one.held)]
     return Driving(model, drives) if drives else None
 
@@ -122,8 +122,8 @@ class Driving(Effect):
             away = float(np.abs(one.start @ turn.T + shift - one.start).max())
             if away > 1e-6 * max(1.0, float(np.abs(one.start).max())):
                 return (
-                    f"{name} has displaced its particles by {away:.3g} m at time 0: they begin there, away from what"
-                    " they are connected with; motion(0) should be no displacement"
+                    f"{name} has displaced its particles by {away:.3g} m at time 0: they begin there, away from "
+                    "what they are connected with; motion(0) should be no displacement"
                 )
         return None
 
@@ -150,7 +150,7 @@ class Driving(Effect):
             (_, _, tables["bending"][k]), (_, _, tables["push"][k]) = self._around(name, one, time, self.steps.fps)
 
     def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
-        """Return the turn and the shift at `time`, where a frame ends or the first begins, with two derivatives."""
+        """Return turn and shift at `time`, where a frame ends or the first begins, with two derivatives."""
         step = WINDOW / (fps * (POINTS - 1))
         points = np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1)
         found = self._poses(name, one, time + step * points)
@@ -176,9 +176,9 @@ class Driving(Effect):
         n = int(np.argmax(ways))
         if ways[n] > self._longest[k]:
             raise ValueError(
-                f"{name} moves by {ways[n]:.3g} m in the substep of {self.steps.dt:.3g} s at {times[n]:g} s, further "
-                f"than the shortest connection that it pulls is long, {self._longest[k]:.3g} m: move it slower, or "
-                "take more substeps"
+                f"{name} moves by {ways[n]:.3g} m in the substep of {self.steps.dt:.3g} s at {times[n]:g} s, "
+                f"further than the shortest connection that it pulls is long, {self._longest[k]:.3g} m: "
+                "move it slower, or take more substeps"
             )
 
 

@@ -27,7 +27,7 @@ COARSE = 1e-3
 
 
 def starting_state(system: System, model: Model, carried: int, time: float, fps: float) -> State:
-    """Return the state of a system at `time` [s], the start of one of `fps` frames a second, where it is driven too.
+    """Return the state of a system at `time` [s], what is driven where its drive has it then.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def starting_state(system: System, model: Model, carried: int, time: float, fps:
     carried
         See `State`.
     time, fps
-        When it starts.
+        When it starts [s], and frames per second.
     """
     state = State.of(system, model, carried)
     for effect in model.effects:
@@ -47,8 +47,7 @@ def starting_state(system: System, model: Model, carried: int, time: float, fps:
 
 def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside."""
-    system = model.system.replace(mass=model.mass) if model.driven.any() else model.system
-    inside = start_inside(system, colliders)
+    inside = start_inside(model.system, colliders, model.driven)
     displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
     for doubt in (inside, start_far(model), *displaced):
         if doubt:
@@ -56,12 +55,14 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     return inside
 
 
-def start_inside(system: System, colliders: Sequence[Collider]) -> str | None:
+def start_inside(
+    system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
+) -> str | None:
     """Return words about the particle that starts deepest in an obstacle; None if none does but by touching it.
 
-    Pinned particles may lie anywhere: they stay there.
+    Pinned particles may lie anywhere: they stay there, as do driven ones where they are put.
     """
-    free = ~system.pinned
+    free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not free.any():
         return None
     position = system.position[free]
