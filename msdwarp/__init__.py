@@ -55,7 +55,7 @@ from .integrators import (
 )
 from .pictures import Renderer, Scale
 from .quiet import verbose
-from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, lattice, sheet
+from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, join, lattice, sheet
 from .simulation import Simulation, SimulationDiverged
 from .world import Box, Capsule, Cone, Drive, Force, Look, Plane, Scene, Sphere, at
 
@@ -106,6 +106,7 @@ __all__ = [
     "cone",
     "cylinder",
     "from_mesh",
+    "join",
     "lattice",
     "sheet",
     "stability_limit",

@@ -9,6 +9,7 @@ from .contact import Contact
 from .driving import driving
 from .effect import Effect
 from .forcing import forcing
+from .ties import Ties
 from .work import Work
 from .yielding import Yielding
 
@@ -31,6 +32,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
     lambda model, around: driving(model, around.loads),
+    lambda model, around: Ties(model) if model.lattice is not None and len(model.lattice.ties) else None,
     lambda model, around: forcing(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""

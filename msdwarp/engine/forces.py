@@ -143,12 +143,13 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """The route by particles of lattices, which need no table."""
+    """The route by particles of lattices, which need no table; what ties them is an effect, `engine.ties`."""
 
     def __init__(self, model: Model) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        kinds = (model.dim, model.scalar, model.damper, model.compensated)
+        damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
+        kinds = (model.dim, model.scalar, damper, model.compensated)
         self.route = stencil(*kinds, lattice.steps, lattice.uniform)
         data = self.data = self.route.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)

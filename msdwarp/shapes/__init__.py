@@ -1,8 +1,9 @@
-"""Ways to make a system: lattices, round solids, outlines, meshes."""
+"""Ways to make a system: lattices, round solids, outlines, meshes, and several of them joined."""
 
+from .joining import join
 from .lattices import box, chain, lattice, sheet
 from .meshes import from_mesh
 from .outlines import cloth
 from .solids import ball, cone, cylinder
 
-__all__ = ["ball", "box", "chain", "cloth", "cone", "cylinder", "from_mesh", "lattice", "sheet"]
+__all__ = ["ball", "box", "chain", "cloth", "cone", "cylinder", "from_mesh", "join", "lattice", "sheet"]
