@@ -57,7 +57,7 @@ from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, join, lattice, sheet
 from .simulation import Simulation, SimulationDiverged
-from .world import Box, Capsule, Cone, Drive, Force, Look, Plane, Scene, Sphere, at
+from .world import Attachment, Box, Capsule, Cone, Drive, Force, Look, Plane, Scene, Sphere, at
 
 __version__ = "0.1.0"
 
@@ -69,6 +69,7 @@ __all__ = [
     "RKC2",
     "RUBBER",
     "STEEL_WIRE",
+    "Attachment",
     "Box",
     "Capsule",
     "Cone",

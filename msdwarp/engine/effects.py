@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
 from ..world import Collider, Load
+from .attaching import attaching
 from .contact import Contact
 from .driving import driving
 from .effect import Effect
@@ -34,6 +35,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: driving(model, around.loads),
     lambda model, around: Ties(model) if model.lattice is not None and len(model.lattice.ties) else None,
     lambda model, around: forcing(model, around.loads),
+    lambda model, around: attaching(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -204,7 +204,7 @@ def _last(cell: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _key(cell: NDArray[np.int64], cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return a number for each cell; those of cells side by side along the last coordinate follow each other."""
-    return np.ravel_multi_index(tuple(cell.T), tuple(map(int, cells)), mode="clip")
+    return np.asarray(np.ravel_multi_index(tuple(cell.T), tuple(map(int, cells)), mode="clip"))
 
 
 def _most_in_a_cell(keys: NDArray[np.int64]) -> int:

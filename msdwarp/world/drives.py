@@ -101,7 +101,7 @@ class Driven(Drive):
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads with their drives as these act on a system that starts as this one.
+    """Return loads as they act on a system that starts as this one.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
     """
     result, owner = list(loads), np.full(system.particle_count, -1)
     for k, one in enumerate(loads):
-        if not isinstance(one, Drive):
-            continue
         try:
             drive = result[k] = one.bound(system)
         except ValueError as error:
             raise ValueError(f"loads[{k}].{error}") from error
+        if not isinstance(drive, Driven):
+            continue
         others = owner[drive.held]
         if (others >= 0).any():
             i = int(np.argmax(others >= 0))

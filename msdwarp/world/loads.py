@@ -45,6 +45,10 @@ class Load:
         """Raise ValueError if it cannot act on this system."""
         self.particles(system)
 
+    def bound(self, system: System) -> "Load":
+        """Return it as it acts on a system that starts as this one: what it takes from the start is then known."""
+        return self
+
 
 @dataclass(frozen=True, eq=False)
 class Force(Load):
