@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from problems import EPS64
+from scipy.integrate import solve_ivp
 
 import msdwarp as msd
 from msdwarp import RK4, Attachment, Box, Leapfrog, LinearlyImplicitEuler, Simulation, Sphere, System, box
@@ -111,6 +112,24 @@ def test_what_is_attached_to_steady_motion_moves_as_at_rest_in_its_frame(device)
     np.testing.assert_allclose(moved, rest.frame().position[0], rtol=0, atol=1e-10)
     assert along.measure().effect_energy == pytest.approx(rest.measure().effect_energy, rel=1e-8)
     assert along.measure().dissipated_power == pytest.approx(rest.measure().dissipated_power, rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "error"), [(RK4(), 1e-7), (Leapfrog(), 5e-3)], ids=["rk4", "leapfrog"])
+def test_what_is_attached_to_a_shaken_point_follows_its_equation(plain_device, method, error):
+    # x'' = −k (x − p) − b (x' − p') with p = sin 4t, by SciPy. Leapfrog is of first order with damping: h b/2 of
+    # 1 m at most; RK4 errs by (hω)⁴ ωt / 120, and once, at the start, the rate of p is that of h/100 later.
+    b, shaken = 3.0, Sphere(motion=lambda t: (np.sin(4 * t), 0 * t, 0 * t))
+
+    def slope(t, y):
+        return [y[1], -K * (y[0] - math.sin(4 * t)) - b * (y[1] - 4 * math.cos(4 * t))]
+
+    load = Attachment([0], (0.0, 0, 0), carried_by=shaken, stiffness=K, damping=b)
+    simulation = Simulation(one(), loads=[load], integrator=method, **options(plain_device))
+    simulation.step(10)
+    expected = solve_ivp(slope, (0, 1), [1.0, 0.0], rtol=1e-11, atol=1e-12).y[:, -1]
+    assert simulation.frame().position[0, 0] == pytest.approx(expected[0], abs=error)
+    assert simulation.frame().velocity[0, 0] == pytest.approx(expected[1], abs=10 * error)
 
 
 @pytest.mark.slow
