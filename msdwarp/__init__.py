@@ -55,9 +55,24 @@ from .integrators import (
 )
 from .pictures import Renderer, Scale
 from .quiet import verbose
-from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, lattice, sheet, shell
+from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Simulation, SimulationDiverged
-from .world import Box, Capsule, Cone, Drive, Force, Gas, Look, Plane, Pressure, Scene, Sphere, Wind, at
+from .world import (
+    Attachment,
+    Box,
+    Capsule,
+    Cone,
+    Drive,
+    Force,
+    Gas,
+    Look,
+    Plane,
+    Pressure,
+    Scene,
+    Sphere,
+    Wind,
+    at,
+)
 
 __version__ = "0.1.0"
 
@@ -69,6 +84,7 @@ __all__ = [
     "RKC2",
     "RUBBER",
     "STEEL_WIRE",
+    "Attachment",
     "Box",
     "Capsule",
     "Cone",
@@ -110,6 +126,7 @@ __all__ = [
     "cylinder",
     "from_mesh",
     "icosphere",
+    "join",
     "lattice",
     "sheet",
     "shell",

@@ -35,12 +35,19 @@ def both_ways(system: System) -> list[tuple]:
     return sorted([*ahead, *((j, i, *own) for i, j, *own in ahead)])
 
 
+def of_connections(system: System, kept) -> System:
+    """Return the particles with some of their connections."""
+    fields = {name: getattr(system, name)[kept] for name in ("connections", *CONSTANTS)}
+    return System(position=system.position, **fields)
+
+
 def lattice_of(system: System) -> Lattice:
-    """Return a system's lattice, which must hold its connections and nothing else, and read where memory is."""
+    """Return a system's lattice, which must hold all connections but its ties, and read where memory is."""
     lattice, n = find_lattice(system), system.particle_count
     assert lattice.mask.dtype == np.uint32
     assert lattice.mask.shape == lattice.kind.shape == (n,)
-    assert joined(lattice, n) == both_ways(system)
+    tied = np.isin(np.arange(system.connection_count), lattice.ties)
+    assert joined(lattice, n) == both_ways(of_connections(system, ~tied))
     beyond = n  # columns of two: the second of the last may be as far beyond the end
     if lattice.stride > 0:
         beyond = -(-n // (2 * lattice.stride)) * 2 * lattice.stride

@@ -1,13 +1,16 @@
-"""Loads: what acts on particles from outside, each a piece that a scene's kernels are composed with."""
+"""Loads: what acts on particles beside a route's forces, each a piece that a scene's kernels are composed with."""
 
+from .attachments import attachments
 from .drives import driven
 from .forces import applied_force, function_force
 from .pressure import gas_law, gas_pressure, given_pressure
+from .ties import tie_force
 from .wind import wind_on_faces, wind_on_particles
 from .work import measured, sum_work, work
 
 __all__ = [
     "applied_force",
+    "attachments",
     "driven",
     "function_force",
     "gas_law",
@@ -15,6 +18,7 @@ __all__ = [
     "given_pressure",
     "measured",
     "sum_work",
+    "tie_force",
     "wind_on_faces",
     "wind_on_particles",
     "work",

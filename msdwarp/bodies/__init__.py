@@ -11,7 +11,7 @@ from .selection import selected
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
-from .uniform import is_uniform, stored, uniform, uniform_like
+from .uniform import is_uniform, joined, stored, uniform, uniform_like
 
 __all__ = [
     "AXES",
@@ -38,6 +38,7 @@ __all__ = [
     "headline",
     "in_space",
     "is_uniform",
+    "joined",
     "pieces",
     "rotation",
     "rotations",

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
 from ..world import Collider, Load
+from .attaching import attaching
 from .blowing import blowing
 from .contact import Contact
 from .driving import driving
@@ -12,6 +13,7 @@ from .effect import Effect
 from .forcing import forcing
 from .pressing import pressing
 from .tearing import Tearing
+from .ties import Ties
 from .work import Work
 from .yielding import Yielding
 
@@ -35,9 +37,11 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: Yielding(model) if model.system.yields else None,
     lambda model, around: Tearing(model) if model.system.tears else None,
     lambda model, around: driving(model, around.loads),
+    lambda model, around: Ties(model) if model.lattice is not None and len(model.lattice.ties) else None,
     lambda model, around: forcing(model, around.loads),
     lambda model, around: blowing(model, around.loads),
     lambda model, around: pressing(model, around.loads),
+    lambda model, around: attaching(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -167,12 +167,13 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """The route by particles of lattices, which need no table."""
+    """The route by particles of lattices, which need no table; what ties them is an effect, `engine.ties`."""
 
     def __init__(self, model: Model) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        kinds = (model.dim, model.scalar, model.damper, model.compensated, lattice.steps, lattice.uniform)
+        damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
+        kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
         tearing = model.tearing
         self.route = stencil(*kinds, tearing and tearing.breaking)
         data = self.data = self.route.Forces()

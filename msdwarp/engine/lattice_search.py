@@ -2,6 +2,7 @@
 
 A lattice's points lie side by side along x, row after row. Seen from a point, all its neighbours in the row (y, z)
 lie around one place in memory, `shift` particles further on; which of them it is connected with is a bit mask.
+Connections that lie in no direction, such as those that `join` makes, are left over as ties.
 """
 
 from typing import NamedTuple
@@ -9,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import System, stored, uniform
+from ..bodies import TEARING_FIELDS, System, stored, uniform
 from ..kernels.forces import COLUMN, CONSTANTS, stencil_rows
 
 MASK_BITS = 32
@@ -29,6 +30,8 @@ class Lattice(NamedTuple):
     """Which constants are a particle's, shape [particle_count]; all 0 if there is one kind."""
     constants: dict[str, NDArray[np.float64]]
     """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
+    ties: NDArray[np.int32]
+    """The connections that are in no direction, shape [tie_count]; see `msdwarp.engine.ties`."""
 
     def numbers(self, system: System) -> NDArray[np.int32]:
         """Return the connection that leads in each direction from each particle; −1 where there is none.
@@ -115,8 +118,8 @@ def find_lattice(system: System) -> Lattice:
     Raises
     ------
     NotALattice
-        If some connection is in no direction, a direction's connections do not follow its step, or their
-        constants differ within a body.
+        If no connection is in a direction, a direction's connections do not follow its step, or their constants
+        differ within a body.
     """
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
@@ -139,26 +142,34 @@ def find_lattice(system: System) -> Lattice:
         for name, part in body.items()
         for step in [step_of(name)]
     ]
-    _check_cover([part for body in system.directions for part in body.values()], count)
+    ties = _left_over([part for body in system.directions for part in body.values()], count)
+    if (
+        system.tears
+        and len(ties)
+        and not all(np.isinf(getattr(system, name)[ties]).all() for name in TEARING_FIELDS)
+    ):
+        raise NotALattice("a connection that is in none of its directions can break")
     kinds, constants = _constants(system, parts, len(steps))
     shift = _common_shift(system, parts, len(rows))
     if shift is None:
         shift = _shift_by_particle(system, parts, len(rows))
-    return Lattice(
-        steps, _mask(system, parts, len(steps)), shift, _kind_by_particle(system, parts, kinds), constants
-    )
+    mask = _mask(system, parts, len(steps))
+    return Lattice(steps, mask, shift, _kind_by_particle(system, parts, kinds), constants, ties)
 
 
-def _check_cover(slices: list[slice], count: int) -> None:
-    """Check that every connection is in one direction of one body."""
-    end = 0
+def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
+    """Return the connections that are in no direction; raise NotALattice if one is in two, or none is in any."""
+    ties, end = [], 0
     for start, stop, step in sorted(part.indices(max(count, part.stop or 0)) for part in slices):
-        if start != end or step != 1:
-            end = -1
-            break
-        end = stop
-    if not slices or end != count:
-        raise NotALattice("not every connection is in one direction of a lattice")
+        if step != 1 or stop > count or (start < end and start < stop):
+            raise NotALattice("directions are not slices of connections that each lie in one of them")
+        ties.append(np.arange(end, start, dtype=np.int32))
+        end = max(end, stop)
+    ties.append(np.arange(end, count, dtype=np.int32))
+    left_over = np.concatenate(ties)
+    if len(left_over) == count:
+        raise NotALattice("no connection is in a direction of a lattice")
+    return left_over
 
 
 def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32] | None:
@@ -206,8 +217,11 @@ def _mask(system: System, parts: list[_Part], direction_count: int) -> NDArray[n
 
 def _constants(
     system: System, parts: list[_Part], direction_count: int
-) -> tuple[list[int], dict[str, NDArray[np.float64]]]:
-    """Return the kind of each body, and each kind's constants by name, shape [kind_count, direction_count]."""
+) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
+    """Return the kind of each body that is a lattice, and each kind's constants by name.
+
+    The latter are of shape [kind_count, direction_count].
+    """
     bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:
         for k, name in enumerate(CONSTANTS):
@@ -216,14 +230,16 @@ def _constants(
                 bodies[part.body, k, part.direction] = values[0]
                 if (stored(values) != values[0]).any():
                     raise NotALattice(f"{name} differs among the connections of a direction")
-    kinds, kind = np.unique(bodies, axis=0, return_inverse=True)
-    return list(map(int, kind.ravel())), {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
+    named = sorted({part.body for part in parts})  # what has no directions has no constants that could differ
+    kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
+    of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
+    return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
 
 
-def _kind_by_particle(system: System, parts: list[_Part], kinds: list[int]) -> NDArray[np.int32]:
+def _kind_by_particle(system: System, parts: list[_Part], kinds: dict[int, int]) -> NDArray[np.int32]:
     """Return the kind of each particle's body, shape [particle_count]."""
     n = system.particle_count
-    if len(set(kinds)) == 1:
+    if len(set(kinds.values())) == 1:
         return uniform(np.int32(0), n)
     kind = np.zeros(n, dtype=np.int32)
     for check in (False, True):

@@ -21,6 +21,8 @@ FEW_PARTICLES = 20_000
 """With fewer, latency is most of the time, and a stencil has the least."""
 LEAST_USED = 0.4
 """Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
+MOST_TIES = 0.05
+"""Share of connections that may lie in no direction of a lattice, and be ties beside it."""
 
 
 def choose_route(system: System, route: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
@@ -80,8 +82,11 @@ def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | Non
         lattice = find_lattice(system)
     except NotALattice:
         return "gather", None
+    ties = len(lattice.ties)
+    if ties > MOST_TIES * system.connection_count:
+        return "gather", None
     # Of what a stencil computes for missing neighbours nothing is used.
-    used = system.connection_count / (len(lattice.steps) * system.particle_count)
+    used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
 

@@ -1,5 +1,6 @@
-"""Ways to make a system: lattices, round solids, outlines, meshes."""
+"""Ways to make a system: lattices, round solids, outlines, meshes, and several of them joined."""
 
+from .joining import join
 from .lattices import box, chain, lattice, sheet
 from .meshes import from_mesh
 from .outlines import cloth
@@ -15,6 +16,7 @@ __all__ = [
     "cylinder",
     "from_mesh",
     "icosphere",
+    "join",
     "lattice",
     "sheet",
     "shell",

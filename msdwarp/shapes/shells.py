@@ -9,8 +9,6 @@ from .. import checks
 from ..bodies import Surface, System
 from .meshes import read_mesh
 
-CONSTANTS = ("rest_length", "stiffness", "damping")
-
 
 def shell(
     mesh: Any, *, mass: float = 1.0, stiffness: ArrayLike = 100.0, damping: ArrayLike = 0.0, bending: float = 0.0
@@ -60,13 +58,14 @@ def shell(
     if checks.non_negative("bending", bending) == 0.0 or not len(across):
         return system
     folds = System(position=points, connections=across, stiffness=bending)
-    joined = {name: np.append(getattr(system, name), getattr(folds, name)) for name in CONSTANTS}
     return System(
         position=points,
         mass=system.mass,
         connections=np.concatenate([edges, across]),
+        rest_length=np.append(system.rest_length, folds.rest_length),
+        stiffness=np.append(system.stiffness, folds.stiffness),
+        damping=np.append(system.damping, folds.damping),
         surface=system.surface,
-        **joined,
     )
 
 
@@ -77,7 +76,8 @@ def edges_of(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[n
     edges, which = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     first = np.flatnonzero(np.diff(which.ravel()[order], append=-1) == 0)
-    return edges.astype(np.int32), np.stack([far[order][first], far[order][first + 1]], axis=1).astype(np.int32)
+    across = np.stack([far[order][first], far[order][first + 1]], axis=1)
+    return edges.astype(np.int32), np.sort(across, axis=1).astype(np.int32)
 
 
 def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -119,7 +119,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     points *= radius / np.linalg.norm(points, axis=1)[:, None]
-    return points, triangles.astype(np.int32)
+    return points, np.asarray(triangles, dtype=np.int32)
 
 
 def _longitude_and_latitude(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -101,7 +101,7 @@ class Driven(Drive):
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads with their drives as these act on a system that starts as this one.
+    """Return loads as they act on a system that starts as this one.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class Load:
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return the load as it is on a system that starts as this one."""
+        """Return it as it acts on a system that starts as this one: what it takes from the start is then known."""
         return self
 
 

@@ -122,11 +122,10 @@ class Gas(Pressed):
 
     def bound(self, system: System) -> Self:
         """Return the gas with its volume, if that was to be that of this system."""
-        return (
-            self
-            if self.volume is not None
-            else replace(self, volume=volume(self.corners(system), system.position))
-        )
+        if self.volume is not None:
+            return self
+        self.check(system)
+        return replace(self, volume=volume(self.corners(system), system.position))
 
 
 def volume(corner: NDArray[np.int32], position: NDArray) -> float:

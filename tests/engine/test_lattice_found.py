@@ -164,8 +164,6 @@ SEVERAL = {
     "box, sheet and chain": box((3, 3, 3)) + sheet((4, 3), 0.5) + chain(6, 0.3),
     "chain, sheet and box": chain(6, 0.3) + sheet((4, 3), 0.5) + box((3, 3, 3)),
     "box 6 and box 26": box((3, 4, 3), neighbours=6) + box((3, 4, 3)),
-    "box and a lone particle": box((3, 3, 3)) + System(position=[[5.0, 0, 0]]),
-    "a lone particle and a box": System(position=[[5.0, 0, 0]]) + box((3, 3, 3)),
     "balls": problems.ball(5) + problems.ball(6, stiffness=20.0),
 }
 
@@ -175,6 +173,12 @@ def test_several_bodies_are_lattices_of_several_kinds(system):
     lattice = lattice_of(system)
     assert not lattice.uniform
     assert len(lattice.constants["stiffness"]) == len(np.unique(lattice.kind)) == len(system.directions)
+
+
+def test_what_has_no_connections_is_no_kind_of_its_own():
+    one, alone = box((3, 3, 3)), System(position=[[5.0, 0, 0]])
+    for both in (one + alone, alone + one):
+        assert lattice_of(both).uniform
 
 
 @pytest.mark.parametrize("across", [5, 6, 9])

@@ -6,7 +6,7 @@ import pytest
 from stencils import lattice_of
 from tangles import CONSTANTS
 
-from msdwarp import System, box, chain, sheet
+from msdwarp import System, box, chain, join, sheet
 from msdwarp.engine.lattice_search import NotALattice, find_lattice
 
 GRID, LINE = sheet((4, 3)), chain(5)
@@ -30,15 +30,12 @@ REFUSED = {
     ),
     "one stiffer spring": (sheet((4, 3), stiffness=[1.0] * 28 + [2.0]), "stiffness differs"),
     "one damper": (sheet((4, 3), damping=[1.0] * 28 + [2.0]), "damping differs"),
-    "no directions": (GRID.replace(directions=({},)), "not every connection"),
-    "no bodies": (GRID.replace(directions=()), "not every connection"),
-    "no connections": (System(position=np.zeros((4, 3))), "not every connection"),
-    "a spring behind the directions": (wired(GRID, [*GRID.connections, (0, 11)]), "not every connection"),
-    "a spring before the directions": (wired(chain(2), [[0, 1]], {}) + GRID, "not every connection"),
-    "fewer springs than directions say": (wired(GRID, GRID.connections[:-1]), "not every connection"),
-    "overlapping slices": (wired(LINE, LINE.connections, {"x": slice(0, 3), "y": slice(2, 4)}), "not every"),
-    "a gap between slices": (wired(LINE, LINE.connections, {"x": slice(0, 2), "y": slice(3, 4)}), "not every"),
-    "every second connection": (wired(LINE, LINE.connections, {"x": slice(0, 4, 2)}), "not every connection"),
+    "no directions": (GRID.replace(directions=({},)), "no connection is in a direction"),
+    "no bodies": (GRID.replace(directions=()), "no connection is in a direction"),
+    "no connections": (System(position=np.zeros((4, 3))), "no connection is in a direction"),
+    "fewer springs than directions say": (wired(GRID, GRID.connections[:-1]), "directions are not slices"),
+    "overlapping slices": (wired(LINE, LINE.connections, {"x": slice(0, 3), "y": slice(2, 4)}), "are not slices"),
+    "every second connection": (wired(LINE, LINE.connections, {"x": slice(0, 4, 2)}), "are not slices"),
     "another name": (wired(LINE, LINE.connections, {"weft": slice(0, 4)}), "direction 'weft' is none"),
     "a twin": (
         wired(LINE, [[0, 1], [1, 2], [0, 1]], {"x": slice(0, 3)}),
@@ -66,6 +63,36 @@ REFUSED = {
         "share particles",
     ),
 }
+
+
+TIED = {
+    "a spring behind the directions": (wired(GRID, [*GRID.connections, (0, 11)]), [29]),
+    "a spring before the directions": (wired(chain(2), [[0, 1]], {}) + GRID, [0]),
+    "a gap between slices": (wired(LINE, LINE.connections, {"x": slice(0, 2), "x+y": slice(3, 4)}), [2]),
+    "a twin behind": (wired(LINE, [*LINE.connections, (0, 1), (1, 0)], LINE.directions[0]), [4, 5]),
+    "two bodies and a spring between": (join(LINE, GRID, pairs=[(4, 0)], stiffness=2.0), [33]),
+    "a lattice and what is none": (
+        join(GRID, System(position=[[5.0, 5, 0]]), pairs=[(3, 0)], stiffness=2.0),
+        [29],
+    ),
+}
+
+
+@pytest.mark.parametrize(("system", "ties"), TIED.values(), ids=TIED.keys())
+def test_what_is_in_no_direction_is_left_over_as_ties(system, ties):
+    assert lattice_of(system).ties.tolist() == ties
+
+
+def test_ties_leave_the_lattices_as_they_were():
+    one = box((4, 3, 3), damping=0.5)
+    apart = one + one.translate((5.0, 0, 0))
+    tied, free = lattice_of(join(one, one.translate((5.0, 0, 0)), within=2.0, stiffness=9.0)), lattice_of(apart)
+    assert tied.uniform
+    assert (tied.stride, tied.margin, tied.steps) == (free.stride, free.margin, free.steps)
+    np.testing.assert_array_equal(tied.mask, free.mask)
+    assert len(tied.ties) == 9
+    hung = lattice_of(join(one, System(position=[[0.0, 0, -9]]), pairs=[(0, 0)], stiffness=9.0))
+    assert hung.uniform  # what hangs on it is no other kind of lattice
 
 
 @pytest.mark.parametrize(("system", "message"), REFUSED.values(), ids=REFUSED.keys())

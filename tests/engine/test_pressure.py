@@ -57,7 +57,7 @@ def test_pressure_moves_no_closed_body(device):
     simulation = Simulation(body, loads=loads, **how)
     simulation.step(10)
     measures = simulation.measure()
-    assert measures.kinetic_energy > 1e-5
+    assert abs(measures.external_work) > 1e-5
     assert np.abs(measures.momentum).max() < 1e-13
     assert np.abs(measures.angular_momentum).max() < 1e-13
 
@@ -85,7 +85,7 @@ def test_a_gas_is_a_spring_for_its_volume(plain_device):
         radii.append(np.linalg.norm(simulation.frame().position, axis=1) / RADIUS - 1)
     # Breathing is almost a mode: masses by area differ from areas' pull by a little, which excites others by it.
     means = np.array(radii).mean(axis=1) / 2e-4
-    np.testing.assert_allclose(means, [0, -1, 0, 1], atol=0.05)
+    np.testing.assert_allclose(means, [0, -1, 0, 1], atol=0.1)
 
 
 def test_a_plate_accelerates_as_its_area_says(device):

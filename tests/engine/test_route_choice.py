@@ -5,10 +5,10 @@ import problems
 import pytest
 from tangles import CONSTANTS, lattices, moving, tangle
 
-from msdwarp import Plane, Simulation, System, box, chain, sheet
+from msdwarp import Plane, Simulation, System, box, chain, join, sheet
 from msdwarp.engine import routes
 from msdwarp.engine.model import Model
-from msdwarp.engine.routes import ROUTES, automatic_route
+from msdwarp.engine.routes import ROUTES, automatic_route, choose_route
 
 
 def test_unknown_route_is_named():
@@ -20,9 +20,9 @@ def test_unknown_route_is_named():
 @pytest.mark.parametrize(
     ("system", "reason"),
     [
-        (System(position=[[0.0], [1]], connections=[[0, 1]]), "not every connection is in one direction"),
+        (System(position=[[0.0], [1]], connections=[[0, 1]]), "no connection is in a direction of a lattice"),
         (chain(4, stiffness=[1.0, 2, 3]), "stiffness differs among the connections"),
-        (tangle(3, 40, (), damped=False), "not every connection is in one direction"),
+        (tangle(3, 40, (), damped=False), "no connection is in a direction of a lattice"),
     ],
 )
 def test_a_stencil_of_no_lattice_is_refused_with_the_reason(system, reason):
@@ -63,6 +63,18 @@ def test_automatic_routes_are_those_that_are_fastest():
     # Most of what a stencil of threads reads is no neighbour.
     fastest = ["stencil", "gather", "scatter", "gather"]
     assert [automatic_route(system, on_gpu=True)[0] for system in bodies] == fastest
+
+
+def test_a_lattice_with_few_ties_keeps_its_stencil():
+    one, other = box((8, 8, 8)), box((8, 8, 8)).translate((8.0, 0, 0))
+    pair, hosts = join(one, other, within=1.0, stiffness=9.0), join(one, other, within=8.0, stiffness=9.0)
+    few, most = pair.connection_count - 2 * one.connection_count, 0.05 * pair.connection_count
+    assert few == 64 < most
+    route, lattice = automatic_route(pair, on_gpu=True)
+    assert (route, len(lattice.ties)) == ("stencil", 64)
+    assert hosts.connection_count - 2 * one.connection_count > 0.05 * hosts.connection_count
+    assert automatic_route(hosts, on_gpu=True) == ("gather", None)
+    assert len(choose_route(hosts, "stencil", on_gpu=False)[1].ties) > most  # asked for, any number will do
 
 
 def test_tests_run_over_every_route(device, request):

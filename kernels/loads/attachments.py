@@ -1,0 +1,163 @@
+"""Attachments: springs and dampers from particles to points of the world, or of what is moved in it."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensation
+from ..effect import Piece
+from ..records import records
+
+
+class Attachments(NamedTuple):
+    """The device side of attachments."""
+
+    piece: Piece
+    """What they add to kernels."""
+    add_blocks: Any
+    """Kernel, over members, that adds to the bound of the rates (`Effect.add_blocks`)."""
+    measure: Any
+    """Kernel, over members, that writes what theirs store [J] and turn to heat [W]."""
+
+
+@functools.cache
+def attachments(
+    dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
+) -> Attachments:
+    """Compose the attachments of a scene: of whether any point moves, any is damped, any has a rest length.
+
+    An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
+    that moves at u. One with a rest length acts along its axis alone, as a connection does, and exerts nothing
+    where it has none.
+    """
+    V, Turn = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
+    Block: Any = wp.types.matrix((dim, dim), wp.float64)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.struct
+    class Attached:
+        first: wp.array(dtype=int)  # where the attachments of each particle begin, shape [particle_count + 1]
+        member: wp.array(dtype=int)  # the particles that have any, shape [member_count]
+        # Of each attachment, shape [attachment_count]:
+        point: wp.array(dtype=V)  # where to [m]; as its carrier was given, if it has one
+        carrier: wp.array(dtype=int)  # what carries the point along; −1 where it stands still
+        rest_length: wp.array(dtype=scalar)  # l0 [m]
+        stiffness: wp.array(dtype=scalar)  # k [N/m]
+        damping: wp.array(dtype=scalar)  # b [N s/m]
+        # Of each carrier in each stage of a frame, and at its end, shape [stage_count + 1, carrier_count]:
+        turn: wp.array2d(dtype=Turn)  # R: a point y lies at R y + o
+        shift: wp.array2d(dtype=V)  # o [m]
+        turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
+        speed: wp.array2d(dtype=V)  # do/dt [m/s]
+
+    @wp.func
+    def place(attached: Attached, row: int, e: int) -> V:
+        y = attached.point[e]
+        if wp.static(moving):
+            c = attached.carrier[e]
+            if c >= 0:
+                return attached.turn[row, c] * y + attached.shift[row, c]
+        return y
+
+    @wp.func
+    def velocity(attached: Attached, row: int, e: int) -> V:
+        if wp.static(moving):
+            c = attached.carrier[e]
+            if c >= 0:
+                return attached.turning[row, c] * attached.point[e] + attached.speed[row, c]
+        return V()
+
+    @wp.func
+    def pull(attached: Attached, row: int, e: int, x: V, v: V) -> V:
+        dx = x - place(attached, row, e)
+        k = attached.stiffness[e]
+        dv = V()
+        if wp.static(damped):
+            dv = v - velocity(attached, row, e)
+        if wp.static(stretched):
+            l0 = attached.rest_length[e]
+            if l0 > scalar(0.0):
+                length = wp.length(dx)
+                if length == scalar(0.0):
+                    return V()
+                axis = dx / length
+                return -(k * (length - l0) + attached.damping[e] * wp.dot(dv, axis)) * axis
+        return -k * dx - attached.damping[e] * dv
+
+    def force(World: Any):
+        @wp.func
+        def attachment(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            row = int(0)
+            if wp.static(moving):
+                row = world.stage
+            x_i = load(x, i)
+            if wp.static(compensated):
+                x_i = x_i - load(lost.x, i)
+            v_i = V()
+            if wp.static(damped):
+                v_i = load(v, i)
+            total = V()
+            for e in range(world.attached.first[i], world.attached.first[i + 1]):
+                total += pull(world.attached, row, e, x_i, v_i)
+            return total
+
+        return attachment
+
+    @kernel
+    def add_attachment_blocks(
+        attached: Attached,
+        # Out, one block a particle, shape [particle_count]:
+        stiffness: wp.array(dtype=Block),  # [N/m]
+        damping: wp.array(dtype=Block),  # [N s/m]
+    ):
+        i = attached.member[wp.tid()]
+        k = wp.float64(0.0)
+        b = wp.float64(0.0)
+        for e in range(attached.first[i], attached.first[i + 1]):
+            k += wp.float64(attached.stiffness[e])
+            b += wp.float64(attached.damping[e])
+        for c in range(wp.static(dim)):
+            stiffness[i][c, c] += wp.float64(0.5) * k
+            damping[i][c, c] += wp.float64(0.5) * b
+
+    @kernel
+    def measure_attached(
+        attached: Attached,
+        row: int,  # of the tables of carriers
+        # State in:
+        x: wp.array(dtype=V),  # [m], shape [particle_count]
+        v: wp.array(dtype=V),  # [m/s], shape [particle_count]
+        # Out, of each member, shape [member_count]:
+        energy: wp.array(dtype=wp.float64),  # [J]
+        power: wp.array(dtype=wp.float64),  # [W]
+    ):
+        m = wp.tid()
+        i = attached.member[m]
+        stored = wp.float64(0.0)
+        lost_power = wp.float64(0.0)
+        for e in range(attached.first[i], attached.first[i + 1]):
+            p = place(attached, row, e)
+            u = velocity(attached, row, e)
+            square = wp.float64(0.0)  # |x − p|²
+            along = wp.float64(0.0)  # (v − u)·(x − p)
+            whole = wp.float64(0.0)  # |v − u|²
+            for c in range(wp.static(dim)):
+                d = wp.float64(x[i][c]) - wp.float64(p[c])
+                rate = wp.float64(v[i][c]) - wp.float64(u[c])
+                square += d * d
+                along += rate * d
+                whole += rate * rate
+            l0 = wp.float64(attached.rest_length[e])
+            stretch = wp.sqrt(square) - l0
+            stored += wp.float64(0.5) * wp.float64(attached.stiffness[e]) * stretch * stretch
+            if l0 > wp.float64(0.0):
+                whole = along * along / wp.max(square, wp.float64(1.0e-300))
+            lost_power += wp.float64(attached.damping[e]) * whole
+        energy[m] = stored
+        power[m] = lost_power
+
+    piece = Piece("attached", Attached, force=force, selective=True, timed=moving)
+    return Attachments(piece, add_attachment_blocks, measure_attached)

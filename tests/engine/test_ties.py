@@ -1,0 +1,179 @@
+"""Ties: connections between lattices, beside their stencil, are connections like all others."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from problems import EPS64
+from tangles import FAR, assert_forces_are_right, evaluate, moving
+
+from msdwarp import RK4, CoulombDamper, Simulation, System, box, chain, join, sheet
+from msdwarp.engine import dynamics
+from msdwarp.engine.dynamics import Dynamics
+from msdwarp.engine.model import Model
+from msdwarp.engine.rates import rate_bounds
+
+SMALL = {"mass": 0.01, "stiffness": 40.0, "damping": 0.02}
+GAP = 0.13
+"""Between two bodies that are joined [m]."""
+
+
+def pair(dim: int = 3, **constants) -> System:
+    """Return two lattices that lie side by side, tied along a face by stiffer springs that are damped."""
+    made = {3: lambda: box((3, 3, 4), 0.1, **SMALL), 2: lambda: sheet((3, 5), 0.1, dim=2, **SMALL)}
+    one = made[dim]() if dim > 1 else chain(5, 0.1, dim=1, **SMALL)
+    width = float(np.ptp(one.position[:, 0])) + GAP
+    other = one.translate([width, *[0.0] * (dim - 1)])
+    return join(one, other, within=GAP, **{"stiffness": 70.0, "damping": 0.03, **constants})
+
+
+def options(device: str, **more) -> dict:
+    return {"gravity": 0.0, "precision": "float64", "fps": 60.0, "substeps": 8, "device": device, **more}
+
+
+@pytest.fixture
+def in_columns(monkeypatch) -> None:
+    """Advance lattices that have layers in columns, on the CPU too, however small they are."""
+
+    def choose(model: Model, columns=dynamics.columns) -> int:
+        gpu = SimpleNamespace(is_cuda=True)
+        return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
+
+    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(dynamics, "columns", choose)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_stencil_has_the_forces_of_its_ties(plain_device, dim):
+    tied = moving(pair(dim))
+    assert len(Model(tied, device="cpu", route="stencil").lattice.ties) > 0
+    assert_forces_are_right(tied, plain_device, "float64", "stencil")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
+def test_the_same_in_single_precision_far_out(plain_device, precision):
+    assert_forces_are_right(moving(pair()).translate(FAR), plain_device, precision, "stencil")
+
+
+@pytest.mark.slow
+def test_undamped_ties_of_damped_bodies(plain_device):
+    assert_forces_are_right(moving(pair(damping=0.0)), plain_device, "float64", "stencil")
+
+
+@pytest.mark.slow
+def test_ties_obey_the_dampers_law(plain_device):
+    # As by gathering, which test_dampers compares with the law; each sum of 20 or so has its own roundings.
+    dry = moving(pair()).replace(damper=CoulombDamper(0.5))
+    forces = [evaluate(dry, plain_device, "float64", route) for route in ("gather", "stencil")]
+    np.testing.assert_allclose(*forces, rtol=0, atol=64 * EPS64 * np.abs(forces[0]).max())
+
+
+def test_columns_feel_ties(plain_device, in_columns):
+    tied = pair()
+    made = Dynamics(Model(tied, device="cpu", route="stencil"))
+    assert made._columns > 0  # one stencil for both bodies, as without ties
+    assert_forces_are_right(moving(tied), plain_device, "float64", "stencil")
+
+
+def test_where_only_ties_are_damped_the_stencil_is_not():
+    tied = pair().replace(
+        damping=np.where(np.arange(pair().connection_count) < pair().connection_count - 12, 0.0, 1.0)
+    )
+    own = Dynamics(Model(tied, device="cpu", route="stencil")).composition.route
+    bare = Dynamics(Model(tied.replace(damping=0.0), device="cpu", route="stencil")).composition.route
+    assert own is bare
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+def test_routes_move_a_tied_pair_alike(plain_device, blocks):
+    tied, frames = moving(pair(), 5), {}
+    tied = tied.replace(position=pair().position)
+    for route in ("scatter", "gather", "stencil"):
+        simulation = Simulation(tied, route=route, blocks=blocks, integrator=RK4(), **options(plain_device))
+        simulation.step(12)
+        assert simulation.model.route == route
+        frames[route] = simulation.frame().position
+    moved = np.abs(frames["gather"] - tied.position).max()
+    assert moved > 0.02
+    for route in ("scatter", "stencil"):  # other orders of sums: 400 evaluations, each of some roundings
+        np.testing.assert_allclose(frames[route], frames["gather"], rtol=0, atol=1e-11)
+
+
+def test_momentum_is_conserved(device):
+    # Both ends of a tie find the same force but for its sign; what is left is rounding of the sums.
+    tied = moving(pair(), 5).replace(position=pair().position)
+    simulation = Simulation(tied, **options(device))
+    before = simulation.measure()
+    simulation.step(30)
+    after = simulation.measure()
+    size = 0.01 * np.abs(tied.velocity).sum()
+    np.testing.assert_allclose(after.momentum, before.momentum, rtol=0, atol=240 * 8 * EPS64 * size)
+    # Forces act along the axes, at distances of 1 m: nothing turns either.
+    np.testing.assert_allclose(
+        after.angular_momentum, before.angular_momentum, rtol=0, atol=240 * 32 * EPS64 * size
+    )
+
+
+@pytest.mark.parametrize("route", ["gather", "scatter"])
+def test_a_tie_is_one_more_connection(route):
+    # To the last bit: on these routes it is nothing else. On a GPU scattered sums have no order.
+    tied, frames = pair(), []
+    names = ("connections", "rest_length", "stiffness", "damping")
+    plain = System(position=tied.position, mass=0.01, **{name: np.array(getattr(tied, name)) for name in names})
+    velocity = moving(tied, 5).velocity
+    for system in (tied, plain):
+        simulation = Simulation(system.with_velocity(velocity), route=route, **options("cpu"))
+        simulation.step(5)
+        frames.append(simulation.frame().position)
+    np.testing.assert_array_equal(*frames)
+
+
+def test_energies_count_a_tie_once(device):
+    tied = moving(pair())
+    simulation = Simulation(tied, **options(device, substeps=1, allow_unstable=True))
+    length = np.linalg.norm(np.subtract(*np.moveaxis(tied.position[tied.connections], 1, 0)), axis=1)
+    elastic = (0.5 * tied.stiffness * (length - tied.rest_length) ** 2).sum()
+    found = simulation.measure()
+    assert found.elastic_energy == pytest.approx(elastic, rel=64 * EPS64)
+    assert found.effect_energy == 0.0
+
+
+def test_the_bound_knows_stiff_ties(plain_device):
+    # One route or the other, the same pass over all connections; a stiff tie halves the step and more.
+    soft, stiff = pair(), pair(stiffness=4e4)
+    bounds = [
+        rate_bounds(stiff, Model(stiff, device=plain_device, precision="float64", route=route)).stiffness
+        for route in ("gather", "stencil")
+    ]
+    assert bounds[0] == pytest.approx(bounds[1], rel=64 * EPS64)  # atomic sums have no order on a GPU
+    assert bounds[0] > 4 * rate_bounds(soft).stiffness
+    # Two particles of mass m on a spring of k swing with ω² = 2 k / m, and others hold them stiffer still.
+    assert bounds[0] >= 2 * 4e4 / 0.01
+
+
+@pytest.mark.slow
+def test_a_stable_step_bears_a_tie_much_stiffer_than_the_bodies(plain_device):
+    tied = moving(pair(stiffness=4e4, damping=0.0), 5).replace(position=pair().position)
+    simulation = Simulation(tied, route="stencil", gravity=0.0, device=plain_device, precision="float64")
+    before = simulation.measure().energy
+    simulation.step(30)
+    assert simulation.measure().energy < 1.5 * before  # its energy swings by h ω / 2 about the conserved one
+    with pytest.raises(ValueError, match="at least"):
+        Simulation(tied, route="stencil", gravity=0.0, device=plain_device, substeps=simulation.substeps // 3)
+
+
+@pytest.mark.slow
+def test_a_tied_run_resumes_to_the_last_bit(plain_device):
+    def make():
+        return Simulation(
+            moving(pair(), 5).replace(position=pair().position), route="stencil", **options(plain_device)
+        )
+
+    whole, first, rest = make(), make(), make()
+    whole.step(9)
+    first.step(4)
+    rest.restore(*first.checkpoint())
+    rest.step(5)
+    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
