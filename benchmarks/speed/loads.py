@@ -4,12 +4,12 @@
 
 A pair of lattices of 64³ particles lies side by side, and is tied along a face; a lattice of 100³ has a force on
 each particle of its surface, which are 6 % of all, or on as many at random, or a spring from each of these to
-where it is; a lattice of 100³ and the cloth of the scene can tear, though nothing does. These go by stencil, with 48 substeps a frame, gravity and one plane that nothing touches, random
-velocities and steps of 2 µs, as in `throughput`. Rounds go through both in turn; the ratio is the median over
-rounds of one time over the other, the spread the middle half of these ratios. Times are of the recorded frame
-replayed and of `Simulation.step()`, in which besides the host prepares each frame. The scenes mattress and jelly,
-whose obstacle moves, are compared with the same whose obstacle stands still, at the same number of substeps: there
-`step(60)` is what counts, and the ratio is of that.
+where it is; a lattice of 100³ and the cloth of the scene can tear, though nothing does. These go by stencil, with
+48 substeps a frame, gravity and one plane that nothing touches, random velocities and steps of 2 µs, as in
+`throughput`. Rounds go through both in turn; the ratio is the median over rounds of one time over the other, the
+spread the middle half of these ratios. Times are of the recorded frame replayed and of `Simulation.step()`, in
+which besides the host prepares each frame. The scenes mattress and jelly, whose obstacle moves, are compared with
+the same whose obstacle stands still, at the same number of substeps: there `step(60)` counts.
 """
 
 import gc
