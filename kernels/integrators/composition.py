@@ -129,48 +129,54 @@ def beginning(composition: Composition) -> Any:
 
 @functools.cache
 def loads(composition: Composition) -> Any:
-    """Compose the sum of effects' forces on particle i [N], (world, lost, x, v, i); None where there are none."""
+    """Compose the sum of effects' forces on a particle [N], (world, lost, x, v, i, mark); None if there are none.
+
+    `mark` says which selective effects act on the particle, as `world.marks` does.
+    """
     V, World, Lost, *_ = tools(composition)
+    selective = composition.selective
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
-        def load(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            return first(world, lost, x, v, i) + second(world, lost, x, v, i)
+        def load(
+            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+        ) -> V:
+            return first(world, lost, x, v, i, mark) + second(world, lost, x, v, i, mark)
 
         return load
 
-    def guarded(piece: Piece) -> Any:
-        assert piece.force is not None
-        force = piece.force(World)
-        if not piece.selective:
-            return force
-        mark = 1 << composition.selective.index(piece)
-
+    def guarded(force: Any, bits: int) -> Any:
         @wp.func
-        def load_where_marked(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def load_where_marked(
+            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+        ) -> V:
             total = V()
-            if (world.marks[i] & wp.uint8(wp.static(mark))) != wp.uint8(0):
+            if (mark & wp.uint8(wp.static(bits))) != wp.uint8(0):
                 total = force(world, lost, x, v, i)
             return total
 
         return load_where_marked
 
-    forces = [(piece.works, guarded(piece)) for piece in composition.pieces if piece.force is not None]
-    working = _joined(both, [force for works, force in forces if works])
-    silent = [force for works, force in forces if not works]
-    if working is None:
-        return _joined(both, silent)
-    marks = sum(1 << k for k, piece in enumerate(composition.selective) if piece.works)
-    count = measured(composition.dim, composition.scalar, World, working, Lost)
+    def unguarded(force: Any) -> Any:
+        @wp.func
+        def load_on_all(
+            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+        ) -> V:
+            return force(world, lost, x, v, i)
 
-    @wp.func
-    def working_load(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-        total = V()
-        if (world.marks[i] & wp.uint8(wp.static(marks))) != wp.uint8(0):
-            total = count(world, lost, x, v, i)
-        return total
+        return load_on_all
 
-    return _joined(both, [*silent, working_load])
+    silent, working, marks = [], [], 0
+    for piece in composition.pieces:
+        if piece.force is None:
+            continue
+        bits = 1 << selective.index(piece) if piece.selective else 0
+        force = guarded(piece.force(World), bits) if bits else unguarded(piece.force(World))
+        (working if piece.works else silent).append(force)
+        marks |= bits if piece.works else 0
+    if working:
+        silent.append(measured(composition.dim, composition.scalar, World, _joined(both, working), Lost, marks))
+    return _joined(both, silent)
 
 
 @functools.cache

@@ -34,7 +34,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
     of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
     """
     _, World, *_ = tools(composition)
-    begin, load = beginning(composition), loads(composition)
+    begin, load, marked = beginning(composition), loads(composition), bool(composition.selective)
     evaluate, force_at = composition.route.evaluate, composition.route.force_at
     moving, timed, tears = composition.contact.moving, composition.timed, composition.route.tears
     Step, advance, _ = method(composition)
@@ -76,7 +76,10 @@ def persistent(composition: Composition, method: Any, blocks: int):
                     advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
                 else:
                     own = force_at(world.forces, step.lost, step.x, step.v, i)
-                    advance(world, step, own + load(world, step.lost, step.x, step.v, i), i)
+                    mark = wp.uint8(0)
+                    if wp.static(marked):
+                        mark = world.marks[i]
+                    advance(world, step, own + load(world, step.lost, step.x, step.v, i, mark), i)
                 i += threads
             wait()
 

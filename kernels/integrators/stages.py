@@ -44,7 +44,7 @@ def each_connection(composition: Composition):
 def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles, of one stage of a method."""
     V, World, *_ = tools(composition)
-    route, load = composition.route, loads(composition)
+    route, load, marked = composition.route, loads(composition), bool(composition.selective)
     (Step, advance, forced), force_at = method(composition), route.force_at
 
     def advance_particles(world: World, step: Step):
@@ -53,7 +53,10 @@ def each_particle(composition: Composition, method: Any):
         if wp.static(forced):
             force = force_at(world.forces, step.lost, step.x, step.v, i)
         if wp.static(forced and load is not None):
-            force += load(world, step.lost, step.x, step.v, i)
+            mark = wp.uint8(0)
+            if wp.static(marked):
+                mark = world.marks[i]
+            force += load(world, step.lost, step.x, step.v, i, mark)
         advance(world, step, force, i)
 
     return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
@@ -65,16 +68,26 @@ def each_column(composition: Composition, method: Any):
     _, World, *_ = tools(composition)
     load, forces_at = loads(composition), composition.route.column_forces
     Step, advance, _ = method(composition)
+    marked = bool(composition.selective)
+    Marks = wp.types.vector(COLUMN, wp.uint8)
 
     def advance_columns(world: World, step: Step):
         column = wp.tid()
         stride = world.forces.stride
         i = column / stride * (COLUMN * stride) + column % stride
+        if wp.static(load is not None):
+            marks = Marks()
+            for d in range(wp.static(COLUMN)):  # asked for early, to wait for memory once
+                if wp.static(marked):
+                    if i + d * stride < world.inverse_mass.shape[0]:
+                        marks[d] = world.marks[i + d * stride]
         forces = forces_at(world.forces, step.lost, step.x, step.v, i)
+        if wp.static(load is not None):
+            for d in range(wp.static(COLUMN)):
+                if i + d * stride < world.inverse_mass.shape[0]:
+                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, marks[d])
         for d in range(wp.static(COLUMN)):
             if i + d * stride < world.inverse_mass.shape[0]:
-                if wp.static(load is not None):
-                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride)
                 advance(world, step, forces[d], i + d * stride)
 
     return kernel(advance_columns, launch_bounds=composition.route.column_bounds)

@@ -2,14 +2,14 @@
 
 from .attachments import attachments
 from .drives import driven
-from .forces import applied_force, function_force
+from .forces import function_force, steady_force, varying_force
 from .pressure import gas_law, gas_pressure, given_pressure
 from .ties import tie_force
 from .wind import wind_on_faces, wind_on_particles
-from .work import measured, sum_work, work
+from .work import NOTHING, measured, sum_work, work
 
 __all__ = [
-    "applied_force",
+    "NOTHING",
     "attachments",
     "driven",
     "function_force",
@@ -17,8 +17,10 @@ __all__ = [
     "gas_pressure",
     "given_pressure",
     "measured",
+    "steady_force",
     "sum_work",
     "tie_force",
+    "varying_force",
     "wind_on_faces",
     "wind_on_particles",
     "work",

@@ -1,4 +1,4 @@
-"""Forces on particles: given ones, by numbers for each stage of a frame, and functions of place and time."""
+"""Forces on particles: constant ones, given for each stage of a frame, and functions of place and time."""
 
 import functools
 from typing import Any
@@ -12,34 +12,48 @@ from ..records import records
 
 
 @functools.cache
-def applied_force(dim: int, scalar: type, compensated: bool) -> Piece:
-    """Return what given forces add to kernels: the sum of those that act on a particle.
+def steady_force(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what constant forces add to kernels.
 
-    Several forces may act on a particle. They are found as the entries of a sparse matrix are, by rows.
+    Particles on which the same forces act have the same sum of them: few different ones, which caches hold.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
 
     @wp.struct
-    class Applied:
-        value: wp.array2d(dtype=V)  # each force in each stage of a frame, and at its end [N]
-        varies: wp.array(dtype=int)  # 1 where it depends on time; others have one row, shape [force_count]
-        first: wp.array(dtype=int)  # where the forces on each particle begin, shape [particle_count + 1]
-        number: wp.array(dtype=int)  # which force it is, shape [entry_count]
-        share: wp.array(dtype=scalar)  # how much of it the particle feels, shape [entry_count]
+    class Steady:
+        value: wp.array(dtype=V)  # each combination of forces [N], the first one 0; shape [combination_count]
+        combination: wp.array(dtype=int)  # which of them each particle feels, shape [particle_count]
 
     def force(World: Any):
         @wp.func
-        def applied(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            total = V()
-            for e in range(world.applied.first[i], world.applied.first[i + 1]):
-                n = world.applied.number[e]
-                total += world.applied.share[e] * world.applied.value[world.stage * world.applied.varies[n], n]
-            return total
+        def hold(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return world.steady.value[world.steady.combination[i]]
 
-        return applied
+        return hold
 
-    return Piece("applied", Applied, force=force, selective=True, timed=True, works=True)
+    return Piece("steady", Steady, force=force, selective=True)
+
+
+@functools.cache
+def varying_force(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return the same of forces that are functions of time."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+
+    @wp.struct
+    class Varying:
+        value: wp.array2d(dtype=V)  # by stage of a frame, and at its end [N], shape [any, combination_count]
+        combination: wp.array(dtype=int)  # which one each particle feels, shape [particle_count]
+
+    def force(World: Any):
+        @wp.func
+        def vary(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return world.varying.value[world.stage, world.varying.combination[i]]
+
+        return vary
+
+    return Piece("varying", Varying, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache

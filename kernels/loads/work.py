@@ -10,13 +10,22 @@ from ..effect import Piece
 from ..records import records
 
 
+@wp.struct
+class Nothing:
+    """What an effect has that adds nothing to kernels."""
+
+
+NOTHING = Piece("nothing", Nothing)
+"""The piece of such an effect."""
+
+
 @functools.cache
 def work(dim: int, scalar: type) -> Piece:
     """Return what sums of work add to kernels: the place where they are kept.
 
-    Over a substep the work of a force is Σ weight f·v over its stages. Where velocities lag half a substep behind,
-    it is h f_n·(v_(n−½) + v_(n+½))/2, which is what f_n adds to the kinetic energy: half of it is summed in its
-    own substep, and half in the next, where v_(n+½) is known.
+    Over a substep the work of a force is Σ weight f·v over its stages. Of a method that takes forces once it is
+    h f_n·(v_n + v_(n+1))/2 with the velocities before and after, which is what f_n adds to the kinetic energy:
+    half of it is summed in its own substep, and half in the next, where v_(n+1) is known.
     """
 
     @wp.struct
@@ -31,20 +40,27 @@ def work(dim: int, scalar: type) -> Piece:
 
 
 @functools.cache
-def measured(dim: int, scalar: type, World: Any, force: Any, Lost: Any):
-    """Compose a force (world, lost, x, v, i) that does the same as `force`, and adds up its work."""
+def measured(dim: int, scalar: type, World: Any, force: Any, Lost: Any, marks: int):
+    """Compose a force (world, lost, x, v, i, mark) that does the same as `force`, and adds up its work.
+
+    It acts on particles that have one of these marks.
+    """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
 
     @wp.func
-    def measured_force(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-        f = force(world, lost, x, v, i)
-        v_i = load(v, i)
-        done = world.worked.weight[world.stage] * wp.float64(wp.dot(f, v_i))
-        if world.worked.weight_of_last[world.stage] > wp.float64(0.0):
-            done += world.worked.weight_of_last[world.stage] * wp.float64(wp.dot(world.worked.last[i], v_i))
-            world.worked.last[i] = f
-        world.worked.done[i] = world.worked.done[i] + done
+    def measured_force(
+        world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+    ) -> V:
+        f = V()
+        if (mark & wp.uint8(wp.static(marks))) != wp.uint8(0):
+            f = force(world, lost, x, v, i, mark)
+            v_i = load(v, i)
+            done = world.worked.weight[world.stage] * wp.float64(wp.dot(f, v_i))
+            if world.worked.weight_of_last[world.stage] > wp.float64(0.0):
+                done += world.worked.weight_of_last[world.stage] * wp.float64(wp.dot(world.worked.last[i], v_i))
+                world.worked.last[i] = f
+            world.worked.done[i] = world.worked.done[i] + done
         return f
 
     return measured_force
@@ -52,23 +68,36 @@ def measured(dim: int, scalar: type, World: Any, force: Any, Lost: Any):
 
 @functools.cache
 def sum_work(dim: int, scalar: type):
-    """Compose the kernel that sums the work on all particles, by each thread a share."""
+    """Compose the kernel that sums the work on all particles, by each thread a share.
+
+    What has been summed on the way, and what steady forces do: f·x, less what that was at the start.
+    """
     V = vector(dim, scalar)
+    load = records(dim, scalar).load
 
     @kernel
     def sum_work_done(
-        done: wp.array(dtype=wp.float64),  # so far [J], shape [particle_count]
-        last: wp.array(dtype=V),  # force in the last substep [N], shape [particle_count]
+        done: wp.array(dtype=wp.float64),  # so far [J], shape [particle_count], or [0]
+        last: wp.array(dtype=V),  # force in the last substep [N], of the same shape
         v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
         remaining: wp.float64,  # what that force still counts [s]
+        combination: wp.array(dtype=int),  # which steady force acts on each, 0: none; or of shape [0]
+        steady: wp.array(dtype=V),  # steady forces [N], shape [any]
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         # Out:
         shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
     ):
         share = wp.tid()
         i = share
         total = wp.float64(0.0)
-        while i < done.shape[0]:
-            total += done[i] + remaining * wp.float64(wp.dot(last[i], v[i]))
+        while i < x.shape[0]:
+            if i < done.shape[0]:
+                total += done[i] + remaining * wp.float64(wp.dot(last[i], v[i]))
+            if i < combination.shape[0]:
+                f = steady[combination[i]]
+                x_i = load(x, i)
+                for k in range(wp.static(dim)):
+                    total += wp.float64(f[k]) * wp.float64(x_i[k])
             i += shares.shape[0]
         shares[share] = total
 

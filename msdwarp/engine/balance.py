@@ -65,7 +65,7 @@ class Ledger:
             self._sums.launch_difference(self._v, now.v)
         self._sums.launch(now.x, self._v, now.lost.x)
         if self._model.work is not None:
-            self._model.work.launch(now.v, self._shares)
+            self._model.work.launch(now.x, now.v, self._shares)
 
     @np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
     def balance(self) -> Balance:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.loads import wind_on_faces, wind_on_particles
 from ..world import Load, Wind
+from .by_stage import ByStage
 from .effect import Effect
 from .faces import area_vectors, faces_on
 
@@ -28,7 +29,7 @@ def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
     return effects + ([OnParticles(model, on_particles)] if on_particles else [])
 
 
-class Blowing(Effect):
+class Blowing(ByStage):
     """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
 
     def __init__(self, model: "Model", winds: Named, compose: Any) -> None:
@@ -42,49 +43,30 @@ class Blowing(Effect):
         function = winds[0][1].velocity if places else None
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function)
         self.data = piece.Data()
-        self._varies = any(one.varies for _, one in winds)
         for name in ("drag", "lift"):
             values = np.array([0.5 * one.density * getattr(one, name) for _, one in winds])
             setattr(self.data.winds, name, wp.array(values, dtype=model.scalar, device=model.device))
         self._given = not places
-        self._speed = np.zeros(len(winds))
-        self.hold(0.0)
+        self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
 
-    def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the velocities of a frame."""
-        shape = (len(self.steps.times(0.0)), len(self._winds))
-        self.data.winds.velocity = wp.zeros(shape, dtype=self._model.vector, device=self._model.device)
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the velocities."""
+        self.data.winds.velocity = table
 
-    def begin_frame(self, time: float) -> None:
-        """Take the velocities of the frame that begins at `time` [s]."""
-        if self._varies:
-            self._take(self._at(self.steps.times(time)))
-
-    def hold(self, time: float) -> None:
-        """Have all stages see the velocities at `time` [s]."""
-        if self._given:
-            self._take(self._at(np.array([time])))
-
-    def _take(self, velocity: NDArray[np.float64]) -> None:
-        """Have kernels see these velocities [m/s], shape [rows or 1, wind_count, d]."""
-        self._speed = np.linalg.norm(velocity, axis=-1).max(axis=0)
-        if self.data.winds.velocity is not None:
-            self.data.winds.velocity.assign(
-                np.broadcast_to(velocity, (*self.data.winds.velocity.shape, self._model.dim))
-            )
-
-    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
-        values = np.empty((len(times), len(self._winds), self._model.dim))
+        values = np.zeros((len(times), len(self._winds), self._model.dim))
         for k, (name, one) in enumerate(self._winds):
-            values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
-            self._model.check_range(values[:, k], f"{name}.velocity")
+            if self._given:
+                values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
+                self._model.check_range(values[:, k], f"{name}.velocity")
         return values
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
         """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self._winds])[wind]
-        speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + self._speed[wind]
+        air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
+        speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
         return coefficients * area * speed
 
 

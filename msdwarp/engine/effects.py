@@ -10,7 +10,7 @@ from .blowing import blowing
 from .contact import Contact
 from .driving import driving
 from .effect import Effect
-from .forcing import forcing
+from .forcing import Steady, forcing
 from .pressing import pressing
 from .tearing import Tearing
 from .ties import Ties
@@ -52,6 +52,8 @@ def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
     for make in EFFECTS:
         made = make(model, around)
         found += [made] if isinstance(made, Effect) else made or []
-    if any(isinstance(effect.piece, Piece) and effect.piece.works for effect in found):
-        found.append(Work(model))
+    summed = any(isinstance(effect.piece, Piece) and effect.piece.works for effect in found)
+    steady = next((effect for effect in found if isinstance(effect, Steady)), None)
+    if summed or steady is not None:
+        found.append(Work(model, summed=summed, steady=steady))
     return found

@@ -7,69 +7,88 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.loads import applied_force, function_force
+from ..kernels.loads import function_force, steady_force, varying_force
 from ..world import Force, Load
+from .by_stage import ByStage
 from .effect import Effect
 
 if TYPE_CHECKING:
     from .model import Model
 
 
+Named = Sequence[tuple[str, Force]]
+"""Forces, and what they are called."""
+
+
 def forcing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of the forces among the loads of a scene."""
     named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Force)]
-    given = [(name, one) for name, one in named if not one.of_place]
+    steady = [(name, one) for name, one in named if not one.varies]
+    varying = [(name, one) for name, one in named if one.varies and not one.of_place]
     functions = [one for _, one in named if one.of_place]
-    effects: list[Effect] = [Applied(model, given)] if given else []
+    effects: list[Effect] = [Steady(model, steady)] if steady else []
+    effects += [Varying(model, varying)] if varying else []
     return effects + [OfPlace(model, one, k) for k, one in enumerate(functions)]
 
 
-class Applied(Effect):
-    """Forces that are given, as numbers or as functions of time."""
+def combinations(model: "Model", forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the different sums of forces that particles feel, and which of them each does.
 
-    def __init__(self, model: "Model", forces: Sequence[tuple[str, Force]]) -> None:
+    Returns
+    -------
+    shares, combination
+        How much of each force is in each combination, shape [combination_count, force_count], the first one having
+        none of any; and the combination of each particle, shape [particle_count].
+    """
+    chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
+    sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
+    kinds, combination = np.unique(chosen, axis=0, return_inverse=True)
+    nobody = np.zeros((1, len(forces)), dtype=bool)
+    if kinds[0].any():  # rows are sorted: nobody comes first
+        kinds, combination = np.concatenate([nobody, kinds]), combination + 1
+    return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
+
+
+class Steady(Effect):
+    """Forces that are constant."""
+
+    def __init__(self, model: "Model", forces: Named) -> None:
+        self.piece = steady_force(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        shares, combination = combinations(model, forces)
+        self.members = combination > 0
+        values = [one.at(np.zeros(1), model.dim, f"{name}.force")[0] for name, one in forces]
+        for value, (name, _) in zip(values, forces, strict=True):
+            model.check_range(value, f"{name}.force")
+        self.sums = shares @ np.array(values)
+        """The force on the particles of each combination [N], shape [combination_count, d]."""
+        self.data.value = wp.array(self.sums, dtype=model.vector, device=model.device)
+        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+
+
+class Varying(ByStage):
+    """Forces that are functions of time."""
+
+    def __init__(self, model: "Model", forces: Named) -> None:
         self._model, self._forces = model, forces
-        self.piece = applied_force(model.dim, model.scalar, model.compensated)
-        chosen = [one.particles(model.system) for _, one in forces]
-        self.members = np.logical_or.reduce(chosen)
-        # The entries, particle by particle; of each particle in the order of the forces.
-        particle = np.concatenate([np.flatnonzero(each) for each in chosen])
-        number = np.repeat(np.arange(len(forces)), [each.sum() for each in chosen])
-        sharing = [each.sum() if one.total else 1 for (_, one), each in zip(forces, chosen, strict=True)]
-        order = np.argsort(particle, kind="stable")
-        first = np.append(0, np.cumsum(np.bincount(particle, minlength=model.particle_count)))
-        data = self.data = self.piece.Data()
-        data.first = wp.array(first, dtype=int, device=model.device)
-        data.number = wp.array(number[order], dtype=int, device=model.device)
-        data.share = wp.array(1.0 / np.array(sharing)[number[order]], dtype=model.scalar, device=model.device)
-        varies = [one.varies for _, one in forces]
-        data.varies = wp.array(np.array(varies, dtype=np.int32), dtype=int, device=model.device)
-        self._varies = any(varies)
-        self._at(np.zeros(1))  # what a function gets wrong is said before anything runs
+        self.piece = varying_force(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        self._shares, combination = combinations(model, forces)
+        self.members = combination > 0
+        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+        self.set_up(model, len(self._shares), model.vector, varies=True)
 
-    def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the forces of a frame."""
-        rows = len(self.steps.times(0.0)) if self._varies else 1
-        shape = (rows, len(self._forces))
-        self.data.value = wp.zeros(shape, dtype=self._model.vector, device=self._model.device)
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the table of forces."""
+        self.data.value = table
 
-    def begin_frame(self, time: float) -> None:
-        """Take the forces of the frame that begins at `time` [s]."""
-        if self._varies:
-            self.data.value.assign(self._at(self.steps.times(time)))
-
-    def hold(self, time: float) -> None:
-        """Have all stages see the forces at `time` [s]."""
-        now = self._at(np.array([time]))
-        self.data.value.assign(np.broadcast_to(now, (*self.data.value.shape, self._model.dim)))
-
-    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return each force at each time [N], shape [time_count, force_count, d]."""
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
         values = np.empty((len(times), len(self._forces), self._model.dim))
         for k, (name, one) in enumerate(self._forces):
             values[:, k] = one.at(times, self._model.dim, f"{name}.force")
             self._model.check_range(values[:, k], f"{name}.force")
-        return values
+        return self._shares @ values
 
 
 class OfPlace(Effect):

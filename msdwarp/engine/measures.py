@@ -78,7 +78,7 @@ def measure(
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
         sum(one.energy(state.x) for one in model.effects),
-        0.0 if model.work is None else model.work.total(state.v),
+        0.0 if model.work is None else model.work.total(state.x, state.v),
     )
 
 

@@ -117,10 +117,10 @@ class Model:
         """The work of its loads, where it has such."""
         return next((effect for effect in self.effects if isinstance(effect, Work)), None)
 
-    def go_on_from(self, model: "Model", v: wp.array) -> None:
-        """Take over what a run has summed with a model of the same loads, whose particles then moved at v."""
+    def go_on_from(self, model: "Model", x: wp.array, v: wp.array) -> None:
+        """Take over what a run has summed with a model of the same loads, whose particles were at x, at v."""
         if self.work is not None and model.work is not None:
-            self.work.before = model.work.total(v)
+            self.work.before += model.work.total(x, v)
 
     @property
     def tearing(self) -> Tearing | None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.loads import gas_law, gas_pressure, given_pressure
 from ..world import Gas, Load, Pressure, volume
+from .by_stage import ByStage
 from .effect import Effect
 from .faces import area_vectors, faces_on
 
@@ -64,42 +65,25 @@ class Pressing(Effect):
         blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
 
 
-class GivenPressures(Pressing):
+class GivenPressures(Pressing, ByStage):
     """Pressures that are given, as numbers or as functions of time."""
 
     def __init__(self, model: "Model", named: Sequence[tuple[str, Pressure]]) -> None:
         super().__init__(model, [one for _, one in named], given_pressure)
         self._named = named
-        self._varies = any(callable(one.pressure) for _, one in named)
-        self.hold(0.0)
+        self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
 
-    def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the pressures of a frame."""
-        shape = (len(self.steps.times(0.0)), len(self._named))
-        self.data.value = wp.zeros(shape, dtype=self._model.scalar, device=self._model.device)
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the pressures."""
+        self.data.value = table
 
-    def begin_frame(self, time: float) -> None:
-        """Take the pressures of the frame that begins at `time` [s]."""
-        if self._varies:
-            self._take(self._at(self.steps.times(time)))
-
-    def hold(self, time: float) -> None:
-        """Have all stages see the pressures at `time` [s]."""
-        self._take(self._at(np.array([time])))
-
-    def _take(self, pressure: NDArray[np.float64]) -> None:
-        """Have kernels see these pressures [Pa], shape [rows or 1, count]."""
-        self._largest = np.abs(pressure).max(axis=0)
-        if self.data.value is not None:
-            self.data.value.assign(np.broadcast_to(pressure, self.data.value.shape))
-
-    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each pressure at each time [Pa], shape [time_count, count]."""
         return np.stack([one.at(times, f"{name}.pressure") for name, one in self._named], axis=1)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add how stiff the largest pressures of a frame make the particles."""
-        self._add(stiffness, self._turning(x.numpy(), self._largest))
+        self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
 
 
 class Gases(Pressing):

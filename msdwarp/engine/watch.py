@@ -76,7 +76,7 @@ class Watch:
             for there, here in zip(self._found, outputs, strict=True):
                 wp.copy(there, here)
         if self._work is not None:
-            self._work.launch(state.v, self._shares)
+            self._work.launch(state.x, state.v, self._shares)
             if model.device.is_cuda:
                 wp.copy(self._found_work, self._shares)
 

@@ -246,7 +246,7 @@ class Pace:
         self.least, self.floor = min(self.least, now.energy), min(self.floor, now.energy)
         self.low, self.high = min(self.low, now.free), max(self.high, now.free)
         # Of a motion as a whole little counts, for it is not what heats.
-        self.scale = max(self.scale, now.inner + 0.05 * now.kinetic)
+        self.scale = max(self.scale, now.inner + 0.05 * now.kinetic, abs(now.work))
 
     def _finer(self, stepping: Stepping, bound: Callable[[], StepChoice]) -> tuple[Stepping, Balance]:
         """Go back to the frame's start; return what takes twice the substeps at least, and the balance there."""

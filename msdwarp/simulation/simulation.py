@@ -178,7 +178,7 @@ class Simulation(Present):
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
         model = Model(system, **self._surroundings)
         if self.time > 0.0:
-            model.go_on_from(self.model, self.state.v)
+            model.go_on_from(self.model, self.state.x, self.state.v)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
         state = starting_state(system, model, self._method.carried, self.time, self.fps)
         refinement, above = 1.0, 0.0

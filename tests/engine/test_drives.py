@@ -42,18 +42,22 @@ def body() -> System:
     ids=str,
 )
 def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
-    # The same code but for where zeros come from: to the last bit.
+    # The same code but for where zeros come from: to the last bit. On a GPU the compiler may contract products
+    # and sums of another kernel otherwise, implicit methods and bounds add by atomics: to rounding of 80 substeps.
     common = {"integrator": method, "precision": precision, "substeps": 20, "device": device}
     pinned = Simulation(body().pin([0, 5]), **common)
     driven = Simulation(body(), loads=[Drive([0, 5], lambda t: ((0, 0, 0 * t), (0, 0, 0 * t)))], **common)
     for simulation in (pinned, driven):
         simulation.step(4)
-    if device == "cpu" or driven.model.route != "scatter":  # where sums are repeatable
+    if device == "cpu":
         np.testing.assert_array_equal(driven.frame().position, pinned.frame().position)
         np.testing.assert_array_equal(driven.frame().velocity, pinned.frame().velocity)
+    else:
+        near = 1e-13 if precision == "float64" else 1e-5
+        np.testing.assert_allclose(driven.frame().position, pinned.frame().position, rtol=0, atol=near)
     held = driven.frame().position[[0, 5]]
     np.testing.assert_array_equal(held, pinned.frame().position[[0, 5]])
-    assert driven.choice.limit == pinned.choice.limit  # the bound takes both alike
+    assert driven.choice.limit == pytest.approx(pinned.choice.limit, rel=1e-14)  # the bound takes both alike
     assert np.abs(driven.frame().position - body().position).max() > 0.005  # the rest hangs
 
 

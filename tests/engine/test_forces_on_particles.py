@@ -201,7 +201,7 @@ def test_work_is_what_energy_comes_from(plain_device, method, blocks):
         how = options(plain_device, gravity=1.0, fps=60.0, substeps=substeps)
         simulation = Simulation(body, loads=loads, integrator=method, blocks=blocks, **how)
         before = simulation.measure()
-        assert before.external_work == 0
+        assert abs(before.external_work) < 1e-15
         simulation.step(30)
         after = simulation.measure()
         found.append(abs(after.energy - before.energy - after.external_work) / after.external_work)
@@ -227,7 +227,7 @@ def test_work_goes_on_over_a_change_and_a_restart(plain_device):
     other.restore(*simulation.checkpoint())
     assert other.measure().external_work == simulation.measure().external_work > before
     other.reset()
-    assert other.measure().external_work == 0
+    assert abs(other.measure().external_work) < 1e-7  # f·x less what that was at the start, in float32
 
 
 def test_a_strong_force_is_no_divergence(plain_device):
