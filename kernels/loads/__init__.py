@@ -1,5 +1,6 @@
 """Loads: what acts on particles beside a route's forces, each a piece that a scene's kernels are composed with."""
 
+from .actuators import actuated_springs, add_tension
 from .attachments import attachments
 from .drives import driven
 from .forces import applied_force, function_force
@@ -9,6 +10,8 @@ from .wind import wind_on_faces, wind_on_particles
 from .work import measured, sum_work, work
 
 __all__ = [
+    "actuated_springs",
+    "add_tension",
     "applied_force",
     "attachments",
     "driven",
