@@ -43,8 +43,8 @@ class Actuator(Load):
     ------
     ValueError
         If the strain is a number out of its range, a delay is not finite, or `along` is no name. In a scene also
-        if the system has no such direction, there is no such connection, one of them may yield or break, the delays
-        are not as many as particles, or the strain is out of range.
+        if the system has no such direction, there is no such connection, one of them may yield or break, the
+        delays are not as many as particles, or the strain is out of range.
     """
 
     strain: Any
