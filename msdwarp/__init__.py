@@ -58,6 +58,7 @@ from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Simulation, SimulationDiverged
 from .world import (
+    Actuator,
     Attachment,
     Box,
     Capsule,
@@ -84,6 +85,7 @@ __all__ = [
     "RKC2",
     "RUBBER",
     "STEEL_WIRE",
+    "Actuator",
     "Attachment",
     "Box",
     "Capsule",

@@ -87,6 +87,26 @@ def test_a_scene_says_what_is_in_it():
     assert repr(msd.Scene(system=BLOCK)).splitlines()[0] == "Scene of 4 s, gravity 9.82 m/s²"
 
 
+def test_a_scene_names_its_muscles_and_its_digest_knows_them():
+    def squeeze(time):
+        return -0.1 * np.sin(time)
+
+    def scene(*loads):
+        return msd.Scene(system=BLOCK, loads=loads)
+
+    muscle = msd.Actuator(squeeze, on=[0, 1, 6], along=("x", "z"), delay=0.1)
+    assert repr(scene(muscle, msd.Actuator(0.1))).splitlines()[-1] == (
+        "  muscles: Actuator(squeeze, on=particles, along='x, z', delayed), Actuator(0.1)"
+    )
+    others = [
+        msd.Actuator(squeeze, on=[0, 1, 6], along="x", delay=0.1),
+        msd.Actuator(squeeze, on=[0, 1, 6], along=("x", "z")),
+        msd.Actuator(lambda time: 2 * squeeze(time), on=[0, 1, 6], along=("x", "z"), delay=0.1),
+    ]
+    assert len({digest(scene(*loads)) for loads in ((), (muscle,), *((one,) for one in others))}) == 5
+    assert digest(scene(muscle)) == digest(scene(muscle))
+
+
 def test_a_trajectory_says_what_is_in_it_also_when_it_is_closed(tmp_path):
     write(tmp_path / "a.vtkhdf", BLOCK, 3, attributes={"scene": "cube"})
     with msd.Trajectory(tmp_path / "a.vtkhdf") as trajectory:

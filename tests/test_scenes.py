@@ -1,6 +1,7 @@
 """The scenes that come with msdwarp: each is short, does what it says, and can be seen."""
 
 import ast
+import dataclasses
 import importlib
 from pathlib import Path
 
@@ -86,6 +87,36 @@ def test_the_worm_buckles_and_falls():
     standing = [frame.position[:, 2].max() > 1.5 for frame in frames]
     assert max(b for b, s in zip(bend, standing, strict=True) if s) > 0.2  # bent while it stands
     assert frames[-1].position[:, 2].max() < 0.5  # lies
+
+
+@pytest.mark.slow
+def test_the_worm_crawls_by_its_own_length_if_it_finds_hold():
+    scene = build("crawl")
+    path = np.array([frame.position.mean(axis=0) for frame in simulate(scene, scene.duration)])
+    assert path[-1, 0] - path[0, 0] > 2.4
+    assert np.ptp(path[:, 1]) < 0.01  # straight on
+    assert (np.diff(path[120::60, 0]) > 0.2).all()  # by each wave
+    ice = dataclasses.replace(scene, colliders=[msd.Plane(friction=0.0)])
+    path = np.array([frame.position.mean(axis=0) for frame in simulate(ice, 3.0)])
+    assert np.ptp(path[:, 0]) < 1e-4  # nothing outside pushes it: 5000 sums in float32
+
+
+@pytest.mark.slow
+def test_the_cube_walks_on_its_legs():
+    scene = build("walker")
+    start = scene.system.position
+    top, sole = start[:, 2] > 0.5, start[:, 2] < 0.05
+    feet = [sole & (x * start[:, 0] > 0) & (y * start[:, 1] > 0) for x in (-1, 1) for y in (-1, 1)]
+    position = np.array([frame.position for frame in simulate(scene, scene.duration)])
+    path = position[:, top].mean(axis=1)
+    assert path[-1, 0] - path[0, 0] > 1.6  # twice its width
+    assert (np.diff(path[120::40, 0]) > 0.15).all()  # by each step
+    assert np.abs(path[:, 1]).max() < 0.4  # about straight on
+    assert np.ptp(path[120:, 2]) < 0.1  # it neither hops nor falls
+    height = np.array([position[120:, foot, 2].mean(axis=1) for foot in feet])
+    assert (height.max(axis=1) > 0.02).all()  # every foot leaves the ground
+    together = np.corrcoef(height)
+    assert min(together[0, 3], together[1, 2]) > 0.5 > together[0, 1]  # as a horse trots
 
 
 def left_alone(simulation):

@@ -26,11 +26,13 @@ BEST = {
     "block2d": 1.1,
     "chain": 0.3,
     "cloth": 2.0,
+    "crawl": 4.4,
     "cube": 0.95,
     "dice": 0.5,
     "mattress": 2.8,
     "soft_cube": 0.45,
     "waffle": 1.0,
+    "walker": 3.6,
     "worm": 1.6,
 }
 """When a scene looks its best [s], where that is not DEFAULT times its duration."""

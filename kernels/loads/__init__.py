@@ -1,5 +1,6 @@
 """Loads: what acts on particles beside a route's forces, each a piece that a scene's kernels are composed with."""
 
+from .actuators import actuated_springs, add_tension
 from .attachments import attachments
 from .drives import driven
 from .forces import function_force, steady_force, varying_force
@@ -10,6 +11,8 @@ from .work import NOTHING, measured, sum_work, work
 
 __all__ = [
     "NOTHING",
+    "actuated_springs",
+    "add_tension",
     "attachments",
     "driven",
     "function_force",

@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
-from ..world import Drive, Scene
+from ..world import Actuator, Drive, Scene
 from .scene_files import Origin
 from .trust import Script, script_as_stored
 
@@ -121,6 +121,10 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             for time in np.linspace(0.0, scene.duration, 9):
                 for part in drive.pose(float(time)):
                     yield np.asarray(part, dtype=float).tobytes()
+        elif isinstance(one, Actuator):
+            chosen = one.connections(scene.system)
+            yield chosen.tobytes() + one.delays(scene.system, chosen).tobytes()
+            yield one.at(np.linspace(0.0, scene.duration, 9)).tobytes()
     for change in scene.schedule:
         yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
         if change.release is not None:

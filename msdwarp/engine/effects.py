@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
 from ..world import Collider, Load
+from .actuating import actuating
 from .attaching import attaching
 from .blowing import blowing
 from .contact import Contact
@@ -42,6 +43,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: blowing(model, around.loads),
     lambda model, around: pressing(model, around.loads),
     lambda model, around: attaching(model, around.loads),
+    lambda model, around: actuating(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -1,5 +1,6 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
+from .actuators import Actuator
 from .attachments import Attachment
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .drives import Drive, Driven, bound, driven_particles, released
@@ -14,6 +15,7 @@ from .stored_scene import Stored, known_until, scene_as_stored, scene_from_store
 from .wind import Wind
 
 __all__ = [
+    "Actuator",
     "Attachment",
     "Box",
     "Capsule",

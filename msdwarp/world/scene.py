@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..bodies import System, counted, headline
+from .actuators import Actuator
 from .colliders import Collider, Plane
 from .drives import Drive, bound
 from .loads import Load, check_loads
@@ -108,6 +109,9 @@ class Scene:
         drives = [repr(one) for one in self.loads if isinstance(one, Drive)]
         if drives:
             lines.append(f"driven: {', '.join(drives[:_SHOWN])}")
+        muscles = [repr(one) for one in self.loads if isinstance(one, Actuator)]
+        if muscles:
+            lines.append(f"muscles: {', '.join(muscles[:_SHOWN])}")
         if self.schedule:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"

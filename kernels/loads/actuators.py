@@ -1,0 +1,92 @@
+"""Actuators: rest lengths that are a function of time, as what their springs then pull more."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensation
+from ..effect import Piece
+from ..forces.route import difference
+from ..records import records
+
+
+@functools.cache
+def actuated_springs(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what actuators add to kernels: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
+
+    A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
+    ends compute their share for themselves, with the same numbers: what one gets the other gets with another sign.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, apart = records(dim, scalar).load, difference(dim, scalar, compensated)
+
+    @wp.struct
+    class Actuated:
+        strain: wp.array2d(dtype=scalar)  # s in each stage of a frame, and at its end; each column has a delay
+        first: wp.array(dtype=int)  # where the entries of each particle begin, shape [particle_count + 1]
+        other: wp.array(dtype=int)  # the connection's other end, shape [entry_count]
+        column: wp.array(dtype=int)  # where its s is, shape [entry_count]
+        strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
+
+    def force(World: Any):
+        @wp.func
+        def actuated(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            x_i = load(x, i)
+            total = V()
+            for e in range(world.actuated.first[i], world.actuated.first[i + 1]):
+                s = world.actuated.strain[world.stage, world.actuated.column[e]]
+                dx = apart(lost, x, x_i, i, world.actuated.other[e])
+                length = wp.length(dx)
+                if length > scalar(0.0):
+                    total += (world.actuated.strength[e] * s / length) * dx
+            return total
+
+        return actuated
+
+    return Piece("actuated", Actuated, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def add_tension(dim: int, scalar: type):
+    """Compose the kernel that adds to the blocks of particles what actuators add across their connections.
+
+    Over connections: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
+    `msdwarp.kernels.forces.linearised`. Along the axis the stiffness stays k.
+    """
+    V = vector(dim, scalar)
+    Block = wp.types.matrix((dim, dim), wp.float64)
+
+    @kernel
+    def add_tension_blocks(
+        # Actuated connections:
+        ends: wp.array(dtype=wp.vec2i),  # two particles each, shape [actuated_count]
+        rest_length: wp.array(dtype=wp.float64),  # l0 [m], shape [actuated_count]
+        stiffness: wp.array(dtype=wp.float64),  # k [N/m], shape [actuated_count]
+        strain: wp.array(dtype=wp.float64),  # the least s, at most 0, shape [actuated_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        # Out:
+        stiffness_block: wp.array(dtype=Block),  # A_i [N/m], shape [particle_count]
+    ):
+        c = wp.tid()
+        i = ends[c][0]
+        j = ends[c][1]
+        dx = x[i] - x[j]
+        length = wp.float64(wp.length(dx))
+        zero, one = wp.float64(0.0), wp.float64(1.0)
+        if length == zero:
+            return
+        across = wp.max(zero, one - rest_length[c] * (one + strain[c]) / length)
+        across = stiffness[c] * (across - wp.max(zero, one - rest_length[c] / length))
+        tension = Block()
+        for p in range(wp.static(dim)):
+            for q in range(wp.static(dim)):
+                tension[p, q] = -across * wp.float64(dx[p]) * wp.float64(dx[q]) / (length * length)
+            tension[p, p] += across
+        wp.atomic_add(stiffness_block, i, tension)
+        wp.atomic_add(stiffness_block, j, tension)
+
+    return add_tension_blocks

@@ -1,0 +1,129 @@
+"""Actuators: muscles, connections whose rest length is a function of time."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import TEARING_FIELDS, System
+from .loads import Load, values_at
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator(Load):
+    """A muscle: connections whose rest length is a function of time.
+
+    At time t a connection has the rest length l0 (1 + s(t − delay)) in place of its own, l0. Where several
+    actuators have a connection, their strains add up. They cost a table of their own: the body keeps its route to
+    the forces, and other connections cost what they did.
+
+    `Measures.external_work` counts what muscles do on the body, −∮ F dl over a cycle, for their tension F and
+    length l; `elastic_energy` stays that of the rest lengths l0, as if there were no muscle. So in a held muscle
+    both are there, with opposite signs.
+
+    Parameters
+    ----------
+    strain
+        s, by what share rest lengths are longer than the connections' own, or shorter where it is negative, as in
+        a muscle that contracts: a number, or a function of time [s] that returns one; above −1 and below 1. The
+        stability bound counts with the least of its first ten seconds, where it can be asked for those.
+    on
+        The particles between which they are, both ends of each; see `Load`.
+    along
+        A lattice direction or several, such as "x" or ("x", "y"), to which it is confined; names are those in
+        `System.directions`. By default all connections.
+    delay
+        By how much later each particle does what the first do [s], a number or of shape [particle_count]; a
+        connection has the mean of its two ends. A wave that travels at c has x/c. The strain is then asked for
+        times before 0 too.
+
+    Raises
+    ------
+    ValueError
+        If the strain is a number out of its range, a delay is not finite, or `along` is no name. In a scene also
+        if the system has no such direction, there is no such connection, one of them may yield or break, the
+        delays are not as many as particles, or the strain is out of range.
+    """
+
+    strain: Any
+    along: Any = None
+    delay: ArrayLike = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not self.varies:
+            self.at(np.zeros(1))
+            object.__setattr__(self, "strain", float(self.strain))
+        delay = checks.array("delay", self.delay)
+        checks.within("delay", delay, (np.isfinite, "finite"))
+        object.__setattr__(self, "delay", delay)
+        if self.along is not None:
+            names = (self.along,) if isinstance(self.along, str) else self.along
+            object.__setattr__(self, "along", checks.sequence("along", names, str, "'x'"))
+
+    def __repr__(self) -> str:
+        on = "" if self.on is None else f", on={self.on!r}" if isinstance(self.on, str) else ", on=particles"
+        along = "" if self.along is None else f", along={', '.join(self.along)!r}"
+        delay = ", delayed" if np.any(self.delay) else ""
+        return f"Actuator({getattr(self.strain, '__name__', self.strain)}{on}{along}{delay})"
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is a function of time."""
+        return callable(self.strain)
+
+    def at(self, times: NDArray[np.float64], name: str = "strain") -> NDArray[np.float64]:
+        """Return the strain at these times, shape [time_count]."""
+        given = self.strain if self.varies else checks.array(name, self.strain)
+        values = values_at(name, given, times, 1)[:, 0]
+        wrong = np.abs(values) >= 1
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise ValueError(f"{name} is {values[k]:g} at {times[k]:g} s; it must be above -1 and below 1")
+        return values
+
+    def connections(self, system: System) -> NDArray[np.intp]:
+        """Return the numbers of its connections, shape [any].
+
+        Raises
+        ------
+        ValueError
+            If there are none, the system has no such direction, or one of them may yield or break.
+        """
+        chosen = np.ones(system.connection_count, dtype=bool)
+        if self.along is not None:
+            known = {name: None for body in system.directions for name in body}
+            chosen[:] = False
+            for name in self.along:
+                checks.one_of("along", name, tuple(known))
+                for body in system.directions:
+                    if name in body:
+                        chosen[body[name]] = True
+        if self.on is not None:
+            chosen &= self.particles(system)[system.connections].all(axis=1)
+        found = np.flatnonzero(chosen)
+        if not len(found):
+            along = "" if self.along is None else f" along {', '.join(self.along)}"
+            raise ValueError(
+                f"on is {checks.said(self.on)}; there must be one connection at least that joins two of its "
+                f"particles{along}"
+            )
+        if np.isfinite(system.yield_strain[found]).any():
+            raise ValueError(
+                "on has connections that may yield; an actuator must be the only one to set rest lengths"
+            )
+        if any(np.isfinite(getattr(system, name)[found]).any() for name in TEARING_FIELDS):
+            raise ValueError("on has connections that may break; an actuator would go on pulling where they did")
+        return found
+
+    def delays(self, system: System, connections: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return the delay of each of these connections [s], to the nanosecond, shape [any]."""
+        each = checks.broadcast("delay", self.delay, (system.particle_count,))
+        return np.round(each[system.connections[connections]].mean(axis=1), 9)
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        self.delays(system, self.connections(system))
+        self.at(np.zeros(1))

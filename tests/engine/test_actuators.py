@@ -1,0 +1,345 @@
+"""Muscles: rest lengths as functions of time, by every route and method, their work, and the bound with them."""
+
+import math
+
+import numpy as np
+import pytest
+from problems import EPS64
+from scipy.integrate import solve_ivp
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Actuator,
+    Force,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Simulation,
+    SymplecticEuler,
+    System,
+    box,
+)
+from msdwarp.engine.model import Model
+from msdwarp.engine.rates import rate_bounds
+
+K, LENGTH, SWING, OMEGA = 8.0, 0.5, 0.2, 3.0
+"""Stiffness [N/m] and rest length [m] of a spring, its muscle's largest strain, and how fast it swings [rad/s]."""
+
+
+def pair(dim: int = 3, damping: float = 0.0) -> System:
+    """Return two particles of 1 and 2 kg joined by a spring, at rest."""
+    position = np.zeros((2, dim))
+    position[:, 0] = 0.3, 0.3 + LENGTH
+    return System(position=position, mass=[1.0, 2.0], connections=[(0, 1)], stiffness=K, damping=damping)
+
+
+NATURAL = math.sqrt(K * 1.5)
+"""√(k/μ) of the pair, μ = 2/3 kg its reduced mass [rad/s]."""
+
+
+def jelly() -> System:
+    """Return a cube of 4³ that hangs together by all its diagonals."""
+    return box((4, 4, 4), 0.1, mass=0.01, stiffness=40.0, damping=0.02)
+
+
+def swing(t):
+    return SWING * np.sin(OMEGA * t)
+
+
+def options(device, **more):
+    return {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 10, "device": device, **more}
+
+
+def swung(t: float, damping: float = 0.0) -> float:
+    """Return the lengthening of the pair, from rest: u'' + c u' + ω0² u = ω0² l0 a sin ωt, c = b/μ."""
+    rate = 1.5 * damping
+    forced = NATURAL**2 * LENGTH * SWING / (NATURAL**2 - OMEGA**2 + 1j * rate * OMEGA)  # of e^(iωt)
+    own = np.roots([1.0, rate, NATURAL**2]).astype(complex)
+    at_first = [-forced.imag, -(1j * OMEGA * forced).imag]
+    share = np.linalg.solve(np.stack([np.ones(2), own]), at_first)
+    return float((forced * np.exp(1j * OMEGA * t)).imag + (share @ np.exp(own * t)).real)
+
+
+METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(), 1)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "order"), METHODS, ids=lambda one: str(one).split("(")[0])
+def test_a_muscle_is_a_forced_oscillator(method, order, plain_device):
+    # RKC2 has no step without a damper. It and the implicit method sum work at order 1, which is no divergence,
+    # though the body has no energy at the start.
+    damping, errors = 0.5 if method == RKC2() else 0.0, []
+    for substeps in (5, 10):
+        how = options(plain_device, substeps=substeps, integrator=method)
+        simulation = Simulation(pair(damping=damping), loads=[Actuator(swing)], **how)
+        simulation.step(10)
+        x = simulation.frame().position
+        errors.append(abs(x[1, 0] - x[0, 0] - LENGTH - swung(1.0, damping)))
+    # The next order's term is a share of about ω0 h = 0.07 of the error.
+    assert math.log2(errors[0] / errors[1]) > order - 0.2, errors
+    assert errors[1] < {1: 0.02, 2: 1e-3, 4: 1e-7}[order] * LENGTH
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_it_swings_in_any_number_of_coordinates(device, dim, blocks):
+    simulation = Simulation(pair(dim), loads=[Actuator(swing)], integrator=RK4(), blocks=blocks, **options(device))
+    simulation.step(10)
+    moved = simulation.frame().position - pair(dim).position
+    expected = np.zeros((2, dim))
+    expected[:, 0] = swung(1.0) * np.array([-2 / 3, 1 / 3])  # about the centre of mass
+    # RK4 errs by (ω0 h)⁴ ω0 t / 120 of the amplitude, 0.4 m: 2e-8.
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=3e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("along", [None, ("x", "x+y")], ids=["all", "some"])
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+def test_a_held_muscle_is_another_rest_length_by_every_route(plain_device, method, along, blocks):
+    body = jelly()
+    load = Actuator(-0.15, along=along)
+    lengths = np.array(body.rest_length)
+    lengths[load.connections(body)] *= 0.85
+    assert 0 < (lengths < body.rest_length).sum() <= len(lengths)
+    how = options(plain_device, fps=60.0, substeps=20, integrator=method, blocks=blocks)
+    other = Simulation(body.replace(rest_length=lengths), route="scatter", **how)
+    other.step(20)
+    assert np.abs(other.frame().position - body.position).max() > 0.01
+    for route in ("scatter", "gather", "stencil"):
+        simulation = Simulation(body, loads=[load], route=route, **how)
+        assert simulation.model.route == route
+        simulation.step(20)
+        # Other sums, 400 substeps of roundings: as routes differ from each other.
+        np.testing.assert_allclose(simulation.frame().position, other.frame().position, rtol=0, atol=1e-12)
+
+
+def test_compensated_sums_have_it_too(device):
+    # At 400 m float32 has 3e-5 m between numbers; what positions have lost makes strains right all the same.
+    body = jelly()
+    far = body.translate((400.0, 0.0, 0.0))
+    near, other = (
+        Simulation(one, loads=[Actuator(-0.15)], **options(device, fps=60.0, substeps=20, precision=precision))
+        for one, precision in ((body, "float64"), (far, "float32-compensated"))
+    )
+    near.step(10)
+    other.step(10)
+    moved = other.frame().position - np.array([400.0, 0.0, 0.0])
+    # Particles begin and are read where float32 can say: within half of 3e-5 m, and swing about there.
+    np.testing.assert_allclose(moved, near.frame().position, rtol=0, atol=6e-5)
+
+
+def test_actuators_add_up_and_keep_to_their_particles(device):
+    # Two of opposite strain are none; one on particles that nothing else joins leaves others where they are.
+    body = jelly() + jelly().named("mover").translate((1.0, 0.0, 0.0))
+    pulling = [Actuator(0.1, on="mover"), Actuator(lambda t: 0.05 + 0 * t, on="mover", along="z")]
+    simulation = Simulation(body, loads=[*pulling, Actuator(-0.1, on="mover")], **options(device, fps=60.0))
+    simulation.step(5)
+    moved = simulation.frame().position - body.position
+    assert np.abs(moved[64:, 2]).max() > 1e-3
+    np.testing.assert_allclose(moved[:64], 0.0, rtol=0, atol=4 * EPS64)  # rest lengths as placed are rounded
+    effect = simulation.model.effects[0]
+    np.testing.assert_array_equal(effect.members, np.arange(128) >= 64)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_it_changes_no_momentum(device, precision):
+    body = jelly()
+    wave = [Actuator(lambda t, k=k: 0.2 * np.sin(9 * t + k), on=body.position[:, 0] < 0.1 * k) for k in (0, 1)]
+    simulation = Simulation(body, loads=wave, **options(device, fps=60.0, substeps=20, precision=precision))
+    simulation.step(20)
+    measures = simulation.measure()
+    eps = 1.2e-7 if precision == "float32" else EPS64
+    speed = np.sqrt(2 * measures.kinetic_energy / 0.64)
+    assert speed > 0.01
+    # Forces on both ends are each other's negative to the last bit; sums of velocities are rounded 400 times, by
+    # chance to either side in 64 particles.
+    np.testing.assert_allclose(measures.momentum, 0.0, atol=0.64 * 400 * eps * speed)
+    np.testing.assert_allclose(measures.angular_momentum, 0.0, atol=0.64 * 400 * eps * speed * 0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [Leapfrog(), RK4()], ids=["leapfrog", "rk4"])
+def test_its_work_over_a_cycle_is_the_loop_of_force_and_length(plain_device, method):
+    # Once the pair swings steadily, u = U sin(ωt − φ), the damper turns π b ω U² to heat in a cycle: the work.
+    damping, per_cycle = 2.0, 64
+    fps = per_cycle * OMEGA / (2 * math.pi)
+    how = options(plain_device, fps=fps, substeps=8, integrator=method)
+    simulation = Simulation(pair(damping=damping), loads=[Actuator(swing)], **how)
+    simulation.step(8 * per_cycle)  # 16.8 s: what was at the start has decayed by exp(−1.5 · 16.8) = 1e-11
+    before = simulation.measure().external_work
+    times, lengths = [], []
+    for _ in range(per_cycle):
+        x = simulation.frame().position
+        times.append(simulation.time)
+        lengths.append(x[1, 0] - x[0, 0])
+        simulation.step()
+    done = simulation.measure().external_work - before
+    rate = damping * 1.5
+    amplitude = NATURAL**2 * LENGTH * SWING / math.hypot(NATURAL**2 - OMEGA**2, rate * OMEGA)
+    expected = math.pi * damping * OMEGA * amplitude**2
+    # h ω0 = 0.013: leapfrog's error is (h ω0)²/24 or so, and more near resonance, where its damper sees a velocity
+    # that lags half a step: h b/2μ of the damping, 1 %. RK4's is of order 4.
+    assert done == pytest.approx(expected, rel=0.02 if method == Leapfrog() else 1e-7)
+    # −∮ F dl with F = k (l − l0 (1 + s)), the slope of the periodic l by its Fourier series: exact.
+    length, wave = np.array(lengths), np.fft.fftfreq(per_cycle, 1 / per_cycle)
+    slope = np.fft.ifft(1j * wave * OMEGA * np.fft.fft(length)).real
+    tension = K * (length - LENGTH * (1 + swing(np.array(times))))
+    loop = -(tension * slope).sum() / fps
+    assert done == pytest.approx(loop, rel=0.02 if method == Leapfrog() else 1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wave", ["one", "by segment"])
+def test_a_worm_moves_as_an_independent_reference_says(plain_device, wave):
+    # Four particles in a line, a wave of contraction along it, the first pinned; its work is an unknown more.
+    position, mass = np.arange(4.0)[:, None], np.array([np.inf, 1.0, 2.0, 0.5])
+    ends = np.array([(0, 1), (1, 2), (2, 3)])
+    system = System(position=position, mass=mass, connections=ends, stiffness=[30.0, 20.0, 40.0], damping=0.5)
+    phase = np.arange(3) * 0.8
+    if wave == "one":
+        loads = [Actuator(lambda t: 0.2 * np.sin(4 * t), delay=0.2 * (np.arange(4) - 0.5))]
+    else:
+        loads = [Actuator(lambda t, p=p: 0.2 * np.sin(4 * t - p), on=[k, k + 1]) for k, p in enumerate(phase)]
+
+    def rates(t, y):
+        x, v = y[:4], y[4:8]
+        stretch, rate, s = np.diff(x) - 1, np.diff(v), 0.2 * np.sin(4 * t - phase)
+        tension = system.stiffness * (stretch - s) + 0.5 * rate
+        force = np.append(tension, 0) - np.append(0, tension)
+        return np.concatenate([v, force / mass, [(system.stiffness * s * rate).sum()]])
+
+    start = np.concatenate([position[:, 0], np.zeros(5)])
+    expected = solve_ivp(rates, (0, 3), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    simulation = Simulation(system, loads=loads, integrator=RK4(), **options(plain_device, substeps=40))
+    simulation.step(30)
+    # RK4: (h ω)⁴ ω t / 120 with ω up to 14 rad/s, h = 1/400 s.
+    np.testing.assert_allclose(simulation.frame().position[:, 0], expected[:4], rtol=0, atol=1e-6)
+    assert simulation.measure().external_work == pytest.approx(expected[8], rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+def test_work_is_what_energy_comes_from(plain_device, method, blocks):
+    # Undamped, a body has the energy that it had, and the work of its muscles; beside a force of another kind.
+    body = jelly().replace(damping=0.0)
+    loads = [Actuator(lambda t: 0.2 * np.sin(9 * t), along="z"), Force((0.1, 0.0, 0.0), on=[3])]
+    found = []
+    for substeps in (20, 40):
+        how = options(plain_device, fps=60.0, substeps=substeps, integrator=method, blocks=blocks)
+        simulation = Simulation(body, loads=loads, **how)
+        before = simulation.measure()
+        simulation.step(31)
+        after = simulation.measure()
+        assert after.external_work > 1e-3
+        found.append(abs(after.energy - before.energy - after.external_work) / after.external_work)
+    # As for forces: Simpson's rule has order 4; symplectic Euler conserves an energy that differs at first order.
+    assert found[0] < (1e-6 if method == RK4() else 0.02), found
+    assert found[1] < found[0] / (8 if method == RK4() else 1.4), found
+
+
+def test_a_run_resumes_to_the_last_bit(device):
+    def make():
+        loads = [Actuator(lambda t: 0.2 * math.sin(7 * t), along=["z", "x"])]
+        return Simulation(jelly(), loads=loads, integrator=Leapfrog(), device=device, gravity=0.0, route="gather")
+
+    whole, first, rest = make(), make(), make()
+    whole.step(12)
+    first.step(5)
+    rest.restore(*first.checkpoint())
+    rest.step(7)
+    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
+    np.testing.assert_array_equal(whole.frame().velocity, rest.frame().velocity)
+    assert whole.measure().external_work == rest.measure().external_work != 0
+
+
+def test_a_muscle_follows_a_change_of_what_it_pulls_with(plain_device):
+    # Twice the stiffness at twice the mass moves alike, but only if the muscle is twice as strong too.
+    frames = []
+    for factor in (1.0, 2.0):
+        simulation = Simulation(jelly(), loads=[Actuator(-0.1)], **options(plain_device, fps=60.0, substeps=20))
+        simulation.change(stiffness=40 * factor, damping=0.02 * factor, mass=0.01 * factor)
+        simulation.step(10)
+        frames.append(simulation.frame().position)
+    np.testing.assert_allclose(frames[0], frames[1], rtol=0, atol=200 * 4 * EPS64)
+
+
+@pytest.mark.parametrize("strain", [-0.3, lambda t: -0.15 + 0.15 * np.cos(2 * t)], ids=["held", "of time"])
+def test_the_bound_is_that_of_the_most_contracted_body(plain_device, strain):
+    body, how = jelly(), {"device": plain_device, "precision": "float64"}
+    short = body.replace(rest_length=0.7 * body.rest_length)
+    found = rate_bounds(body, Model(body, loads=[Actuator(strain)], **how))
+    expected = rate_bounds(short, Model(short, **how))
+    # At 60 looks a second the least of the cosine is found to (2/120)²/2 · 0.15.
+    assert found.stiffness == pytest.approx(expected.stiffness, rel=1e-12 if strain == -0.3 else 1e-4)
+    plain = rate_bounds(body, Model(body, **how))
+    assert expected.stiffness > 1.2 * plain.stiffness
+    longer = rate_bounds(body, Model(body, loads=[Actuator(0.5)], **how))
+    assert longer.stiffness == plain.stiffness
+
+
+def test_the_bound_is_had_of_a_muscle_that_is_made_for_a_short_run():
+    def short(t):
+        return -0.1 if t < 1 else math.nan
+
+    simulation = Simulation(jelly(), loads=[Actuator(short)], device="cpu", gravity=0.0)
+    simulation.step(5)
+    assert np.isfinite(simulation.frame().position).all()
+
+
+@pytest.mark.parametrize("strain", [0.0, 0.1])
+@pytest.mark.parametrize("limit", [10.0, math.inf])
+def test_what_muscles_do_to_a_body_without_energy_is_no_divergence(plain_device, strain, limit):
+    # Work is summed at order 1 by this method: from nothing, it differs from the energy by more than rounding.
+    how = options(plain_device, integrator=RKC2(), energy_limit=limit)
+    simulation = Simulation(pair(damping=0.5), loads=[Actuator(strain)], **how)
+    simulation.step(10)
+    assert bool(simulation.measure().external_work) == bool(strain)
+
+
+def test_a_scene_without_muscles_has_nothing_of_them(plain_device):
+    simulation = Simulation(jelly(), device=plain_device)
+    assert not {"actuated", "marks", "stage", "time"} & set(simulation.stepping.dynamics.world._cls.vars)
+
+
+def late(t: float) -> float:
+    return 0.0 if t < 0.05 else 2.0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Actuator(1.0), "strain is 1 at 0 s; it must be above -1 and below 1"),
+        (lambda: Actuator(-1.5), "strain is -1.5 at 0 s"),
+        (lambda: Actuator(math.nan), "strain is .*nan.*; it must be finite"),
+        (lambda: Actuator((0.1, 0.2)), "strain has 2 numbers; it must have 1 number"),
+        (lambda: Actuator("strong"), "strain must be an array of numbers, not 'strong'"),
+        (lambda: Actuator(lambda t: 1.2), r"loads\[0\]\.strain is 1.2 at 0 s; it must be above -1"),
+        (lambda: Actuator(lambda t: 1 / 0), r"loads\[0\]\.strain has no value .* division by zero"),
+        (lambda: Actuator(lambda t: (0.1, 0.1)), r"loads\[0\]\.strain has 2 numbers"),
+        (lambda: Actuator(0.1, along="w"), r"loads\[0\]\.along is 'w'; it must be .*'x'"),
+        (lambda: Actuator(0.1, along=3), "along is 3; it must be"),
+        (lambda: Actuator(0.1, delay=math.inf), "delay is inf; it must be finite"),
+        (lambda: Actuator(0.1, delay=[0.0, 0.1]), r"loads\[0\]\.delay has shape \(2,\); .*\(64,\)"),
+        (lambda: Actuator(0.1, on="tail"), r"loads\[0\]\.group is 'tail'"),
+        (lambda: Actuator(0.1, on=[0]), r"loads\[0\]\.on is \[0\]; there must be one connection at least"),
+        (lambda: Actuator(0.1, on=[0, 1], along=("y",)), r"joins two of its particles along y"),
+    ],
+)
+def test_bad_muscles_are_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(jelly(), loads=[make()], device="cpu")
+
+
+def test_a_muscle_that_goes_too_far_on_the_way_is_named():
+    simulation = Simulation(jelly(), loads=[Actuator(late)], device="cpu", gravity=0.0)
+    with pytest.raises(ValueError, match=r"loads\[0\]\.strain is 2 at 0\.0\d* s"):
+        simulation.step(10)
+
+
+def test_what_yields_or_breaks_has_no_muscles():
+    yielding = {"yield_strain": 0.1, "relaxation_time": 0.1}
+    for what, fields in (("yield", yielding), ("break", {"break_strain": 0.5}), ("break", {"break_force": 9.0})):
+        with pytest.raises(ValueError, match=rf"loads\[0\]\.on has connections that may {what}"):
+            Simulation(jelly().replace(**fields), loads=[Actuator(0.1)], device="cpu")
