@@ -90,7 +90,10 @@ def each_column(composition: Composition, method: Any):
             if i + d * stride < world.inverse_mass.shape[0]:
                 advance(world, step, forces[d], i + d * stride)
 
-    return kernel(advance_columns, launch_bounds=composition.route.column_bounds)
+    bounds = composition.route.column_bounds
+    if load is not None and composition.scalar is wp.float32:
+        bounds = bounds or (256, 3)  # with loads the compiler takes more registers than it is worth
+    return kernel(advance_columns, launch_bounds=bounds)
 
 
 @functools.cache

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .both import both
 from .dampers import LINEAR, Damper
 from .description import description
-from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, checked, lengths
+from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
-from .uniform import joined, stored, uniform
+from .uniform import stored, uniform
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -382,34 +383,4 @@ class System:
         """Return one system that holds both, with the particles and connections of `other` behind."""
         if not isinstance(other, System):
             return NotImplemented
-        if other.dim != self.dim:
-            raise ValueError(f"cannot add a system of {other.dim} coordinates to one of {self.dim}")
-        if self.damper != other.damper and self.damping.any() and other.damping.any():
-            raise ValueError(f"cannot add a system damped by {other.damper} to one damped by {self.damper}")
-        n, c = self.particle_count, self.connection_count
-        surface = self.surface
-        if other.surface is not None:
-            surface = other.surface.behind(surface, n)
-        shifted = tuple(
-            {name: slice(part.start + c, part.stop + c) for name, part in body.items()}
-            for body in other.directions
-        )
-        connections = np.concatenate([self.connections, other.connections])
-        connections[c:] += n
-        groups = dict(self.groups)
-        for name, particles in other.groups.items():
-            groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
-        fields = {
-            name: joined(getattr(self, name), getattr(other, name))
-            for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)
-        }
-        if self.original_length is self.rest_length and other.original_length is other.rest_length:
-            fields["original_length"] = fields["rest_length"]
-        return self.trusted(
-            **fields,
-            connections=connections,
-            damper=self.damper if self.damping.any() else other.damper,
-            surface=surface,
-            directions=self.directions + shifted,
-            groups=groups,
-        )
+        return self.trusted(**both(self, other))
