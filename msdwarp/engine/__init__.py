@@ -11,6 +11,7 @@ from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
+from .sensing import Sensors, sensors_of
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
@@ -26,6 +27,7 @@ __all__ = [
     "Measures",
     "Model",
     "Rates",
+    "Sensors",
     "State",
     "Stepper",
     "Steps",
@@ -36,6 +38,7 @@ __all__ = [
     "measure",
     "rate_bounds",
     "rounding_energy",
+    "sensors_of",
     "size",
     "starting_state",
     "weight",

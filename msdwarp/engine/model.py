@@ -1,6 +1,6 @@
 """Model: a system and its surroundings on a device, everything that a substep reads and never writes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
-from ..world import Collider, Load, bound, check_loads, driven_particles
+from ..world import Collider, Load, Probe, bound, check_loads, checked_probes, driven_particles
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
@@ -36,6 +36,8 @@ class Model:
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
     loads
         What else acts on the system, each a `Load`.
+    probes
+        What is measured where a frame ends, by name.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -59,6 +61,7 @@ class Model:
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         loads: Sequence[Load] = (),
+        probes: Mapping[str, Probe] | None = None,
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
@@ -110,7 +113,8 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
-        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads))
+        self.probes = checked_probes(probes or {}, system, colliders)
+        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads, self.probes))
 
     @property
     def work(self) -> Work | None:

@@ -27,13 +27,14 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..world import Change, Collider, Load, Scene, bound
+from ..world import Change, Collider, Load, Probe, Scene, bound, checked_probes
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .divergence import SimulationDiverged, describe
 from .headline import headline
 from .pace import Hopeless, Pace
 from .present import Present
+from .readings import Readings
 from .stepping import Stepping
 
 
@@ -82,6 +83,8 @@ class Simulation(Present):
         alone: a pair, None for a launch for each stage of each substep, or "auto".
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
+    probes
+        What is measured where each frame ends, by name; see `msdwarp.Probe`. What they told is in `readings`.
 
     Raises
     ------
@@ -116,6 +119,7 @@ class Simulation(Present):
         route: str = "auto",
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
+        probes: Mapping[str, Probe] | None = None,
     ) -> None:
         checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
@@ -136,6 +140,7 @@ class Simulation(Present):
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
+            "probes": checked_probes(probes or {}, system, colliders),
             "device": device,
             "precision": precision,
             "route": route,
@@ -157,7 +162,7 @@ class Simulation(Present):
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        names = ("gravity", "colliders", "loads", "schedule")
+        names = ("gravity", "colliders", "loads", "schedule", "probes")
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
@@ -166,6 +171,7 @@ class Simulation(Present):
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
+        self.readings = Readings(self._surroundings["probes"], self._initial.dim)
         self._due = list(self._schedule)
         self._surroundings["loads"] = self._loads
         watched = self._forced is None and math.isfinite(self._energy_limit)
@@ -214,6 +220,8 @@ class Simulation(Present):
             if self.substeps != self.chosen[-1][1]:
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
+            if self.readings:
+                self.readings.add(self.time, self.stepping.readings())
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
@@ -309,6 +317,7 @@ class Simulation(Present):
         self._surroundings["loads"] = checkpoint.restored_loads(self._loads, system, arrays)
         self._pace = self._pace and Pace()
         self.frame_index = frame_index
+        self.readings = Readings(self._surroundings["probes"], system.dim)
         self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)

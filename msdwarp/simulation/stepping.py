@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
-from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Steps, Watch
+from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Steps, Watch, sensors_of
 from ..integrators import Integrator, StepChoice
 
 RECORDING = threading.Lock()
@@ -85,6 +85,7 @@ class Stepping:
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
+        self._sensors = sensors_of(dynamics, state)
         self.graph: Any = None
         self._sums: Any = None
         self._ledger: Ledger | None = None
@@ -124,8 +125,13 @@ class Stepping:
         """Record the substeps of a frame, and the watch after them, as one graph."""
         with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
             self.backup.save()
+            if self._sensors is not None:
+                self._sensors.begin()
             self.stepper.take(self.choice.substeps)
             self.watch.look()
+            if self._sensors is not None:
+                v = self.velocity() if self._sensors.moves else self.state.v
+                self._sensors.launch(v, 1.0 / self.choice.fps)
         return capture.graph
 
     def balance(self) -> Balance:
@@ -137,6 +143,14 @@ class Stepping:
             self._sums = capture.graph
         wp.capture_launch(self._sums)
         return self._ledger.balance()
+
+    def readings(self) -> dict[str, NDArray[np.float64]]:
+        """Return what probes have told of the frame that was advanced by last, by their names."""
+        if self._sensors is None:
+            return {}
+        if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
+            wp.synchronize_stream(self.model.device.stream)
+        return self._sensors.read()
 
     def find_trouble(self) -> Trouble:
         """Find out what went wrong in the frame just simulated, and go back to its start.

@@ -8,12 +8,29 @@ from .loads import Force, Load, check_loads
 from .look import Look
 from .motion import Motion, pose, poses
 from .pressure import Gas, Pressure, volume
+from .probes import (
+    CONTACT_FORCE,
+    FORCE,
+    POSITION,
+    QUANTITIES,
+    STRAIN,
+    VELOCITY,
+    Probe,
+    checked_probes,
+    probe_columns,
+)
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
 from .wind import Wind
 
 __all__ = [
+    "CONTACT_FORCE",
+    "FORCE",
+    "POSITION",
+    "QUANTITIES",
+    "STRAIN",
+    "VELOCITY",
     "Attachment",
     "Box",
     "Capsule",
@@ -29,6 +46,7 @@ __all__ = [
     "Motion",
     "Plane",
     "Pressure",
+    "Probe",
     "Scene",
     "Sphere",
     "Stored",
@@ -36,10 +54,12 @@ __all__ = [
     "at",
     "bound",
     "check_loads",
+    "checked_probes",
     "driven_particles",
     "known_until",
     "pose",
     "poses",
+    "probe_columns",
     "released",
     "sampled",
     "scene_as_stored",

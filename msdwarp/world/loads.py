@@ -32,14 +32,7 @@ class Load:
         ValueError
             If there is no such group, or an index is out of range, or nobody is meant.
         """
-        if self.on is None:
-            return np.ones(system.particle_count, dtype=bool)
-        chosen = (
-            system.group(self.on) if isinstance(self.on, str) else selected("on", self.on, system.particle_count)
-        )
-        if not chosen.any():
-            raise ValueError(f"on is {checks.said(self.on)}; it must name one particle at least")
-        return chosen
+        return particles_meant(self.on, system)
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -102,6 +95,22 @@ class Force(Load):
     def at(self, times: NDArray[np.float64], dim: int, name: str = "force") -> NDArray[np.float64]:
         """Return the force at these times [N], shape [time_count, d]."""
         return values_at(name, self.force, times, dim)
+
+
+def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
+    """Return the particles that a group's name, indices, a mask, or None for all mean, shape [particle_count].
+
+    Raises
+    ------
+    ValueError
+        If there is no such group, or an index is out of range, or nobody is meant.
+    """
+    if on is None:
+        return np.ones(system.particle_count, dtype=bool)
+    chosen = system.group(on) if isinstance(on, str) else selected("on", on, system.particle_count)
+    if not chosen.any():
+        raise ValueError(f"on is {checks.said(on)}; it must name one particle at least")
+    return chosen
 
 
 def is_device_function(given: Any) -> bool:

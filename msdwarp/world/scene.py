@@ -12,6 +12,7 @@ from .colliders import Collider, Plane
 from .drives import Drive, bound
 from .loads import Load, check_loads
 from .look import Look
+from .probes import Probe, checked_probes
 from .schedule import Change
 
 _SHOWN = 3
@@ -42,6 +43,9 @@ class Scene:
         later one counts.
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
+    probes
+        What is measured, by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes it to
+        probes.csv.
 
     Raises
     ------
@@ -58,6 +62,7 @@ class Scene:
     look: Look = field(default_factory=Look)
     looks: Mapping[str, Look] = field(default_factory=dict)
     schedule: Sequence[Change] = ()
+    probes: Mapping[str, Probe] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -80,6 +85,7 @@ class Scene:
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
+        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders))
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 
@@ -112,6 +118,8 @@ class Scene:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"
             lines.append(f"schedule: {counted(len(times), 'change')}, at {when}")
+        if self.probes:
+            lines.append(f"probes: {', '.join(f'{name} {one!r}' for name, one in self.probes.items())}")
         return "\n  ".join(lines)
 
     @property
