@@ -212,8 +212,9 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
     substeps = msd.Simulation.of(scene, device="cpu").substeps
-    exact = simulate(scene, 0.5, precision="float64", substeps=substeps)
-    rounded = simulate(scene, 0.5, device="cuda:0", substeps=substeps)
+    duration = 0.3 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
+    exact = simulate(scene, duration, precision="float64", substeps=substeps)
+    rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):
         # float32 rounding of 6e-8 a substep, over some 400 of them, grown by the motion
         assert np.abs(a.position - b.position).max() < 1e-4 * size

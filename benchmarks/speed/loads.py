@@ -1,13 +1,15 @@
-"""Ties, and loads on a few particles: what they cost beside the same lattice without them.
+"""What acts on a few, tears or moves: what it costs beside the same scene without it.
 
     python -m benchmarks.speed.loads [--device D] [--quick]
 
 A pair of lattices of 64³ particles lies side by side, and is tied along a face; a lattice of 100³ has a force on
 each particle of its surface, which are 6 % of all, or on as many at random, or a spring from each of these to
-where it is. All go by stencil, with 48 substeps a frame, gravity and one plane that nothing touches, random
-velocities and steps of 2 µs, as in `throughput`. Rounds go through both in turn; the ratio is the median over
-rounds of one time over the other, the spread the middle half of these ratios. Times are of the recorded frame
-replayed and of `Simulation.step()`, in which besides the host prepares each frame.
+where it is; a lattice of 100³ and the cloth of the scene can tear, though nothing does. These go by stencil, with
+48 substeps a frame, gravity and one plane that nothing touches, random velocities and steps of 2 µs, as in
+`throughput`. Rounds go through both in turn; the ratio is the median over rounds of one time over the other, the
+spread the middle half of these ratios. Times are of the recorded frame replayed and of `Simulation.step()`, in
+which besides the host prepares each frame. The scenes mattress and jelly, whose obstacle moves, are compared with
+the same whose obstacle stands still, at the same number of substeps: there `step(60)` counts.
 """
 
 import gc
@@ -15,13 +17,16 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from msdwarp import Attachment, Force, Plane, Simulation, System, box, join
+from msdwarp import Attachment, Force, Plane, Simulation, System, box, join, sheet
+from msdwarp import Scene as SceneToRun
+from msdwarp.scenes import jelly, mattress
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
@@ -30,11 +35,11 @@ ROUNDS, QUICK_ROUNDS = 21, 5
 ROUND_SECONDS = 0.02
 """A round replays a frame until so much time has passed, as far as a first trial tells."""
 STIFFNESS = 1000.0
-PAIR_AIM, LOAD_AIM = 1.1, 1.05
+PAIR_AIM, LOAD_AIM, TEAR_AIM, MOVE_AIM = 1.1, 1.05, 1.15, 1.3
 """How many times the substep without them one with them may take."""
 
-Scene = tuple[System, Sequence]
-"""A system, and the loads on it."""
+Scene = tuple[System, Sequence] | Simulation
+"""A system, and the loads on it; or a simulation as it is."""
 
 
 def pair(n: int) -> tuple[System, System]:
@@ -68,6 +73,14 @@ def cases(quick: bool) -> dict[str, tuple[float, Callable[[], tuple[Scene, Scene
     def wave(t: float) -> tuple:
         return np.sin(9.0 * t), 0.0, 1.0
 
+    def tearing() -> tuple[Scene, Scene]:
+        body = moving(box((many, many, many), damping=20.0))
+        return (body.replace(break_strain=1e6), ()), (body, ())
+
+    def tearing_cloth() -> tuple[Scene, Scene]:
+        cloth = moving(sheet((31, 31), 0.05, stiffness=120.0, damping=0.06))
+        return (cloth.replace(break_strain=1e6), ()), (cloth, ())
+
     return {
         f"two {few}³ tied along a face": (PAIR_AIM, tied),
         f"{many}³, force on the surface": (LOAD_AIM, lambda: loaded(lambda on: Force((0, 0, 1.0), on=on))),
@@ -77,7 +90,17 @@ def cases(quick: bool) -> dict[str, tuple[float, Callable[[], tuple[Scene, Scene
             lambda: loaded(lambda on: Force((0, 0, 1.0), on=on), True),
         ),
         f"{many}³, surface attached": (LOAD_AIM, lambda: loaded(lambda on: Attachment(on, stiffness=STIFFNESS))),
+        f"{many}³ that can tear": (TEAR_AIM, tearing),
+        "31 × 31 cloth that can tear": (TEAR_AIM, tearing_cloth),
     }
+
+
+def moved(scene: SceneToRun, device: str) -> tuple[Simulation, Simulation]:
+    """Return a scene whose obstacle moves, and the same at rest, at as many substeps."""
+    fixed = replace(scene, colliders=[replace(one, motion=None) for one in scene.colliders])
+    substeps = Simulation.of(scene, device=device).substeps
+    how = {"substeps": substeps, "device": device, "energy_limit": math.inf, "allow_unstable": True}
+    return Simulation.of(scene, **how), Simulation.of(fixed, **how)
 
 
 def moving(system: System) -> System:
@@ -89,8 +112,12 @@ class Contestant:
     """A simulation that is timed in turn with another."""
 
     def __init__(self, scene: Scene, device: str) -> None:
-        system, loads = scene
         self.device = device
+        if isinstance(scene, Simulation):
+            self.simulation, self.times = scene, 1
+            self.simulation.step(2)
+            return
+        system, loads = scene
         self.simulation = Simulation(
             system,
             colliders=[Plane(offset=-5000.0)],
@@ -139,6 +166,26 @@ def measure_case(name: str, aim: float, make: Callable[[], tuple[Scene, Scene]],
     return row | {"ratio_by_step": median(a / b for a, b in zip(*stepped, strict=True))}
 
 
+def measure_moving(name: str, scene: SceneToRun, device: str, rounds: int) -> dict:
+    """Return the row of a scene whose obstacle moves."""
+    both = [Contestant(one, device) for one in moved(scene, device)]
+    times: list[list[float]] = [[], []]
+    frames = 60
+    for k in range(rounds):
+        for one in (0, 1) if k % 2 else (1, 0):
+            simulation = both[one].simulation
+            simulation.reset()
+            simulation.step(2)
+            times[one].append(both[one].seconds(lambda simulation=simulation: simulation.step(frames)) / frames)
+    ratios = [a / b for a, b in zip(*times, strict=True)]
+    model, substeps = both[0].simulation.model, both[0].simulation.substeps
+    row = {"case": name, "particles": model.particle_count, "connections": model.connection_count}
+    row |= {"us_per_substep": median(times[0]) / substeps * 1e6, "us_without": median(times[1]) / substeps * 1e6}
+    quarters = np.quantile(ratios, [0.25, 0.75])
+    row |= {"ratio": median(ratios), "spread": float(quarters[1] - quarters[0]), "aim": MOVE_AIM}
+    return row | {"ratio_by_step": median(ratios)}
+
+
 def main() -> None:
     """Measure, write and print."""
     options = arguments(__doc__.splitlines()[0])
@@ -149,6 +196,11 @@ def main() -> None:
             rounds = QUICK_ROUNDS if options.quick else ROUNDS
             rows.append(measure_case(name, aim, make, options.device, rounds))
             gc.collect()
+            write_csv(path, rows, machine(options.device))
+        for scene in (mattress, jelly):
+            rounds = 3 if options.quick else 9
+            name = f"{scene.__name__.split('.')[-1]}, obstacle moving or at rest"
+            rows.append(measure_moving(name, scene.build(), options.device, rounds))
             write_csv(path, rows, machine(options.device))
     line, rows = read_csv(path)
     print(line)

@@ -28,6 +28,8 @@ class Balance(NamedTuple):
     """Kinetic and gravitational energy, less the work of loads [J]."""
     strain: float
     """Largest |l / l0 − 1|."""
+    work: float = 0.0
+    """What loads have done [J], known to first order in the step."""
 
 
 class Ledger:
@@ -77,7 +79,7 @@ class Ledger:
         momentum = particles[columns.MOMENTUM :][: model.dim]
         together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / self._mass
         inner = max(kinetic - together, 0.0) + elastic
-        return Balance(energy, swing, inner, kinetic, free, float(connections[columns.STRAIN]))
+        return Balance(energy, swing, inner, kinetic, free, float(connections[columns.STRAIN]), work)
 
 
 def mass(model: Model) -> float:

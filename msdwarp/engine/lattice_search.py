@@ -167,7 +167,7 @@ def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
         end = max(end, stop)
     ties.append(np.arange(end, count, dtype=np.int32))
     left_over = np.concatenate(ties)
-    if len(left_over) == count:
+    if not slices or len(left_over) == count > 0:
         raise NotALattice("no connection is in a direction of a lattice")
     return left_over
 

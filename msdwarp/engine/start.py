@@ -40,7 +40,6 @@ def starting_state(system: System, model: Model, carried: int, time: float, fps:
     """
     state = State.of(system, model, carried)
     for effect in model.effects:
-        effect.hold(time)
         effect.place(state, time, fps)
     return state
 

@@ -86,9 +86,12 @@ class Watch:
             wp.synchronize_stream(self._model.device.stream)
         first, energies = (array.numpy() for array in self._found)
         self.energy = float(energies.sum())
+        most = self._most
         if self._work is not None:
-            self.energy -= self._work.before + float(self._found_work.numpy().sum())
-        return int(first[0]) < self._model.particle_count or not self.energy <= self._most
+            work = self._work.before + float(self._found_work.numpy().sum())
+            self.energy -= work
+            most += abs(work)  # which is known to first order in the step only
+        return int(first[0]) < self._model.particle_count or not self.energy <= most
 
     def culprit(self) -> int:
         """Return the first particle that is not finite, else the fastest."""

@@ -69,7 +69,7 @@ def shell(
     )
 
 
-def edges_of(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def edges_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the edges of triangles, each once, and the far corners of each two that share one, shape [any, 2]."""
     sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     far = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])

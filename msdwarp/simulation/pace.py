@@ -166,11 +166,11 @@ class Pace:
             now = stepping.balance() if fine else None
             if now is not None and self._is_well(stepping, now):
                 if start is not None:  # refined for what has risen by now: the next rise counts from here
-                    self.least = max(self.least, now.energy - SLOW * self._allowed(stepping))
+                    self.least = max(self.least, now.energy - SLOW * self._allowed(stepping, now))
                 return self._go_on(stepping, now)
             if now is not None and start is not None:
                 tried.append(now.energy - start.energy)
-                slow = tried[-1] <= SLOW * self._allowed(stepping)
+                slow = tried[-1] <= SLOW * self._allowed(stepping, now)
                 if _is_real(stepping, tried) or (slow and _works(stepping)):
                     self.refinement, self.floor = usual, self.floor + now.energy - self.least
                     self.least = now.energy
@@ -205,17 +205,21 @@ class Pace:
 
     def _is_well(self, stepping: Stepping, now: Balance) -> bool:
         """Tell whether energy has risen by no more than is allowed, and is what physics has, or almost."""
-        if now.swing > MOST_SWING * self.scale and self.refinement < ENOUGH_FOR_SWING:
+        if now.swing > MOST_SWING * self._scale_of(now) and self.refinement < ENOUGH_FOR_SWING:
             return False
-        return now.energy <= self.least + self._allowed(stepping)
+        return now.energy <= self.least + self._allowed(stepping, now)
 
-    def _allowed(self, stepping: Stepping) -> float:
+    def _allowed(self, stepping: Stepping, now: Balance | None = None) -> float:
         """Return by how much energy may exceed the least so far [J]."""
-        return (SHARE_OF_WORK if _works(stepping) else SHARE) * self.scale
+        return (SHARE_OF_WORK if _works(stepping) else SHARE) * self._scale_of(now)
+
+    def _scale_of(self, now: Balance | None) -> float:
+        """Return the scale of energies [J]: at least the work of loads, known to first order in the step."""
+        return self.scale if now is None else max(self.scale, abs(now.work))
 
     def _bear(self, stepping: Stepping, now: Balance) -> Stepping:
         """Let energy that came from nothing stand, as long as it is little in all."""
-        gained = (now.energy - self.floor) / self.scale
+        gained = (now.energy - self.floor) / self._scale_of(now)
         if gained > MOST_GAINED and not _works(stepping):
             raise Hopeless(stepping, gained)
         self.least = now.energy
@@ -226,7 +230,7 @@ class Pace:
         self._see(now)
         self.calm += self.since
         self.since = 0
-        quiet = now.energy <= self.least + 0.5 * self._allowed(stepping) and now.strain <= LARGE_STRAIN
+        quiet = now.energy <= self.least + 0.5 * self._allowed(stepping, now) and now.strain <= LARGE_STRAIN
         quiet = quiet and self.refinement == 1.0 and not stepping.integrator.long_steps
         self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet else 1
         if self.refinement > 1.0 and self.calm >= self.patience:

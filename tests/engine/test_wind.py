@@ -167,6 +167,6 @@ def test_two_winds_blow_on_two_bodies(plain_device):
     simulation = Simulation(both, loads=loads, gravity=0.0, device=plain_device, precision="float64", substeps=10)
     simulation.step(10)
     v = simulation.frame().velocity[:, 2]
-    # The other one lies 5 m off, where places are rounded to 9e-16 m, k/m times which is 9e-12 m/s²; for 10 substeps.
+    # The other one lies 5 m off, where places are rounded to 9e-16 m, k/m times which is 9e-12 m/s², 10 times.
     np.testing.assert_allclose(v[:9], -v[9:], rtol=0, atol=1e-11)
     assert v[:9].min() > 0.1
