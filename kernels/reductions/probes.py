@@ -44,7 +44,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 
 @functools.cache
 def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
-    """Compose the kernel that sums the strains of chosen connections; broken ones, which pull at nothing, have none."""
+    """Compose the kernel that sums the strains of chosen connections, but for broken ones."""
     V = vector(dim, scalar)
     apart = difference(dim, scalar, compensated)
 

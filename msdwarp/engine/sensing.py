@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.basis import vector
 from ..kernels.integrators import force_on_each
 from ..kernels.reductions import fold, probes, sum_of_group, sum_strain
 from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe
@@ -75,7 +74,7 @@ class Sensors:
 
     def read(self) -> dict[str, NDArray[np.float64]]:
         """Return the readings of the frame that was waited for, by the names of their probes."""
-        rows = self._found.numpy()
+        rows: Any = self._found.numpy()
         return {one.name: one.reading(rows, self._model, self._seconds) for one in self._sums}
 
 

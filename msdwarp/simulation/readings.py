@@ -16,11 +16,11 @@ class Series(NamedTuple):
     times: NDArray[np.float64]
     """When frames ended [s], shape [reading_count]."""
     values: NDArray[np.float64]
-    """What it told then: in SI units, shape [reading_count, d]; strain has two columns, its mean and the largest."""
+    """What it told then, in SI units, shape [reading_count, d]; of strain two columns, mean and largest."""
 
 
 class Readings(Mapping[str, Series]):
-    """Time series by the names of their probes: one reading for each frame that has been simulated since the start.
+    """Time series by the names of their probes: a reading for each frame simulated since the start.
 
     After `Simulation.restore` they begin with the frame behind the checkpoint.
     """

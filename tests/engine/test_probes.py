@@ -56,7 +56,9 @@ def test_a_resting_block_presses_with_its_weight(device, method):
 def test_contact_impulses_are_what_momentum_lacks(device):
     # p' − p = (M g + F) t + contact impulses, with friction, restitution, a sphere that turns, and swept ways.
     block = standing(stiffness=2000.0)
-    block = block.replace(position=block.position + [0, 0, 0.02], velocity=np.tile([2.0, 0.5, -3.0], (27, 1)))
+    block = block.replace(
+        position=block.position + np.array([0, 0, 0.02]), velocity=np.tile([2.0, 0.5, -3.0], (27, 1))
+    )
     colliders = [
         Plane(friction=0.4, restitution=0.6),
         Sphere((0.4, 0.1, 0.1), 0.2, motion=lambda t: ((-t, 0.0, 0.0), (0.0, 0.0, 3.0 * t))),
