@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
-from ..world import Drive, Scene
+from ..world import Drive, Scene, gravity_at, with_potential
 from .scene_files import Origin
 from .trust import Script, script_as_stored
 
@@ -32,7 +32,7 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
     return {
         "scene": origin.place,
         "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=_as_json)),
-        "gravity": np.asarray(scene.gravity).tolist(),
+        "gravity": np.asarray(with_potential(scene.gravity)).tolist(),
         "schedule": len(scene.schedule),
         "digest": digest(scene),
         "command": list(sys.argv),
@@ -107,7 +107,10 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         if isinstance(values, np.ndarray):
             yield f"{field.name} {values.shape}".encode()
             yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
-    yield repr((scene.system.damper, np.asarray(scene.gravity, dtype=float).tolist())).encode()
+    constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
+    yield repr((scene.system.damper, constant)).encode()
+    if callable(scene.gravity):
+        yield gravity_at(scene.gravity, np.linspace(0.0, scene.duration, 9), scene.system.dim).tobytes()
     for collider in scene.colliders:
         held = {field.name: getattr(collider, field.name) for field in fields(collider) if field.name != "motion"}
         yield repr((type(collider).__name__, held)).encode()
@@ -125,6 +128,10 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
         if change.release is not None:
             yield repr(("release", np.asarray(change.release).tolist())).encode()
+        if change.gravity is not None:
+            yield gravity_at(
+                change.gravity, np.linspace(change.time, scene.duration, 9), scene.system.dim
+            ).tobytes()
         changed = change.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()

@@ -4,7 +4,7 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, Ledger, rounding_energy, size, weight
+from .balance import Balance, Ledger, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Steps
 from .linearised import add_linearised, write_diagonal_blocks
@@ -36,6 +36,7 @@ __all__ = [
     "check_blocks",
     "doubt_start",
     "measure",
+    "potential",
     "rate_bounds",
     "rounding_energy",
     "sensors_of",

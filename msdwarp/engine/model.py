@@ -10,7 +10,18 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
-from ..world import Collider, Load, Probe, bound, check_loads, checked_probes, driven_particles
+from ..world import (
+    Collider,
+    Falling,
+    Gravity,
+    Load,
+    Probe,
+    bound,
+    check_loads,
+    checked_probes,
+    driven_particles,
+    with_potential,
+)
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
@@ -29,7 +40,7 @@ class Model:
         What is simulated.
     gravity
         Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
-        shape [d].
+        shape [d]; or a function of time [s] that returns one of these, whose weight is a load.
     colliders
         Obstacles, in the order in which a particle meets them.
     contact
@@ -57,7 +68,7 @@ class Model:
         self,
         system: System,
         *,
-        gravity: ArrayLike = 9.82,
+        gravity: Gravity = 9.82,
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         loads: Sequence[Load] = (),
@@ -93,9 +104,9 @@ class Model:
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
 
-        towards = checks.gravity("gravity", gravity, self.dim)
-        self.check_range(towards, "gravity")
-        self.gravity = self.vector(*towards)
+        self.fall(with_potential(gravity))
+        self.falling = Falling(gravity, on=np.isfinite(self.mass)) if callable(gravity) else None
+        """The weight of its particles, where gravity changes with time and so is a load."""
         self._check_masses()
         self.inverse_mass = self._upload(uniform_like(1.0 / self.mass, self.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
@@ -115,6 +126,12 @@ class Model:
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
         self.probes = checked_probes(probes or {}, system, colliders)
         self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads, self.probes))
+
+    def fall(self, gravity: ArrayLike) -> None:
+        """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""
+        towards = checks.gravity("gravity", gravity, self.dim)
+        self.check_range(towards, "gravity")
+        self.gravity = self.vector(*towards)
 
     @property
     def work(self) -> Work | None:

@@ -3,6 +3,8 @@
 from .attachments import Attachment
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .drives import Drive, Driven, bound, driven_particles, released
+from .exchange import differ_in_values
+from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
 from .in_time import sampled
 from .loads import Force, Load, check_loads
 from .look import Look
@@ -39,8 +41,10 @@ __all__ = [
     "Cone",
     "Drive",
     "Driven",
+    "Falling",
     "Force",
     "Gas",
+    "Gravity",
     "Load",
     "Look",
     "Motion",
@@ -55,7 +59,10 @@ __all__ = [
     "bound",
     "check_loads",
     "checked_probes",
+    "differ_in_values",
     "driven_particles",
+    "gravity_at",
+    "gravity_in_words",
     "known_until",
     "pose",
     "poses",
@@ -65,4 +72,5 @@ __all__ = [
     "scene_as_stored",
     "scene_from_stored",
     "volume",
+    "with_potential",
 ]

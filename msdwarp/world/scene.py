@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import checks
 from ..bodies import System, counted, headline
 from .colliders import Collider, Plane
 from .drives import Drive, bound
+from .gravity import Gravity, gravity_at, gravity_in_words
 from .loads import Load, check_loads
 from .look import Look
 from .probes import Probe, checked_probes
@@ -32,7 +32,7 @@ class Scene:
     loads
         What acts on it beside gravity and obstacles: a `Force`, `Wind`, and so on.
     gravity
-        Acceleration of free fall [m/s²]; see `Simulation`.
+        Acceleration of free fall [m/s²], which may be a function of time; see `Simulation`.
     duration
         Simulated time [s].
     look
@@ -57,7 +57,7 @@ class Scene:
     system: System
     colliders: Sequence[Collider] = ()
     loads: Sequence[Load] = ()
-    gravity: ArrayLike = 9.82
+    gravity: Gravity = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
     looks: Mapping[str, Look] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class Scene:
                 raise ValueError(f"colliders[{k}].{wrong}")
         check_loads(self.loads, self.system)
         bound(self.loads, self.system)
-        checks.gravity("gravity", self.gravity, dim)
+        gravity_at(self.gravity, np.zeros(1), dim)
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
@@ -103,9 +103,8 @@ class Scene:
         return looks
 
     def __repr__(self) -> str:
-        gravity = np.asarray(self.gravity, dtype=float)
-        along = f"{gravity:.4g}" if gravity.ndim == 0 else f"({', '.join(f'{one:.4g}' for one in gravity)})"
-        lines = [f"Scene of {self.duration:.4g} s, gravity {along} m/s²", headline(self.system)]
+        said = gravity_in_words(self.gravity)
+        lines = [f"Scene of {self.duration:.4g} s, gravity {said}", headline(self.system)]
         if self.colliders:
             shown, more = list(map(repr, self.colliders[:_SHOWN])), len(self.colliders) - _SHOWN
             lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
