@@ -94,7 +94,7 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
 
 
 def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> Any:
-    """Return gravity where a checkpoint goes on: as it had been changed to, by hand, or by what was made of a schedule."""
+    """Return gravity as a checkpoint has it: as it was changed to by hand, or by what was made of a schedule."""
     if "gravity" in numbers:
         return numbers["gravity"]
     return next((one.gravity for one in reversed(made) if one.gravity is not None), start)

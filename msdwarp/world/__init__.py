@@ -6,7 +6,7 @@ from .drives import Drive, Driven, bound, driven_particles, released
 from .exchange import differ_in_values
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
 from .in_time import sampled
-from .loads import Force, Load, check_loads
+from .loads import Force, Load, check_loads, is_device_function
 from .look import Look
 from .motion import Motion, pose, poses
 from .pressure import Gas, Pressure, volume
@@ -63,6 +63,7 @@ __all__ = [
     "driven_particles",
     "gravity_at",
     "gravity_in_words",
+    "is_device_function",
     "known_until",
     "pose",
     "poses",

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from .loads import Force, values_at
+from .loads import Force, named, values_at
 
 Gravity = Any
 """Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, a vector of shape [d], or a
 function of time [s] that returns one of these."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Falling(Force):
     """The weight m g(t) of particles, as gravity that changes with time makes it; `force` is g [m/s²].
 
@@ -57,8 +57,3 @@ def gravity_in_words(gravity: Gravity) -> str:
     values = np.asarray(gravity, dtype=float)
     along = f"{values:.4g}" if values.ndim == 0 else f"({', '.join(f'{one:.4g}' for one in values)})"
     return f"{along} m/s²"
-
-
-def named(function: Any) -> str:
-    """Return what a function is called, else its type."""
-    return getattr(function, "__name__", None) or getattr(function, "key", None) or type(function).__name__

@@ -110,9 +110,11 @@ class Scene:
             lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
         if self.looks:
             lines.append(f"looks of their own: {', '.join(self.looks)}")
-        drives = [repr(one) for one in self.loads if isinstance(one, Drive)]
-        if drives:
-            lines.append(f"driven: {', '.join(drives[:_SHOWN])}")
+        for title, kind in (("driven", True), ("loads", False)):
+            some = [repr(one) for one in self.loads if isinstance(one, Drive) is kind]
+            if some:
+                more = f" and {len(some) - _SHOWN} more" if len(some) > _SHOWN else ""
+                lines.append(f"{title}: {', '.join(some[:_SHOWN])}{more}")
         if self.schedule:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"
