@@ -30,6 +30,8 @@ class Contact(NamedTuple):
     """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no obstacles."""
     moving: bool
     """Whether any obstacle moves."""
+    felt: bool = False
+    """Whether what obstacles push particles with is summed."""
 
 
 NO_CONTACT = Contact(NoColliders, None, False)
@@ -37,8 +39,11 @@ NO_CONTACT = Contact(NoColliders, None, False)
 
 
 @functools.cache
-def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
-    """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other."""
+def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
+    """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other.
+
+    Where they are to be felt, there is room for by how much they have changed each particle's velocity.
+    """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
     distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
@@ -50,6 +55,8 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
         surface: Surface  # their coefficients
         if swept:
             inradius: scalar  # of the largest ball inside the thinnest [m]
+        if felt:
+            impulse: wp.array(dtype=vector(dim, wp.float64))  # by mass [m/s], shape [particle_count]
 
     @wp.func
     def look(obstacles: Obstacles, p: int, x: V):
@@ -94,7 +101,7 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
 
 
 @functools.cache
-def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
+def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
     """Compose the same for obstacles that move, which a particle meets as if they stood still.
 
     When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
@@ -120,6 +127,8 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...]):
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
         if swept:
             inradius: scalar  # of the largest ball inside the thinnest [m]
+        if felt:
+            impulse: wp.array(dtype=vector(dim, wp.float64))  # by mass [m/s], shape [particle_count]
 
     @wp.func
     def look(obstacles: MovingObstacles, p: int, x: V):

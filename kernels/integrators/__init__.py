@@ -12,6 +12,7 @@ from .stages import (
     each_connection,
     each_particle,
     finish,
+    force_on_each,
     particle_acceleration,
 )
 
@@ -31,6 +32,7 @@ __all__ = [
     "explicit_euler",
     "extrapolated_leapfrog",
     "finish",
+    "force_on_each",
     "implicit_finish",
     "impulse",
     "kick",

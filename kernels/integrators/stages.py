@@ -10,9 +10,9 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import kernel
+from ..basis import kernel, vector
 from ..forces import COLUMN
-from .composition import Composition, beginning, driving, loads, tools
+from .composition import Composition, Stage, beginning, driving, loads, tools
 
 
 @functools.cache
@@ -123,11 +123,13 @@ def particle_acceleration(composition: Composition):
 def finish(composition: Composition):
     """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
 
-    Contact sets positions directly, so that what their sums had lost by rounding is forgotten.
+    Contact sets positions directly, so that what their sums had lost by rounding is forgotten. Where it is felt,
+    the change of velocity that it makes is added up.
     """
     V, _, Lost, _, store, add = tools(composition)
-    Colliders, collide, moving = composition.contact
+    Colliders, collide, moving, felt = composition.contact
     scalar, compensated = composition.scalar, composition.compensated
+    Wide = vector(composition.dim, wp.float64)
     has_colliders, pinned_among_moving = collide is not None, composition.pinned and moving
 
     @wp.func
@@ -138,11 +140,34 @@ def finish(composition: Composition):
                 return x_new, v_new  # what moves passes through it
         if wp.static(has_colliders):
             x_free = x_new
+            if wp.static(felt):
+                v_free = v_new
             x_new, v_new = collide(colliders, x_free, v_new, x_old, v_old)
             if wp.static(compensated):
                 if wp.length_sq(x_new - x_free) > scalar(0.0):
                     store(lost.x_out, i, V())
                     store(lost.v, i, V())
+            if wp.static(felt):
+                colliders.impulse[i] = colliders.impulse[i] + (Wide(v_new) - Wide(v_free))
         return x_new, v_new
 
     return finish_substep
+
+
+@functools.cache
+def force_on_each(composition: Composition) -> Stage:
+    """Compose the stage that writes the force of connections and loads on each particle, and moves nothing."""
+    V, World, Lost, _, store, _ = tools(composition)
+
+    @wp.struct
+    class ForceOnEach:
+        lost: Lost
+        x: wp.array(dtype=V)
+        v: wp.array(dtype=V)
+        force: wp.array(dtype=V)  # out [N]
+
+    @wp.func
+    def advance(world: World, step: ForceOnEach, force: V, i: int):
+        store(step.force, i, force)
+
+    return Stage(ForceOnEach, advance)

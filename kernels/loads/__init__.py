@@ -3,7 +3,7 @@
 from .actuators import actuated_springs, add_tension
 from .attachments import attachments
 from .drives import driven
-from .forces import function_force, steady_force, varying_force
+from .forces import function_force, steady_force, varying_force, weight_force
 from .pressure import gas_law, gas_pressure, given_pressure
 from .ties import tie_force
 from .wind import wind_on_faces, wind_on_particles
@@ -24,6 +24,7 @@ __all__ = [
     "sum_work",
     "tie_force",
     "varying_force",
+    "weight_force",
     "wind_on_faces",
     "wind_on_particles",
     "work",

@@ -57,6 +57,26 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> Piece:
 
 
 @functools.cache
+def weight_force(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what gravity that is a function of time adds to kernels: m g(t)."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+
+    @wp.struct
+    class Falling:
+        gravity: wp.array2d(dtype=V)  # by stage of a frame, and at its end [m/s²], shape [any, 1]
+
+    def force(World: Any):
+        @wp.func
+        def fall(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return world.falling.gravity[world.stage, 0] / world.inverse_mass[i]
+
+        return fall
+
+    return Piece("falling", Falling, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
 def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> Piece:
     """Return what a force that is a function of place, speed and time adds to kernels.
 

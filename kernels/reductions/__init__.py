@@ -2,6 +2,7 @@
 
 from .divergence import look_over
 from .measure import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
+from .probes import sum_of_group, sum_strain
 from .stability import largest_rate
 
 __all__ = [
@@ -12,5 +13,7 @@ __all__ = [
     "strain_each",
     "sum_connections",
     "sum_difference",
+    "sum_of_group",
     "sum_particles",
+    "sum_strain",
 ]

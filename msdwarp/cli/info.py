@@ -78,10 +78,14 @@ def _how(about: Mapping[str, Any], counts: NDArray[np.int32] | None) -> Lines:
     if "device" in about:
         name = about.get("device_name")
         yield "device", about["device"] + (f", {name}" if name and name.lower() != about["device"] else "")
-    if "gravity" in about:
+    if "gravity_of_time" in about:
+        yield "gravity", str(about["gravity_of_time"])
+    elif "gravity" in about:
         along = about["gravity"]
         numbers = ", ".join(f"{one:.4g}" for one in along) if isinstance(along, list) else f"{along:.4g}"
         yield "gravity", f"{f'({numbers})' if isinstance(along, list) else numbers} m/s²"
+    if about.get("loads"):
+        yield "loads", ", ".join(map(str, about["loads"]))
     if "schedule" in about:
         changes = about["schedule"]
         yield "schedule", f"{counted(changes, 'change')} of parameters on the way" if changes else "no changes"
@@ -107,7 +111,7 @@ def _by(about: Mapping[str, Any]) -> Lines:
 
 _TOLD = {
     *("scene", "parameters", "integrator", "precision", "substeps", "route", "device", "device_name", "gravity"),
-    *("schedule", "options", "command", "versions", "commit", "digest", "script"),
+    *("loads", "gravity_of_time", "schedule", "options", "command", "versions", "commit", "digest", "script"),
 }
 """What a run stores, and one of the groups tells."""
 

@@ -17,7 +17,18 @@ import numpy as np
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
-from ..world import Actuator, Drive, Scene
+from ..world import (
+    Actuator,
+    Collider,
+    Drive,
+    Load,
+    Scene,
+    gravity_at,
+    gravity_in_words,
+    is_device_function,
+    sampled,
+    with_potential,
+)
 from .scene_files import Origin
 from .trust import Script, script_as_stored
 
@@ -32,7 +43,9 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
     return {
         "scene": origin.place,
         "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=_as_json)),
-        "gravity": np.asarray(scene.gravity).tolist(),
+        "gravity": np.asarray(with_potential(scene.gravity)).tolist(),
+        **({"gravity_of_time": gravity_in_words(scene.gravity)} if callable(scene.gravity) else {}),
+        **({"loads": [repr(one) for one in scene.loads]} if scene.loads else {}),
         "schedule": len(scene.schedule),
         "digest": digest(scene),
         "command": list(sys.argv),
@@ -107,7 +120,10 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         if isinstance(values, np.ndarray):
             yield f"{field.name} {values.shape}".encode()
             yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
-    yield repr((scene.system.damper, np.asarray(scene.gravity, dtype=float).tolist())).encode()
+    constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
+    yield repr((scene.system.damper, constant)).encode()
+    if callable(scene.gravity):
+        yield gravity_at(scene.gravity, np.linspace(0.0, scene.duration, 9), scene.system.dim).tobytes()
     for collider in scene.colliders:
         held = {field.name: getattr(collider, field.name) for field in fields(collider) if field.name != "motion"}
         yield repr((type(collider).__name__, held)).encode()
@@ -125,13 +141,44 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             chosen = one.connections(scene.system)
             yield chosen.tobytes() + one.delays(scene.system, chosen).tobytes()
             yield one.at(np.linspace(0.0, scene.duration, 9)).tobytes()
+        else:
+            yield from _of_load(one, scene)
     for change in scene.schedule:
         yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
         if change.release is not None:
             yield repr(("release", np.asarray(change.release).tolist())).encode()
+        if change.gravity is not None:
+            yield gravity_at(
+                change.gravity, np.linspace(change.time, scene.duration, 9), scene.system.dim
+            ).tobytes()
         changed = change.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
+
+
+def _of_load(load: Load, scene: Scene) -> Iterator[bytes]:
+    """Yield what a load is by value: functions of time by some of their values, those of place by their source."""
+    times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
+    yield type(load).__name__.encode()
+    yield load.particles(scene.system).tobytes()
+    for field in fields(load):
+        value = getattr(load, field.name)
+        yield field.name.encode()
+        if field.name == "on":
+            continue
+        if isinstance(value, Collider):
+            yield repr(value).encode()
+            for time in times:
+                for part in value.pose(float(time), dim):
+                    yield np.asarray(part, dtype=float).tobytes()
+        elif is_device_function(value):
+            yield str(value.adj.source).encode()
+        elif callable(value):
+            yield sampled(value, times).tobytes()
+        elif isinstance(value, np.ndarray | tuple | list):
+            yield np.asarray(value, dtype=float).tobytes()
+        else:
+            yield repr(value).encode()
 
 
 def _version(package: str) -> str | None:

@@ -10,7 +10,7 @@ from ..disk import is_unfinished
 from ..pictures import FILM_FORMATS
 from .process import alone_in
 
-TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
+TRAJECTORY, RESTART, PROBES = "trajectory.vtkhdf", "restart.h5", "probes.csv"
 
 
 def result_folder(name: str, out: Path | None, force: bool) -> Path:
@@ -41,7 +41,7 @@ def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Pa
 def remove_results(folder: Path, name: str) -> None:
     """Remove what an earlier run of this name has left in a folder."""
     unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
-    for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, *unfinished):
+    for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, folder / PROBES, *unfinished):
         path.unlink(missing_ok=True)
 
 

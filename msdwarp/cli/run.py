@@ -16,13 +16,22 @@ from rich.progress import Progress
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, cheapest, tune
-from ..world import Scene, Stored, scene_as_stored
+from ..studies import EnergyLog, GrowingTable, cheapest, tune
+from ..world import Scene, Stored, probe_columns, scene_as_stored
 from .draw import draw
 from .options import Options
 from .process import progress_on, stop_asked_for
 from .provenance import about
-from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
+from .results import (
+    PROBES,
+    RESTART,
+    TRAJECTORY,
+    check_names,
+    overlay_path,
+    own_folder,
+    remove_results,
+    wanted_folder,
+)
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
@@ -52,7 +61,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
         check_names(origin.name, options.out or Path())
     with at_once():  # kernels are compiled, which takes its time
         simulation = simulation_by(scene, options)
-    wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder
+    wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder or bool(scene.probes)
     # What is wrong with the log or the folder is said before anything is made.
     tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
     log = _log(options, tentative, origin.name)
@@ -154,6 +163,7 @@ class Run:
         """See what is to be kept."""
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
+        self._measures = bool(self.scene.probes) and self.folder is not None
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
 
     def to(self, last: int, *, behind: int = 0) -> None:
@@ -178,7 +188,8 @@ class Run:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
                         writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
-                        self._simulate(last, behind, writer, log, progress, asked)
+                        probes = files.enter_context(self._probes(behind)) if self._measures else None
+                        self._simulate(last, behind, writer, log, probes, progress, asked)
                     if asked:
                         raise Interrupted(self._farewell(asked[0], last), asked[0])
             except SimulationDiverged as error:
@@ -186,6 +197,8 @@ class Run:
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
             if self._keeps:
                 lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+            if self._measures:
+                lines.append(f"wrote {self.folder}/{PROBES}")
             if self.log is not None:
                 lines.append(f"wrote {self.log.path} and {self.log.plot_path.name}")
             if self.folder is not None and self.options.pictures.any:
@@ -199,6 +212,13 @@ class Run:
             print(*lines, sep="\n")
         if trouble is not None:
             raise trouble
+
+    def _probes(self, behind: int) -> GrowingTable:
+        """Return the table of what probes tell, of which frame 0 has no line."""
+        assert self.folder is not None
+        scene = self.scene
+        head = ["time_s", *probe_columns(scene.probes, scene.system.dim)]
+        return GrowingTable(self.folder / PROBES, head, behind=max(behind - 1, 0), word="the file of probes")
 
     def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
         return TrajectoryWriter(
@@ -225,6 +245,7 @@ class Run:
         behind: int,
         writer: TrajectoryWriter | None,
         log: EnergyLog | None,
+        probes: GrowingTable | None,
         progress: Progress,
         asked: list[int],
     ) -> None:
@@ -238,6 +259,8 @@ class Run:
                 writer.write_pending(readback.take() if writer.wants_next() else None)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
+            if probes is not None and k:
+                probes.write_line(simulation.readings.last)
             if asked:
                 self._save(writer)
                 raise Interrupted(self._farewell(asked[0], last), asked[0])

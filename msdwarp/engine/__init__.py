@@ -4,13 +4,14 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, Ledger, rounding_energy, size, weight
+from .balance import Balance, Ledger, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Steps
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds
+from .sensing import Sensors, sensors_of
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
@@ -26,6 +27,7 @@ __all__ = [
     "Measures",
     "Model",
     "Rates",
+    "Sensors",
     "State",
     "Stepper",
     "Steps",
@@ -34,8 +36,10 @@ __all__ = [
     "check_blocks",
     "doubt_start",
     "measure",
+    "potential",
     "rate_bounds",
     "rounding_energy",
+    "sensors_of",
     "size",
     "starting_state",
     "weight",

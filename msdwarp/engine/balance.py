@@ -91,7 +91,17 @@ def mass(model: Model) -> float:
 
 def weight(model: Model) -> float:
     """Return the weight of all that is not pinned [N]."""
-    return mass(model) * float(np.linalg.norm(np.array(list(model.gravity), dtype=np.float64)))
+    falling = np.array(list(model.gravity), dtype=np.float64)
+    if model.falling is not None:  # a scale of it is all that is asked for
+        falling = model.falling.at(np.zeros(1), model.dim)[0]
+    return mass(model) * float(np.linalg.norm(falling))
+
+
+def potential(model: Model, state: State) -> float:
+    """Return the gravitational energy −Σ m g·x of all that is not pinned [J]."""
+    free = np.isfinite(model.mass)
+    moment = np.where(free, model.mass, 0.0) @ state.x.numpy().astype(np.float64)
+    return -float(moment @ np.array(list(model.gravity), dtype=np.float64))
 
 
 def size(state: State) -> float:

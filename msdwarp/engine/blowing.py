@@ -1,7 +1,7 @@
 """Blowing: the wind of a scene on a device."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import warp as wp
@@ -44,10 +44,27 @@ class Blowing(ByStage):
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function)
         self.data = piece.Data()
         for name in ("drag", "lift"):
-            values = np.array([0.5 * one.density * getattr(one, name) for _, one in winds])
-            setattr(self.data.winds, name, wp.array(values, dtype=model.scalar, device=model.device))
+            setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
+        self._take_coefficients()
         self._given = not places
         self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
+
+    def _take_coefficients(self) -> None:
+        """Have kernels see ½ ρ C of each wind [kg/m³]."""
+        for name in ("drag", "lift"):
+            values = np.array([0.5 * one.density * getattr(one, name) for _, one in self._winds])
+            getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other winds on the same surfaces or particles."""
+        before = self._winds
+        self._winds = [(name, cast(Wind, others.get(one, one))) for name, one in before]
+        try:
+            self.at(np.zeros(1))
+        except ValueError:
+            self._winds = before
+            raise
+        self._take_coefficients()
 
     def place_table(self, table: wp.array) -> None:
         """Have kernels find the velocities."""

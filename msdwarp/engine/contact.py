@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
+from ..kernels.basis import vector
 from ..kernels.contact import KINDS, fixed_contact, moving_contact
 from ..kernels.contact import Contact as ContactPiece
 from ..world import Capsule, Collider, Cone, Motion, Plane, poses
@@ -34,6 +35,8 @@ class Contact(Effect):
         Obstacles, in the order in which a particle meets them; one at least.
     rule
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact.rule`.
+    felt
+        Whether what they push particles with is summed, in `data.impulse`.
 
     Raises
     ------
@@ -41,7 +44,7 @@ class Contact(Effect):
         If one is no collider, or does not fit into the system's space.
     """
 
-    def __init__(self, model: "Model", colliders: Sequence[Collider], rule: str) -> None:
+    def __init__(self, model: "Model", colliders: Sequence[Collider], rule: str, felt: bool = False) -> None:
         for k, collider in enumerate(colliders):
             if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
                 raise ValueError(f"colliders[{k}] is {checks.said(collider)}; it must be a {', '.join(KINDS)}")
@@ -54,9 +57,14 @@ class Contact(Effect):
         self.works = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         compose = moving_contact if self.works else fixed_contact
-        self.piece = ContactPiece(*compose(model.dim, model.scalar, rule, kinds), moving=self.works)
+        self.piece = ContactPiece(
+            *compose(model.dim, model.scalar, rule, kinds, felt), moving=self.works, felt=felt
+        )
         data = self.data = self.piece.Colliders()
         data.count = len(colliders)
+        if felt:
+            wide = vector(model.dim, wp.float64)
+            data.impulse = wp.zeros(model.particle_count, dtype=wide, device=self._device)
         for k, collider in enumerate(colliders):
             _check_range(f"colliders[{k}]", collider, model)
         self._describe(data.solids, model.scalar)

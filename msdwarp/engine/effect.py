@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.contact import Contact as ContactPiece
 from ..kernels.effect import Piece
+from ..world import Load
 
 
 class Steps(NamedTuple):
@@ -78,6 +79,12 @@ class Effect:
 
     def hold(self, time: float) -> None:
         """Have all stages see what there is at `time` [s]: for what is launched between frames."""
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other values of the same loads: in place of each key what stands for it; then `hold` is called.
+
+        Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
+        """
 
     def before_forces(self, x: wp.array, lost: Any) -> None:
         """Launch what the forces on particles at x need, before they are taken; `lost` is as kernels have it.

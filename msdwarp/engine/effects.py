@@ -1,10 +1,11 @@
 """The effects there are, and which of them a scene has."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
-from ..world import Collider, Load
+from ..world import CONTACT_FORCE, Collider, Load, Probe
 from .actuating import actuating
 from .attaching import attaching
 from .blowing import blowing
@@ -31,10 +32,18 @@ class Surroundings(NamedTuple):
     """The contact rule, "coulomb" or "report"."""
     loads: Sequence[Load] = ()
     """What else acts on the system."""
+    probes: Mapping[str, Probe] = MappingProxyType({})
+    """What is measured, by name."""
+
+
+def contact(model: "Model", around: Surroundings) -> Contact:
+    """Return the effect of the obstacles that there are."""
+    felt = any(probe.what == CONTACT_FORCE for probe in around.probes.values())
+    return Contact(model, around.colliders, around.contact, felt)
 
 
 EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
-    lambda model, around: Contact(model, around.colliders, around.contact) if around.colliders else None,
+    lambda model, around: contact(model, around) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
     lambda model, around: Tearing(model) if model.system.tears else None,
     lambda model, around: driving(model, around.loads),

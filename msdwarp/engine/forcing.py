@@ -1,14 +1,14 @@
 """Forcing: forces on particles, as a scene gives them, on a device."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.loads import function_force, steady_force, varying_force
-from ..world import Force, Load
+from ..kernels.loads import function_force, steady_force, varying_force, weight_force
+from ..world import Falling, Force, Load
 from .by_stage import ByStage
 from .effect import Effect
 
@@ -22,12 +22,13 @@ Named = Sequence[tuple[str, Force]]
 
 def forcing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of the forces among the loads of a scene."""
-    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Force)]
+    named = [(f"loads[{k}].force", one) for k, one in enumerate(loads) if isinstance(one, Force)]
     steady = [(name, one) for name, one in named if not one.varies]
     varying = [(name, one) for name, one in named if one.varies and not one.of_place]
     functions = [one for _, one in named if one.of_place]
     effects: list[Effect] = [Steady(model, steady)] if steady else []
     effects += [Varying(model, varying)] if varying else []
+    effects += [Weight(model, model.falling)] if model.falling is not None and not model.driven.all() else []
     return effects + [OfPlace(model, one, k) for k, one in enumerate(functions)]
 
 
@@ -57,13 +58,29 @@ class Steady(Effect):
         self.data = self.piece.Data()
         shares, combination = combinations(model, forces)
         self.members = combination > 0
-        values = [one.at(np.zeros(1), model.dim, f"{name}.force")[0] for name, one in forces]
-        for value, (name, _) in zip(values, forces, strict=True):
-            model.check_range(value, f"{name}.force")
-        self.sums = shares @ np.array(values)
+        self._model, self._forces, self._shares = model, forces, shares
+        self.sums = self._of(forces)
         """The force on the particles of each combination [N], shape [combination_count, d]."""
         self.data.value = wp.array(self.sums, dtype=model.vector, device=model.device)
         self.data.combination = wp.array(combination, dtype=int, device=model.device)
+
+    def _of(self, forces: Named) -> NDArray[np.float64]:
+        """Return the sums that these forces make."""
+        values = [one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces]
+        for value, (name, _) in zip(values, forces, strict=True):
+            self._model.check_range(value, name)
+        return self._shares @ np.array(values)
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other forces on the same particles."""
+        forces = exchanged(self._forces, others)
+        self.sums, self._forces = self._of(forces), forces
+        self.data.value.assign(self.sums)
+
+
+def exchanged(forces: Named, others: Mapping[Load, Load]) -> Named:
+    """Return forces with what stands for them in place of some."""
+    return [(name, cast(Force, others.get(one, one))) for name, one in forces]
 
 
 class Varying(ByStage):
@@ -82,13 +99,42 @@ class Varying(ByStage):
         """Have kernels find the table of forces."""
         self.data.value = table
 
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other functions of time on the same particles."""
+        before, self._forces = self._forces, exchanged(self._forces, others)
+        try:
+            self.at(np.zeros(1))
+        except ValueError:
+            self._forces = before
+            raise
+
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
         values = np.empty((len(times), len(self._forces), self._model.dim))
         for k, (name, one) in enumerate(self._forces):
-            values[:, k] = one.at(times, self._model.dim, f"{name}.force")
-            self._model.check_range(values[:, k], f"{name}.force")
+            values[:, k] = one.at(times, self._model.dim, name)
+            self._model.check_range(values[:, k], name)
         return self._shares @ values
+
+
+class Weight(ByStage):
+    """The weight of particles where gravity is a function of time."""
+
+    def __init__(self, model: "Model", falling: Falling) -> None:
+        self._model, self._falling = model, falling
+        self.piece = weight_force(model.dim, model.scalar, model.compensated)
+        self.data, self.members = self.piece.Data(), np.isfinite(model.mass)
+        self.set_up(model, 1, model.vector, varies=True)
+
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find gravity."""
+        self.data.gravity = table
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return gravity at each time [m/s²], shape [time_count, 1, d]."""
+        gravity = self._falling.at(times, self._model.dim)
+        self._model.check_range(gravity, "gravity")
+        return gravity[:, None]
 
 
 class OfPlace(Effect):

@@ -1,6 +1,6 @@
 """Model: a system and its surroundings on a device, everything that a substep reads and never writes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
@@ -10,7 +10,18 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
-from ..world import Collider, Load, bound, check_loads, driven_particles
+from ..world import (
+    Collider,
+    Falling,
+    Gravity,
+    Load,
+    Probe,
+    bound,
+    check_loads,
+    checked_probes,
+    driven_particles,
+    with_potential,
+)
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
 from .routes import choose_route, scatter_order
@@ -29,13 +40,15 @@ class Model:
         What is simulated.
     gravity
         Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
-        shape [d].
+        shape [d]; or a function of time [s] that returns one of these, whose weight is a load.
     colliders
         Obstacles, in the order in which a particle meets them.
     contact
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
     loads
         What else acts on the system, each a `Load`.
+    probes
+        What is measured where a frame ends, by name.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -55,10 +68,11 @@ class Model:
         self,
         system: System,
         *,
-        gravity: ArrayLike = 9.82,
+        gravity: Gravity = 9.82,
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         loads: Sequence[Load] = (),
+        probes: Mapping[str, Probe] | None = None,
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
@@ -90,9 +104,9 @@ class Model:
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
 
-        towards = checks.gravity("gravity", gravity, self.dim)
-        self.check_range(towards, "gravity")
-        self.gravity = self.vector(*towards)
+        self.fall(with_potential(gravity))
+        self.falling = Falling(gravity, on=np.isfinite(self.mass)) if callable(gravity) else None
+        """The weight of its particles, where gravity changes with time and so is a load."""
         self._check_masses()
         self.inverse_mass = self._upload(uniform_like(1.0 / self.mass, self.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.route == "scatter" else None
@@ -110,7 +124,14 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
-        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads))
+        self.probes = checked_probes(probes or {}, system, colliders)
+        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads, self.probes))
+
+    def fall(self, gravity: ArrayLike) -> None:
+        """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""
+        towards = checks.gravity("gravity", gravity, self.dim)
+        self.check_range(towards, "gravity")
+        self.gravity = self.vector(*towards)
 
     @property
     def work(self) -> Work | None:

@@ -42,8 +42,7 @@ class Watch:
 
     def __init__(self, model: Model, state: State, energy_limit: float, baseline: Baseline | None = None) -> None:
         self._model, self._state = model, state
-        self.baseline = baseline or Baseline.of(model, state)
-        """The start of the run: it stays, though the number of substeps changes on the way."""
+        self._energy_limit = energy_limit
         self._look_over = look_over(model.dim, model.scalar)
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
@@ -60,9 +59,15 @@ class Watch:
             self._found_work = self._shares
             if model.device.is_cuda:
                 self._found_work = wp.empty_like(self._shares, device="cpu", pinned=True)
+        self.compare_with(baseline or Baseline.of(model, state))
+
+    def compare_with(self, baseline: Baseline) -> None:
+        """Compare energies with a baseline from now on."""
+        self.baseline = baseline
+        """The start of the run: it stays, though the number of substeps changes on the way."""
         energy, scale = self.baseline
-        self._most = energy + energy_limit * scale if scale > 0 else np.inf
-        if any(effect.works for effect in model.effects):
+        self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
+        if any(effect.works for effect in self._model.effects):
             self._most = np.inf
 
     def look(self) -> None:

@@ -11,7 +11,7 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
 from ..engine import Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
-from ..world import Driven, Load, driven_particles
+from ..world import Change, Driven, Load, driven_particles
 from .stepping import Stepping
 
 Arrays = Mapping[str, NDArray]
@@ -91,6 +91,13 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
         raise ValueError(f"chosen of the checkpoint is {checks.said(chosen)}; it must be a list of pairs")
     counts = [(checks.non_negative("chosen", time), checks.count("chosen", count, 1)) for time, count in chosen]
     return frame_index, changes, counts
+
+
+def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> Any:
+    """Return gravity as a checkpoint has it: as it was changed to by hand, or by what was made of a schedule."""
+    if "gravity" in numbers:
+        return numbers["gravity"]
+    return next((one.gravity for one in reversed(made) if one.gravity is not None), start)
 
 
 def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:

@@ -124,6 +124,14 @@ class Pace:
         self.interval, self.since = 1, 0
         self._see(now)
 
+    def fall(self, stepping: Stepping, added: float) -> None:
+        """Go on under another gravity, which has added so much to the energy [J]."""
+        self.least, self.floor, self.low, self.high = (
+            one + added for one in (self.least, self.floor, self.low, self.high)
+        )
+        self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
+        self.interval, self.since = 1, 0
+
     def above(self, stepping: Stepping) -> float:
         """Return by how much the present energy is above the least [J]."""
         return max(0.0, stepping.balance().energy - self.floor)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from ..bodies import Frame, System
 from ..engine import Measures, Model, State, measure
 from ..integrators import Integrator, StepChoice
+from .readings import Readings
 from .stepping import Stepping
 
 
@@ -19,11 +20,14 @@ class Present:
         Frames per second of simulated time.
     frame_index
         Frames since the start.
+    readings
+        What probes have told so far, by name: `times, values = simulation.readings["foot"]`.
     """
 
     stepping: Stepping
     fps: float
     frame_index: int
+    readings: Readings
 
     @property
     def system(self) -> System:

@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
-from numpy.typing import ArrayLike, NDArray
+import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, System
@@ -27,17 +28,28 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..world import Change, Collider, Load, Scene, bound
+from ..world import (
+    Change,
+    Collider,
+    Gravity,
+    Load,
+    Probe,
+    Scene,
+    bound,
+    checked_probes,
+    gravity_at,
+)
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
+from .changing import Changing
 from .divergence import SimulationDiverged, describe
 from .headline import headline
 from .pace import Hopeless, Pace
-from .present import Present
+from .readings import Readings
 from .stepping import Stepping
 
 
-class Simulation(Present):
+class Simulation(Changing):
     """A system in its surroundings, advanced frame by frame on a device.
 
     Parameters
@@ -45,7 +57,8 @@ class Simulation(Present):
     system
         What is simulated.
     gravity
-        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector.
+        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector; or a function
+        of time [s] that returns one of these. Of such a one there is no potential: in the energies it is work.
     colliders
         Obstacles.
     contact
@@ -82,6 +95,8 @@ class Simulation(Present):
         alone: a pair, None for a launch for each stage of each substep, or "auto".
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
+    probes
+        What is measured where each frame ends, by name; see `msdwarp.Probe`. What they told is in `readings`.
 
     Raises
     ------
@@ -100,7 +115,7 @@ class Simulation(Present):
         self,
         system: System,
         *,
-        gravity: ArrayLike = 9.82,
+        gravity: Gravity = 9.82,
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         loads: Sequence[Load] = (),
@@ -116,6 +131,7 @@ class Simulation(Present):
         route: str = "auto",
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
+        probes: Mapping[str, Probe] | None = None,
     ) -> None:
         checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
@@ -130,12 +146,14 @@ class Simulation(Present):
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        self._loads = bound(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), system)
+        self._given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        self._loads, self._gravity = bound(self._given, system), gravity
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
+            "probes": checked_probes(probes or {}, system, colliders),
             "device": device,
             "precision": precision,
             "route": route,
@@ -157,7 +175,7 @@ class Simulation(Present):
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        names = ("gravity", "colliders", "loads", "schedule")
+        names = ("gravity", "colliders", "loads", "schedule", "probes")
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:
@@ -166,8 +184,10 @@ class Simulation(Present):
     def reset(self) -> None:
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
+        self.readings = Readings(self._surroundings["probes"], self._initial.dim)
         self._due = list(self._schedule)
-        self._surroundings["loads"] = self._loads
+        self._surroundings |= {"loads": self._loads, "gravity": self._gravity}
+        self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
         self._pace = Pace() if watched else None
         self._load(self._initial)
@@ -214,6 +234,8 @@ class Simulation(Present):
             if self.substeps != self.chosen[-1][1]:
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
+            if self.readings:
+                self.readings.add(self.time, self.stepping.readings())
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
@@ -238,16 +260,6 @@ class Simulation(Present):
         except UnstableStep as error:
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
         del self._due[0]  # now that it has been possible
-
-    def _apply(self, change: Change) -> None:
-        """Go on with the system, and its loads, as a change makes them."""
-        system, around = self.snapshot(), self._surroundings
-        self._surroundings = around | {"loads": change.released_from(around["loads"], system)}
-        try:
-            self._load(change.applied_to(system))
-        except Exception:
-            self._surroundings = around
-            raise
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
@@ -289,6 +301,9 @@ class Simulation(Present):
         arrays, numbers = checkpoint.saved(self.stepping)
         arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
+        gravity = self._surroundings["gravity"]
+        if gravity is not self._gravity and not callable(gravity):
+            own["gravity"] = np.asarray(gravity, dtype=float).tolist()
         own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.chosen]}
         return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
 
@@ -306,31 +321,17 @@ class Simulation(Present):
         choice = checkpoint.restored_choice(numbers, self.fps)
         pace = self._pace and Pace.restored(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
-        self._surroundings["loads"] = checkpoint.restored_loads(self._loads, system, arrays)
+        gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
+        gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
+        loads = checkpoint.restored_loads(self._loads, system, arrays)
+        self._surroundings |= {"loads": loads, "gravity": gravity}
+        self._acting = self._given
         self._pace = self._pace and Pace()
         self.frame_index = frame_index
+        self.readings = Readings(self._surroundings["probes"], system.dim)
         self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
         self.chosen = chosen or [(0.0, self.substeps)]
         if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
             self._pace = pace
-
-    def change(self, *, group: Any = None, freeze: bool = False, release: Any = None, **parameters: Any) -> None:
-        """Change mass, stiffness, damping or rest_length between frames; positions and velocities stay.
-
-        A mass of inf pins a particle where it is.
-        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
-        kinds. The route is chosen anew where that was left open, and so are the substeps.
-
-        Parameters
-        ----------
-        group, freeze, release, parameters
-            What changes, and to what; see `msdwarp.at`.
-
-        Raises
-        ------
-        ValueError
-            If a name is none of these, or a value is out of its range; nothing has changed then.
-        """
-        self._apply(Change(self.time, group, freeze, parameters, release))

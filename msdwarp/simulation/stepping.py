@@ -1,16 +1,34 @@
 """Stepping: a system on a device, and how it is advanced by one frame after the other."""
 
 import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..bodies import Frame
-from ..engine import Backup, Balance, Baseline, Blocks, Dynamics, Ledger, State, Stepper, Steps, Watch
+from ..engine import (
+    Backup,
+    Balance,
+    Baseline,
+    Blocks,
+    Dynamics,
+    Ledger,
+    State,
+    Stepper,
+    Steps,
+    Watch,
+    potential,
+    sensors_of,
+    size,
+    weight,
+)
 from ..integrators import Integrator, StepChoice
+from ..world import Load
 
 RECORDING = threading.Lock()
 """Held while a graph is recorded: no thread may wait for a device meanwhile."""
@@ -85,8 +103,11 @@ class Stepping:
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
+        self._sensors = sensors_of(dynamics, state)
         self.graph: Any = None
         self._sums: Any = None
+        self._unrecorded = self._unsummed = 0
+        """How often a frame, and a balance, are launched before they are recorded."""
         self._ledger: Ledger | None = None
         self.integrator.start(dynamics, state, self._work, choice.step)
 
@@ -98,16 +119,57 @@ class Stepping:
         how = self._how | {"baseline": baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choice=choice, **how)
 
+    def fall(self, gravity: ArrayLike) -> None:
+        """Go on under another constant gravity [m/s²]: only what was recorded with the old one is made anew."""
+        heavy, before = weight(self.model), potential(self.model, self.state)
+        with self._between():
+            self.model.fall(gravity)
+            self.dynamics.world.gravity = self.model.gravity
+        self.graph, self._sums = None, None
+        # Recording costs more than a launch: it is for what comes again before the next change.
+        self._unrecorded, self._unsummed = 1, 4
+        # All that energies are compared with is as much higher as the present one.
+        added = potential(self.model, self.state) - before
+        energy, scale = self.watch.baseline
+        scale += max(0.0, weight(self.model) - heavy) * size(self.state)
+        self.watch.compare_with(Baseline(energy + added, scale))
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Go on with other values of the same loads, in place of each key what stands for it."""
+        work, x = self.model.work, self.state.x
+        with self._between():
+            done = 0.0 if work is None else work.total(x, self.state.v)
+            for effect in self.model.effects:
+                effect.exchange(others)
+            self.dynamics.hold(self._time)
+            if work is not None:  # what has been done stays so
+                work.before += done - work.total(x, self.state.v)
+
+    @contextmanager
+    def _between(self) -> Iterator[None]:
+        """Bring velocities to the instant of the positions and, when forces have changed, back to the method's."""
+        v = self.velocity()
+        if v is not self.state.v:
+            wp.copy(self.state.v, v)
+        try:
+            yield
+        finally:
+            self.integrator.start(self.dynamics, self.state, self._work, self.choice.step)
+
     def advance(self, time: float, then: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well.
 
         Where another one follows at once, at `then` [s], the host prepares that while the device is at work. Where
         the caller comes in between, what functions of time read may change first: then there is none.
         """
-        if self.graph is None:
+        if self.graph is None and not self._unrecorded:
             self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
-        wp.capture_launch(self.graph)
+        if self.graph is None:
+            self._unrecorded -= 1
+            self._launch_frame()
+        else:
+            wp.capture_launch(self.graph)
         if then is not None:
             self.dynamics.prepare(then)
         fps = self.choice.fps
@@ -123,20 +185,42 @@ class Stepping:
     def _recorded_frame(self) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
         with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-            self.backup.save()
-            self.stepper.take(self.choice.substeps)
-            self.watch.look()
+            self._launch_frame()
         return capture.graph
+
+    def _launch_frame(self) -> None:
+        """Launch the substeps of a frame, and what looks at the state behind them."""
+        self.backup.save()
+        if self._sensors is not None:
+            self._sensors.begin()
+        self.stepper.take(self.choice.substeps)
+        self.watch.look()
+        if self._sensors is not None:
+            v = self.velocity() if self._sensors.moves else self.state.v
+            self._sensors.launch(v, 1.0 / self.choice.fps)
 
     def balance(self) -> Balance:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
             self._ledger = Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
+        if self._unsummed:
+            self._unsummed -= 1
+            self._ledger.launch()
+            return self._ledger.balance()
+        if self._sums is None:
             with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
                 self._ledger.launch()
             self._sums = capture.graph
         wp.capture_launch(self._sums)
         return self._ledger.balance()
+
+    def readings(self) -> dict[str, NDArray[np.float64]]:
+        """Return what probes have told of the frame that was advanced by last, by their names."""
+        if self._sensors is None:
+            return {}
+        if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
+            wp.synchronize_stream(self.model.device.stream)
+        return self._sensors.read()
 
     def find_trouble(self) -> Trouble:
         """Find out what went wrong in the frame just simulated, and go back to its start.

@@ -5,9 +5,11 @@ from .comparison import compare
 from .energy_log import EnergyLog
 from .frames import particle_energies, system_in
 from .history import plot_history, write_history
+from .table import GrowingTable
 
 __all__ = [
     "EnergyLog",
+    "GrowingTable",
     "cheapest",
     "compare",
     "particle_energies",

@@ -1,17 +1,15 @@
 """A log of energies: a CSV file that grows with the run, and a plot of it."""
 
-import csv
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Self, TextIO
 
 import numpy as np
 
 from .. import disk
-from ..disk import replacing
 from ..engine import Measures
 from .plots import plot_log
+from .table import GrowingTable
 
 COLUMNS: dict[str, Callable[[Measures], float]] = {
     "kinetic_J": lambda m: m.kinetic_energy,
@@ -29,7 +27,7 @@ HEAD = ["time_s", *COLUMNS, "substeps"]
 """The first line of a file: the last column says how many substeps the frame took."""
 
 
-class EnergyLog:
+class EnergyLog(GrowingTable):
     """Writes a line of measures per frame, at once to disk.
 
     Parameters
@@ -58,37 +56,18 @@ class EnergyLog:
             raise ValueError(f"log is {path}; its name must end in .csv")
         if re.fullmatch(r"frame_\d+", path.stem):
             raise ValueError(f"log is {path}; its plot would have the name of a frame")
-        self.path, self.plot_path = path, path.with_suffix(".png")
-        for existing in (self.path, self.plot_path):
+        self.plot_path = path.with_suffix(".png")
+        for existing in (path, self.plot_path):
             if existing.exists() and not force and not behind:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
         disk.writable_folder("log", path, path.parent)
-        self._file: TextIO | None = None
-        self._kept = self._lines(behind)
-
-    def _lines(self, behind: int) -> list[list[str]]:
-        """Return so many lines of measures that are there."""
-        if not behind or not self.path.exists():
-            return []
-        with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
-            head, *lines = list(csv.reader(file)) or [[]]
-        if head not in (HEAD, HEAD[:-1]) or len(lines) < behind:  # files of before have no substeps
-            raise ValueError(f"log is {self.path}, which is not what the run had written there; move it away")
-        return [line + [""] * (len(HEAD) - len(head)) for line in lines[:behind]]
-
-    def __enter__(self) -> Self:
-        """Open the file."""
-        with replacing(self.path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([HEAD, *self._kept])
-        self._file = self.path.open("a", newline="", encoding="utf-8")
-        self._writer = csv.writer(self._file)
-        return self
+        # Files of before have no substeps.
+        super().__init__(path, HEAD, behind=behind, word="log", columns_before=-1)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the file, then draw the plot; an error on the way here is not hidden by one of these."""
-        assert self._file is not None
         try:
-            self._file.close()
+            super().__exit__(kind, *_)
             plot_log(self.path, self.plot_path)
         except (OSError, ValueError) as error:
             if kind is None:
@@ -96,10 +75,4 @@ class EnergyLog:
 
     def write(self, time: float, measures: Measures, substeps: int) -> None:
         """Add a line: the time [s], the measures then, and how many substeps the frame before took."""
-        assert self._file is not None
-        try:
-            numbers = [time, *(of(measures) for of in COLUMNS.values()), substeps]
-            self._writer.writerow([f"{number:.9g}" for number in numbers])
-            self._file.flush()
-        except OSError as error:
-            raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
+        self.write_line([time, *(of(measures) for of in COLUMNS.values()), substeps])

@@ -4,17 +4,36 @@ from .actuators import Actuator
 from .attachments import Attachment
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .drives import Drive, Driven, bound, driven_particles, released
+from .exchange import differ_in_values
+from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
 from .in_time import sampled
-from .loads import Force, Load, check_loads
+from .loads import Force, Load, check_loads, is_device_function
 from .look import Look
 from .motion import Motion, pose, poses
 from .pressure import Gas, Pressure, volume
+from .probes import (
+    CONTACT_FORCE,
+    FORCE,
+    POSITION,
+    QUANTITIES,
+    STRAIN,
+    VELOCITY,
+    Probe,
+    checked_probes,
+    probe_columns,
+)
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
 from .wind import Wind
 
 __all__ = [
+    "CONTACT_FORCE",
+    "FORCE",
+    "POSITION",
+    "QUANTITIES",
+    "STRAIN",
+    "VELOCITY",
     "Actuator",
     "Attachment",
     "Box",
@@ -24,13 +43,16 @@ __all__ = [
     "Cone",
     "Drive",
     "Driven",
+    "Falling",
     "Force",
     "Gas",
+    "Gravity",
     "Load",
     "Look",
     "Motion",
     "Plane",
     "Pressure",
+    "Probe",
     "Scene",
     "Sphere",
     "Stored",
@@ -38,13 +60,20 @@ __all__ = [
     "at",
     "bound",
     "check_loads",
+    "checked_probes",
+    "differ_in_values",
     "driven_particles",
+    "gravity_at",
+    "gravity_in_words",
+    "is_device_function",
     "known_until",
     "pose",
     "poses",
+    "probe_columns",
     "released",
     "sampled",
     "scene_as_stored",
     "scene_from_stored",
     "volume",
+    "with_potential",
 ]

@@ -1,7 +1,7 @@
 """Loads: what acts on a system from outside, beside gravity and obstacles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..bodies import System, selected
 from .in_time import sampled
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Load:
     """What acts on a system from outside: what all loads have.
 
@@ -24,6 +24,17 @@ class Load:
 
     on: Any = None
 
+    def __repr__(self) -> str:
+        own = [one for one in fields(self) if one.name != "on"]
+        required = [one.name for one in own if one.default is MISSING]
+        said = [in_words(getattr(self, name)) for name in required]
+        said += [] if self.on is None else [f"on={particles_in_words(self.on)}"]
+        for one in own:
+            value = getattr(self, one.name)
+            if one.name not in required and value is not one.default and not _equal(value, one.default):
+                said.append(f"{one.name}={in_words(value)}")
+        return f"{type(self).__name__}({', '.join(said)})"
+
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the particles that it acts on, shape [particle_count].
 
@@ -32,14 +43,7 @@ class Load:
         ValueError
             If there is no such group, or an index is out of range, or nobody is meant.
         """
-        if self.on is None:
-            return np.ones(system.particle_count, dtype=bool)
-        chosen = (
-            system.group(self.on) if isinstance(self.on, str) else selected("on", self.on, system.particle_count)
-        )
-        if not chosen.any():
-            raise ValueError(f"on is {checks.said(self.on)}; it must name one particle at least")
-        return chosen
+        return particles_meant(self.on, system)
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -50,7 +54,7 @@ class Load:
         return self
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Force(Load):
     """A force on particles.
 
@@ -102,6 +106,57 @@ class Force(Load):
     def at(self, times: NDArray[np.float64], dim: int, name: str = "force") -> NDArray[np.float64]:
         """Return the force at these times [N], shape [time_count, d]."""
         return values_at(name, self.force, times, dim)
+
+
+def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
+    """Return the particles that a group's name, indices, a mask, or None for all mean, shape [particle_count].
+
+    Raises
+    ------
+    ValueError
+        If there is no such group, or an index is out of range, or nobody is meant.
+    """
+    if on is None:
+        return np.ones(system.particle_count, dtype=bool)
+    chosen = system.group(on) if isinstance(on, str) else selected("on", on, system.particle_count)
+    if not chosen.any():
+        raise ValueError(f"on is {checks.said(on)}; it must name one particle at least")
+    return chosen
+
+
+def in_words(value: Any) -> str:
+    """Return a number, a vector or a function as text: a function by its name, never an array."""
+    if callable(value):
+        return named(value)
+    given = np.asarray(value)
+    if given.dtype.kind not in "if":
+        return repr(value)
+    if given.ndim == 0:
+        return f"{given:g}"
+    return (
+        f"({', '.join(f'{one:g}' for one in given)})"
+        if given.shape in ((1,), (2,), (3,))
+        else f"{given.size} numbers"
+    )
+
+
+def particles_in_words(on: Any) -> str:
+    """Return a group's name, or how many particles are meant."""
+    if isinstance(on, str):
+        return repr(on)
+    given = np.asarray(on)
+    count = int(given.sum()) if given.dtype == bool else given.size
+    return f"{count} particle{'' if count == 1 else 's'}"
+
+
+def named(function: Any) -> str:
+    """Return what a function is called, else its type."""
+    return getattr(function, "__name__", None) or getattr(function, "key", None) or type(function).__name__
+
+
+def _equal(one: Any, other: Any) -> bool:
+    plain = (bool, int, float, str)
+    return isinstance(one, plain) and isinstance(other, plain) and one == other
 
 
 def is_device_function(given: Any) -> bool:

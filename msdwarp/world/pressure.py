@@ -12,7 +12,7 @@ from .loads import Load, values_at
 from .wind import surface_corners
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pressed(Load):
     """What loads on a surface from one side share."""
 
@@ -31,7 +31,7 @@ class Pressed(Load):
             )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pressure(Pressed):
     """A pressure on the back of a surface, which pushes it outwards.
 
@@ -67,7 +67,7 @@ class Pressure(Pressed):
         return values_at(name, self.pressure, times, 1)[:, 0]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gas(Pressed):
     """A gas that a closed surface encloses: its pressure p obeys p V^γ = constant, V being the volume.
 

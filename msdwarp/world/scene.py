@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import checks
 from ..bodies import System, counted, headline
-from .actuators import Actuator
 from .colliders import Collider, Plane
 from .drives import Drive, bound
+from .gravity import Gravity, gravity_at, gravity_in_words
 from .loads import Load, check_loads
 from .look import Look
+from .probes import Probe, checked_probes
 from .schedule import Change
 
 _SHOWN = 3
@@ -32,7 +32,7 @@ class Scene:
     loads
         What acts on it beside gravity and obstacles: a `Force`, `Wind`, and so on.
     gravity
-        Acceleration of free fall [m/s²]; see `Simulation`.
+        Acceleration of free fall [m/s²], which may be a function of time; see `Simulation`.
     duration
         Simulated time [s].
     look
@@ -43,6 +43,9 @@ class Scene:
         later one counts.
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
+    probes
+        What is measured, by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes it to
+        probes.csv.
 
     Raises
     ------
@@ -54,11 +57,12 @@ class Scene:
     system: System
     colliders: Sequence[Collider] = ()
     loads: Sequence[Load] = ()
-    gravity: ArrayLike = 9.82
+    gravity: Gravity = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
     looks: Mapping[str, Look] = field(default_factory=dict)
     schedule: Sequence[Change] = ()
+    probes: Mapping[str, Probe] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -77,10 +81,11 @@ class Scene:
                 raise ValueError(f"colliders[{k}].{wrong}")
         check_loads(self.loads, self.system)
         bound(self.loads, self.system)
-        checks.gravity("gravity", self.gravity, dim)
+        gravity_at(self.gravity, np.zeros(1), dim)
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
+        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders))
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 
@@ -98,24 +103,24 @@ class Scene:
         return looks
 
     def __repr__(self) -> str:
-        gravity = np.asarray(self.gravity, dtype=float)
-        along = f"{gravity:.4g}" if gravity.ndim == 0 else f"({', '.join(f'{one:.4g}' for one in gravity)})"
-        lines = [f"Scene of {self.duration:.4g} s, gravity {along} m/s²", headline(self.system)]
+        said = gravity_in_words(self.gravity)
+        lines = [f"Scene of {self.duration:.4g} s, gravity {said}", headline(self.system)]
         if self.colliders:
             shown, more = list(map(repr, self.colliders[:_SHOWN])), len(self.colliders) - _SHOWN
             lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
         if self.looks:
             lines.append(f"looks of their own: {', '.join(self.looks)}")
-        drives = [repr(one) for one in self.loads if isinstance(one, Drive)]
-        if drives:
-            lines.append(f"driven: {', '.join(drives[:_SHOWN])}")
-        muscles = [repr(one) for one in self.loads if isinstance(one, Actuator)]
-        if muscles:
-            lines.append(f"muscles: {', '.join(muscles[:_SHOWN])}")
+        for title, kind in (("driven", True), ("loads", False)):
+            some = [repr(one) for one in self.loads if isinstance(one, Drive) is kind]
+            if some:
+                more = f" and {len(some) - _SHOWN} more" if len(some) > _SHOWN else ""
+                lines.append(f"{title}: {', '.join(some[:_SHOWN])}{more}")
         if self.schedule:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"
             lines.append(f"schedule: {counted(len(times), 'change')}, at {when}")
+        if self.probes:
+            lines.append(f"probes: {', '.join(f'{name} {one!r}' for name, one in self.probes.items())}")
         return "\n  ".join(lines)
 
     @property

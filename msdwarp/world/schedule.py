@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import System, selected
 from .drives import released
+from .gravity import Gravity, gravity_at
 from .loads import Load
 
 OF_PARTICLES = ("mass",)
@@ -30,6 +31,8 @@ class Change:
     """New values by name, or functions of the old ones."""
     release: str | ArrayLike | None = None
     """Particles that are driven no longer: a group's name, indices or a mask; None for nobody."""
+    gravity: Gravity | None = None
+    """Another acceleration of free fall [m/s²]; None for the same."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -39,6 +42,11 @@ class Change:
         checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
             raise ValueError("freeze sets rest_length to the present lengths; it cannot be given beside it")
+
+    @property
+    def of_gravity_alone(self) -> bool:
+        """Whether nothing changes but gravity."""
+        return self.gravity is not None and self.release is None and not self.parameters and not self.freeze
 
     def is_due(self, frame_index: int, fps: float) -> bool:
         """Return whether the change is made once `frame_index` frames, of `fps` per second, are behind.
@@ -59,6 +67,8 @@ class Change:
         ValueError
             If the group is unknown, or a value is out of its range.
         """
+        if self.gravity is not None:
+            gravity_at(self.gravity, np.array([self.time]), system.dim)
         chosen, joined = self.chosen(system)
         values = dict(self.parameters)
         if self.freeze:
@@ -111,6 +121,7 @@ def at(
     group: str | ArrayLike | None = None,
     freeze: bool = False,
     release: str | ArrayLike | None = None,
+    gravity: Gravity | None = None,
     **parameters: Any,
 ) -> Change:
     """Return a change at `time` [s] of a schedule, such as at(1.0, stiffness=300.0, group="scoop").
@@ -127,6 +138,8 @@ def at(
     release
         Driven particles (see `Drive`) that go on freely, with the velocity they have and masses of their own: the
         name of a group, indices or a mask.
+    gravity
+        Acceleration of free fall from then on [m/s²], of all particles; see `Simulation`.
     parameters
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for those meant, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length.
@@ -136,4 +149,4 @@ def at(
     ValueError
         If the time is negative or there is no such parameter.
     """
-    return Change(time, group, freeze, parameters, release)
+    return Change(time, group, freeze, parameters, release, gravity)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .gravity import with_potential
 from .look import Look
 from .motion import displacement_and_turn
 from .scene import Scene
@@ -60,7 +61,7 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
     ]
     described = {
         "duration": scene.duration,
-        "gravity": np.asarray(scene.gravity, dtype=float).tolist(),
+        "gravity": np.asarray(with_potential(scene.gravity), dtype=float).tolist(),
         "look": _look_as_stored(scene.look, "look", arrays),
         "looks": looks,
         "colliders": colliders,
@@ -144,6 +145,8 @@ def _schedule_as_stored(scene: Scene, arrays: dict[str, NDArray]) -> list[dict[s
         particles, connections = change.chosen(system)
         system = change.applied_to(system)
         one = {"time": change.time, "freeze": change.freeze, "parameters": sorted(change.parameters)}
+        if change.gravity is not None:
+            one["gravity"] = np.asarray(with_potential(change.gravity), dtype=float).tolist()
         if isinstance(change.group, str) or change.group is None:
             one["group"] = change.group
         else:
@@ -161,7 +164,7 @@ def _change(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Chan
     group = described["group"] if "group" in described else arrays[f"{place}/group"]
     values = {name: arrays[f"{place}/{name}"] for name in described["parameters"]}
     values = {name: value[0] if len(value) == 1 else value for name, value in values.items()}
-    return Change(described["time"], group, described["freeze"], values)
+    return Change(described["time"], group, described["freeze"], values, gravity=described.get("gravity"))
 
 
 def _plain(value: Any) -> Any:

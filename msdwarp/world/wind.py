@@ -11,7 +11,7 @@ from ..bodies import System
 from .loads import Load, is_device_function, values_at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Wind(Load):
     """The force of air that moves, or rests, on what moves in it.
 

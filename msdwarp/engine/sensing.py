@@ -1,0 +1,150 @@
+"""Sensing: what probes measure, summed on the device where a frame ends."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..kernels.integrators import force_on_each
+from ..kernels.reductions import fold, probes, sum_of_group, sum_strain
+from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe
+from .contact import Contact
+from .dynamics import Dynamics
+from .measures import FEW_EACH, MOST_THREADS, ROWS
+from .model import Model
+from .state import State
+
+
+class Sensors:
+    """Measures what the probes of a model ask for: a few sums a frame, launched behind its substeps.
+
+    Parameters
+    ----------
+    dynamics, state
+        The equation of motion of the system on its device, and what moves.
+    """
+
+    def __init__(self, dynamics: Dynamics, state: State) -> None:
+        self._dynamics, self._state, model = dynamics, state, dynamics.model
+        self._model = model
+        self._sums, first = list[_Sum](), 0
+        for name, probe in model.probes.items():
+            self._sums.append(_Sum(model, name, probe, first))
+            first += self._sums[-1].width
+        asked = {one.what for one in self._sums}
+        self.moves = VELOCITY in asked or FORCE in asked
+        """Whether it needs the velocities at the instant of the positions."""
+        self._force = model.vectors() if FORCE in asked else None
+        contact = next((effect for effect in model.effects if isinstance(effect, Contact)), None)
+        self._impulse = contact.data.impulse if contact is not None and CONTACT_FORCE in asked else None
+        on_gpu = model.device.is_cuda
+        self._rows = wp.zeros((ROWS if on_gpu else 1, first), dtype=wp.float64, device=model.device)
+        # What the host reads: on a GPU pinned, as what the watch has found is.
+        self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
+
+    def begin(self) -> None:
+        """Launch what a frame begins with; it may be recorded."""
+        if self._impulse is not None:
+            self._impulse.zero_()
+
+    def launch(self, v: wp.array, seconds: float) -> None:
+        """Launch the sums of a frame that has taken so long; it may be recorded.
+
+        Parameters
+        ----------
+        v
+            Velocities at the instant of the positions [m/s]; not read unless `moves`.
+        seconds
+            Length of the frame [s].
+        """
+        now = self._state.here
+        if self._force is not None:
+            self._dynamics.launch(force_on_each, lost=now.lost, x=now.x, v=v, force=self._force)
+        for one in self._sums:
+            if one.what == STRAIN:
+                one.launch_strain(now.x, now.lost.x, self._rows)
+                continue
+            lost = {POSITION: now.lost.x, VELOCITY: now.lost.v}.get(one.what)
+            values = {POSITION: now.x, VELOCITY: v, FORCE: self._force, CONTACT_FORCE: self._impulse}[one.what]
+            one.launch(values, lost, self._rows)
+        self._seconds = seconds
+        if self._found is not self._rows:
+            wp.copy(self._found, self._rows)
+
+    def read(self) -> dict[str, NDArray[np.float64]]:
+        """Return the readings of the frame that was waited for, by the names of their probes."""
+        rows: Any = self._found.numpy()
+        return {one.name: one.reading(rows, self._model, self._seconds) for one in self._sums}
+
+
+class _Sum:
+    """The sums of one probe, in columns from `first` on."""
+
+    def __init__(self, model: Model, name: str, probe: Probe, first: int) -> None:
+        self.name, self.what, self._first, self._model = name, probe.what, first, model
+        self.width = probes.STRAIN_COLUMNS if self.what == STRAIN else model.dim
+        if self.what == STRAIN:
+            chosen = np.zeros(model.connection_count, dtype=bool)
+            chosen[probe.connections(model.system)] = True
+            member = np.flatnonzero(model.ordered(chosen))
+        else:
+            member = np.flatnonzero(probe.particles(model.system))
+            weight, self._mass = _weights(self.what, model.mass[member])
+            self._weight = wp.array(weight, dtype=wp.float64, device=model.device)
+        self._member = wp.array(member, dtype=int, device=model.device)
+        threads = min(max(len(member) // FEW_EACH, 1), MOST_THREADS) if model.device.is_cuda else 1
+        self._shares = wp.zeros((threads, self.width), dtype=wp.float64, device=model.device)
+
+    def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
+        """Launch the sum over the group of what its particles have."""
+        model = self._model
+        compensated = model.compensated and lost is not None
+        kernel = sum_of_group(model.dim, values.dtype, compensated)
+        inputs = [self._member, self._weight, values, lost if compensated else values]
+        wp.launch(kernel, len(self._shares), inputs, [self._shares], device=model.device)
+        self._fold(rows, -1)
+
+    def launch_strain(self, x: wp.array, x_lost: wp.array, rows: wp.array) -> None:
+        """Launch the sum over the strains of connections."""
+        model = self._model
+        kernel = sum_strain(model.dim, model.scalar, model.compensated, model.tearing is not None)
+        inputs = [self._member, model.connections, model.rest_length, model.stiffness, model.damping]
+        inputs += [x, x_lost if model.compensated else x]
+        wp.launch(kernel, len(self._shares), inputs, [self._shares], device=model.device)
+        self._fold(rows, probes.LARGEST)
+
+    def _fold(self, rows: wp.array, largest: int) -> None:
+        threads = (rows.shape[0], self.width)
+        wp.launch(fold, threads, [self._shares, largest, self._first], [rows], device=self._model.device)
+
+    def reading(self, rows: NDArray[np.float64], model: Model, seconds: float) -> NDArray[np.float64]:
+        """Return what the probe tells."""
+        own = rows[:, self._first : self._first + self.width]
+        total = own.sum(axis=0)
+        if self.what == STRAIN:
+            count = total[probes.COUNT]
+            mean = total[probes.SUM] / count if count else np.nan  # of nothing that holds still
+            return np.array([mean, own[:, probes.LARGEST].max() if count else np.nan])
+        if self.what == CONTACT_FORCE:
+            return total / seconds
+        if self.what == FORCE:
+            return total + self._mass * np.array(list(model.gravity), dtype=np.float64)
+        return total
+
+
+def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return what each particle of a group counts, and the mass of those that are free [kg]."""
+    free = np.isfinite(mass)
+    own = np.where(free, mass, 0.0)
+    total = float(own.sum())
+    if what == CONTACT_FORCE:
+        return own, total
+    if what == FORCE:
+        return np.ones(len(mass)), total
+    return (own / total if free.any() else np.full(len(mass), 1.0 / len(mass))), total
+
+
+def sensors_of(dynamics: Dynamics, state: State) -> Sensors | None:
+    """Return what measures for the probes of a model; None where it has none."""
+    return Sensors(dynamics, state) if dynamics.model.probes else None

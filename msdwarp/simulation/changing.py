@@ -1,0 +1,124 @@
+"""Changing: what can be changed of a simulation between two frames."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+from .. import checks
+from ..bodies import System
+from ..integrators import UnstableStep
+from ..world import Change, Gravity, Load, bound, check_loads, differ_in_values
+from .pace import Pace
+from .present import Present
+
+
+class Changing(Present):
+    """What can be changed of a simulation between two frames."""
+
+    _surroundings: dict[str, Any]
+    """What the system is in: arguments of `Model`."""
+    _acting: tuple[Load, ...]
+    """The loads that act, as they were given."""
+    _pace: Pace | None
+
+    @abstractmethod
+    def _load(self, system: System) -> None:
+        """Upload a system and prepare to advance it, with substeps chosen anew."""
+
+    @abstractmethod
+    def _choose_anew(self) -> None:
+        """Change the number of substeps if the system as it is now asks for another one."""
+
+    def change(
+        self,
+        *,
+        group: Any = None,
+        freeze: bool = False,
+        release: Any = None,
+        gravity: Gravity | None = None,
+        loads: Sequence[Load] | None = None,
+        **parameters: Any,
+    ) -> None:
+        """Change gravity, loads, mass, stiffness, damping or rest_length between frames; what moves stays there.
+
+        Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
+        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew.
+        A mass of inf pins a particle where it is.
+        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
+        kinds. The route is chosen anew where that was left open, and so are the substeps.
+
+        Parameters
+        ----------
+        loads
+            What acts from now on, in place of all loads before. Those of the latter that are among them stay as
+            they are; others take what they take from a start from the present. A checkpoint does not hold them.
+        group, freeze, release, gravity, parameters
+            What changes, and to what; see `msdwarp.at`.
+
+        Raises
+        ------
+        ValueError
+            If a name is none of these, or a value is out of its range; nothing has changed then.
+        """
+        change = Change(self.time, group, freeze, parameters, release, gravity)
+        if loads is None:
+            self._apply(change)
+            return
+        if freeze or parameters or release is not None or gravity is not None:
+            raise ValueError(
+                "loads takes the place of all loads; it must be the only thing that changes in a call"
+            )
+        self._replace_loads(loads)
+
+    def _apply(self, change: Change) -> None:
+        """Go on with the system, its gravity and its loads, as a change makes them."""
+        if change.of_gravity_alone and not callable(change.gravity) and self.model.falling is None:
+            self._fall(change.gravity)
+            return
+        system = self.snapshot()
+        other: dict[str, Any] = {"loads": change.released_from(self._surroundings["loads"], system)}
+        if change.gravity is not None:
+            other["gravity"] = change.gravity
+        self._go_on_with(change.applied_to(system), other)
+
+    def _go_on_with(self, system: System, other: dict[str, Any]) -> None:
+        """Go on with a system in other surroundings."""
+        around = self._surroundings
+        self._surroundings = around | other
+        try:
+            self._load(system)
+        except Exception:
+            self._surroundings = around
+            raise
+
+    def _fall(self, gravity: Any) -> None:
+        """Go on under another constant gravity."""
+        self.model.check_range(checks.gravity("gravity", gravity, self.model.dim), "gravity")
+        before = self.stepping.balance() if self._pace is not None else None
+        self.stepping.fall(gravity)
+        self._surroundings = self._surroundings | {"gravity": gravity}
+        if self._pace is not None and before is not None:
+            # Beside the potential, the energy that a method conserves is another one by a share of the step.
+            self._pace.fall(self.stepping, self.stepping.balance().energy - before.energy)
+
+    def _replace_loads(self, loads: Sequence[Load]) -> None:
+        """Go on with other loads: in place where they differ in values alone."""
+        given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        before = self._surroundings["loads"]
+        # Those that were there have taken what they take from a start.
+        known = {id(one): acting for one, acting in zip(self._acting, before, strict=True)}
+        after = [known.get(id(one), one) for one in given]
+        others = differ_in_values(before, after)
+        if others is None:
+            system = self.snapshot()
+            self._go_on_with(system, {"loads": bound(after, system)})
+        else:
+            check_loads(after, self.system)
+            self.stepping.exchange(others)
+            try:
+                self._choose_anew()
+            except UnstableStep:
+                self.stepping.exchange({new: old for old, new in others.items()})
+                raise
+            self._surroundings = self._surroundings | {"loads": tuple(after)}
+        self._acting = given

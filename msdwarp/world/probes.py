@@ -1,0 +1,97 @@
+"""Probes: what is measured while a scene runs, as a tracker or a load cell would."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from .colliders import Collider
+from .loads import particles_meant
+
+POSITION, VELOCITY, FORCE, CONTACT_FORCE, STRAIN = "position", "velocity", "force", "contact force", "strain"
+QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, STRAIN)
+UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", STRAIN: ""}
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A sensor on a group of particles, read where each frame ends.
+
+    Parameters
+    ----------
+    on
+        The group: its name (see `System.named`), indices, or a mask.
+    what
+        What it tells:
+
+        - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
+          particles count only where the group has no others, all alike then.
+        - "force" [N]: the sum of the forces that connections, loads and gravity exert on the group where the frame
+          ends. What the group's particles exert on each other cancels. On a support (a group that is pinned or
+          driven, and has no weight) it is what pulls at it: what a load cell under the support reads. On a free
+          group it is the mass times the acceleration that it has without obstacles.
+        - "contact force" [N]: what obstacles push the group with, the mean over the frame: the sum of the impulses
+          m (v' − v) of all contacts in it, over its length. Pinned and driven particles feel none.
+        - "strain": the mean of length / rest length − 1 over the connections within the group that are not broken,
+          and the largest of its absolute values.
+
+    Raises
+    ------
+    ValueError
+        If there is no such quantity.
+    """
+
+    on: Any
+    what: str
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.one_of("what", self.what, QUANTITIES)
+
+    def __repr__(self) -> str:
+        on = repr(self.on) if isinstance(self.on, str) else "particles"
+        return f"Probe({on}, {self.what!r})"
+
+    def particles(self, system: System) -> NDArray[np.bool_]:
+        """Return the particles of the group, shape [particle_count]; raise ValueError if there are none."""
+        return particles_meant(self.on, system)
+
+    def connections(self, system: System) -> NDArray[np.int64]:
+        """Return the numbers of the connections within the group."""
+        return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
+
+    def columns(self, dim: int) -> list[str]:
+        """Return what its numbers are called, such as "contact_force_x_N"."""
+        if self.what == STRAIN:
+            return ["strain_mean", "strain_largest"]
+        return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
+
+    def check(self, system: System, colliders: Sequence[Collider]) -> None:
+        """Raise ValueError if there is nothing of a system to be measured."""
+        self.particles(system)
+        if self.what == STRAIN and not len(self.connections(system)):
+            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must hold a connection")
+        if self.what == CONTACT_FORCE and not colliders:
+            raise ValueError(f"what is {self.what!r}; there must be colliders then, that may touch the group")
+
+
+def checked_probes(probes: object, system: System, colliders: Sequence[Collider]) -> dict[str, Probe]:
+    """Return probes by name; raise ValueError that names one which cannot measure this system."""
+    named = dict(checks.mapping("probes", probes))
+    for name, one in named.items():
+        checks.instance("a name in probes", name, str, "'foot'")
+        checks.instance(f"probes[{name!r}]", one, Probe, "Probe('foot', 'force')")
+        try:
+            one.check(system, colliders)
+        except ValueError as error:
+            raise ValueError(f"probes[{name!r}].{error}") from error
+    return named
+
+
+def probe_columns(probes: Mapping[str, Probe], dim: int) -> list[str]:
+    """Return what the numbers of several probes are called, side by side."""
+    return [f"{name}_{column}" for name, one in probes.items() for column in one.columns(dim)]

@@ -1,0 +1,50 @@
+"""The file that a run writes of what its probes tell."""
+
+import numpy as np
+import pytest
+from runs import UNDRAWN
+
+SCENE = """
+from msdwarp import Plane, Probe, Scene, box
+
+def build(*, size: int = 2):
+    system = box((size, 2, 2), 0.1, stiffness=200.0, damping=1.0).named("block")
+    probes = {"foot": Probe("block", "contact force"), "body": Probe("block", "strain")}
+    return Scene(system=system, colliders=[Plane(offset=-0.06)], probes=probes, duration=0.4)
+"""
+
+
+@pytest.fixture
+def probed(tmp_path):
+    """A scene with probes."""
+    path = tmp_path / "own.py"
+    path.write_text(SCENE)
+    return path
+
+
+def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
+    options = UNDRAWN
+    code, out, _ = msdwarp("run", "own.py", *options, "--out", "whole")
+    assert (code, "wrote whole/probes.csv" in out) == (0, True)
+    table = np.genfromtxt(probed.parent / "whole" / "probes.csv", delimiter=",", names=True)
+    assert table.dtype.names == (
+        "time_s",
+        *(f"foot_contact_force_{axis}_N" for axis in "xyz"),
+        "body_strain_mean",
+        "body_strain_largest",
+    )
+    # A frame and its line each 1/60 s; numbers have nine digits.
+    np.testing.assert_allclose(table["time_s"], np.arange(1, 25) / 60, rtol=1e-8)
+    assert table["foot_contact_force_z_N"].max() > 0
+    assert msdwarp("run", "own.py", *options, "--out", "parts", "--duration", "0.2")[0] == 0
+    assert msdwarp("resume", "parts", "--duration", "0.4")[0] == 0
+    whole, parts = ((probed.parent / name / "probes.csv").read_text() for name in ("whole", "parts"))
+    assert parts == whole
+
+
+def test_another_file_in_its_place_is_not_gone_on_with(msdwarp, probed):
+    assert msdwarp("run", "own.py", *UNDRAWN, "--out", "parts", "--duration", "0.1")[0] == 0
+    (probed.parent / "parts" / "probes.csv").write_text("time_s\n1\n")
+    code, out, err = msdwarp("resume", "parts", "--duration", "0.4")
+    assert code == 1
+    assert "probes.csv, which is not what the run had written there" in out + err

@@ -1,0 +1,229 @@
+"""Probes: what they tell against statics, the balance of momentum, and the frames themselves."""
+
+import numpy as np
+import pytest
+from problems import EPS64
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Force,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    Probe,
+    Scene,
+    Simulation,
+    Sphere,
+    SymplecticEuler,
+    System,
+    box,
+    chain,
+)
+from msdwarp.world import QUANTITIES
+
+G = 9.82
+METHODS = [
+    SymplecticEuler(),
+    Leapfrog(),
+    Leapfrog(damper_extrapolation=0.5),
+    RK4(),
+    RKC2(),
+    LinearlyImplicitEuler(),
+]
+
+
+def standing(**constants) -> System:
+    """Return a block of 27 particles whose lowest ones are on the plane z = 0."""
+    block = box((3, 3, 3), 0.1, **{"stiffness": 5000.0, "damping": 50.0, **constants})
+    return block.replace(position=block.position - [0, 0, block.position[:, 2].min()]).named("block")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_a_resting_block_presses_with_its_weight(device, method):
+    block = standing()
+    probes = {"under": Probe("block", "contact force")}
+    simulation = Simulation(block, colliders=[Plane()], integrator=method, probes=probes, device=device)
+    simulation.step(400)  # its slowest mode is damped at some 10/s: e⁻⁶⁰ of the fall is left
+    weight = G * block.mass.sum()
+    # The contact rule holds what rests at no speed: what is left is float32's rounding, 1e-7 for each of 27 × 10
+    # impulses a frame, of either sign. Half a per mille would do.
+    values = simulation.readings["under"].values[-20:]
+    np.testing.assert_allclose(values, np.tile([0.0, 0.0, weight], (20, 1)), rtol=0, atol=1e-5 * weight)
+
+
+def test_contact_impulses_are_what_momentum_lacks(device):
+    # p' − p = (M g + F) t + contact impulses, with friction, restitution, a sphere that turns, and swept ways.
+    block = standing(stiffness=2000.0)
+    block = block.replace(
+        position=block.position + np.array([0, 0, 0.02]), velocity=np.tile([2.0, 0.5, -3.0], (27, 1))
+    )
+    colliders = [
+        Plane(friction=0.4, restitution=0.6),
+        Sphere((0.4, 0.1, 0.1), 0.2, motion=lambda t: ((-t, 0.0, 0.0), (0.0, 0.0, 3.0 * t))),
+    ]
+    simulation = Simulation(
+        block,
+        colliders=colliders,
+        loads=[Force((0.0, 1.0, 0.0), on=[0, 5])],
+        probes={"all": Probe("block", "contact force"), "corner": Probe([0], "contact force")},
+        precision="float64",
+        substeps=20,
+        device=device,
+    )
+    simulation.step(30)
+    times, values = simulation.readings["all"]
+    np.testing.assert_allclose(times, np.arange(1, 31) / 60, rtol=1e-15)
+    momentum = block.mass @ simulation.frame().velocity - block.mass @ block.velocity
+    given = 0.5 * (G * block.mass.sum() * np.array([0.0, 0.0, -1.0]) + [0.0, 2.0, 0.0])
+    size = np.abs(values).sum() / 60
+    assert size > 50.0, "it must have been pushed"
+    # 600 substeps of sums over 27 particles and their springs, rounded each.
+    np.testing.assert_allclose(values.sum(axis=0) / 60, momentum - given, rtol=0, atol=600 * 27 * EPS64 * size)
+    assert np.abs(simulation.readings["corner"].values).max() > 0
+
+
+def test_a_support_reads_what_hangs_on_it(device):
+    # A chain at rest: the pinned end bears all the others, the third link what is below it.
+    rope = chain(6, spacing=0.1, stiffness=2000.0, damping=20.0, mass=0.5).pin(0)
+    rope = rope.replace(position=-rope.position[:, ::-1])  # straight down
+    probes = {"top": Probe([0], "force"), "free": Probe([1, 2, 3, 4, 5], "force"), "three": Probe([3], "force")}
+    simulation = Simulation(rope, probes=probes, precision="float64", device=device)
+    simulation.step(600)
+    down = np.array([0.0, 0.0, -1.0])
+    # Rates of a few per second and more have had ten seconds; what is left is seen as nothing by the third.
+    for name, expected in (("top", 2.5 * G * down), ("free", 0 * down), ("three", 0 * down)):
+        np.testing.assert_allclose(simulation.readings[name].values[-1], expected, rtol=0, atol=1e-6)
+
+
+def test_the_force_on_what_is_free_is_what_accelerates_it(device):
+    system = System(position=np.zeros((2, 3)), mass=[1.0, 3.0])
+    simulation = Simulation(
+        system, loads=[Force((1.0, 2.0, 0.0), on=[1])], probes={"both": Probe([0, 1], "force")}, device=device
+    )
+    simulation.step()
+    # float32 holds g to 6e-8.
+    np.testing.assert_allclose(simulation.readings["both"].values, [[1.0, 2.0, -4 * G]], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
+def test_means_and_strains_are_those_of_the_frames(device, precision):
+    mass = 0.1 + 0.01 * np.arange(27)
+    block = standing(mass=mass).pin([0, 1])
+    group = np.array([0, 1, 5, 6, 14, 26])
+    names = ("position", "velocity", "strain")
+    simulation = Simulation(
+        block,
+        integrator=Leapfrog(),
+        probes={name: Probe(group, name) for name in names},
+        precision=precision,
+        device=device,
+    )
+    weight = np.where(np.isin(group, [0, 1]), 0.0, mass[group])
+    for k in range(3):
+        simulation.step()
+        frame = simulation.frame()
+        position, velocity, strain = (simulation.readings[name].values[k] for name in names)
+        # The same numbers of the device, summed in float64 in another order; a frame's are float32 for velocities.
+        np.testing.assert_allclose(position, np.average(frame.position[group], axis=0, weights=weight), rtol=1e-12)
+        np.testing.assert_allclose(
+            velocity, np.average(frame.velocity[group], axis=0, weights=weight), rtol=1e-6, atol=1e-12
+        )
+        ends = block.connections[np.isin(block.connections, group).all(axis=1)]
+        length = np.linalg.norm(np.diff(frame.position[ends].astype(float), axis=1)[:, 0], axis=1)
+        rest = block.rest_length[np.isin(block.connections, group).all(axis=1)]
+        own = length / rest - 1
+        # Rest lengths are rounded to the device's numbers: 6e-8 of 1 in float32.
+        np.testing.assert_allclose(strain, [own.mean(), np.abs(own).max()], rtol=0, atol=2e-7)
+
+
+def test_what_is_pinned_is_where_it_is(device):
+    system = System(position=[[0.0, 0, 0], [1.0, 0, 0]], mass=np.inf)
+    simulation = Simulation(system, probes={"both": Probe([0, 1], "position")}, device=device)
+    simulation.step()
+    np.testing.assert_array_equal(simulation.readings["both"].values, [[0.5, 0, 0]])
+
+
+@pytest.mark.parametrize("what", QUANTITIES)
+def test_being_measured_changes_nothing(device, what):
+    block = standing(stiffness=800.0)
+    block = block.replace(velocity=np.tile([1.0, 0.0, -2.0], (27, 1)))
+    how = {
+        "colliders": [Plane(friction=0.3), Sphere((0.5, 0, 0), 0.2)],
+        "integrator": Leapfrog(),
+        "device": device,
+    }
+    runs = [Simulation(block, **how), Simulation(block, probes={"it": Probe("block", what)}, **how)]
+    for one in runs:
+        one.step(10)
+    plain, probed = (one.frame().position for one in runs)
+    if device == "cpu":
+        np.testing.assert_array_equal(probed, plain)
+    else:  # scattered sums repeat to rounding only, which ten frames of a soft body multiply
+        np.testing.assert_allclose(probed, plain, rtol=0, atol=1e-4)
+
+
+def test_readings_go_on_from_a_checkpoint(device):
+    block = standing(stiffness=800.0)
+    probes = {name: Probe("block", name) for name in QUANTITIES}
+    how = {"colliders": [Plane()], "probes": probes, "precision": "float64", "device": device}
+    first = Simulation(block, **how)
+    first.step(5)
+    kept = first.checkpoint()
+    first.step(5)
+    other = Simulation(block, **how)
+    other.restore(*kept)
+    assert len(other.readings["force"].times) == 0
+    other.step(5)
+    for name in QUANTITIES:
+        here, there = other.readings[name], first.readings[name]
+        np.testing.assert_array_equal(here.times, there.times[5:])
+        # Exactly so in a fixed order; in another one float64 rounds forces of 100 N to some 1e-13.
+        np.testing.assert_allclose(here.values, there.values[5:], rtol=0, atol=0 if device == "cpu" else 1e-9)
+    first.reset()
+    assert first.readings["force"].values.shape == (0, 3)
+
+
+def test_a_frame_that_is_taken_again_is_read_once(device):
+    # The pace takes back frames whose steps were too long: a body thrown at the ground, squeezed hard.
+    block = standing(stiffness=3000.0, damping=0.0)
+    block = block.replace(velocity=np.tile([0.0, 0.0, -12.0], (27, 1)))
+    simulation = Simulation(
+        block, colliders=[Plane()], probes={"under": Probe("block", "contact force")}, device=device
+    )
+    simulation.step(20)
+    assert len(simulation.chosen) > 1, "the pace must have refined"
+    momentum = block.mass @ (simulation.frame().velocity - block.velocity)
+    impulse = simulation.readings["under"].values.sum(axis=0) / 60
+    gravity = np.array([0.0, 0.0, -G]) * block.mass.sum() / 3
+    # The half step by which velocities lag is another one when substeps change: (h/2) times the forces then.
+    np.testing.assert_allclose(impulse, momentum - gravity, rtol=0, atol=0.02 * np.abs(impulse).max())
+
+
+@pytest.mark.parametrize(
+    ("probes", "message"),
+    [
+        ({"foot": Probe("foot", "force")}, r"probes\['foot'\].*no group|probes\['foot'\]"),
+        ({"foot": Probe([99], "force")}, r"probes\['foot'\]\.on"),
+        ({"foot": Probe([0], "strain")}, r"probes\['foot'\]\.on is \[0\]; for the strain"),
+        (
+            {"foot": Probe([0], "contact force")},
+            r"probes\['foot'\]\.what is 'contact force'; there must be colliders",
+        ),
+        ({"foot": "force"}, r"probes\['foot'\] is 'force'; it must be a Probe"),
+        ([Probe([0], "force")], r"probes is .*; it must be a mapping"),
+    ],
+    ids=["group", "index", "strain", "contact", "kind", "list"],
+)
+def test_probes_are_refused_by_name(probes, message):
+    for make in (lambda: Simulation(chain(3), probes=probes), lambda: Scene(system=chain(3), probes=probes)):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_there_is_a_list_of_what_can_be_measured():
+    with pytest.raises(ValueError, match="what is 'weight'; it must be one of 'position', 'velocity'"):
+        Probe("foot", "weight")
+    with pytest.raises(KeyError, match="there is no probe 'foot'"):
+        Simulation(chain(3), device="cpu").readings["foot"]

@@ -1,0 +1,220 @@
+"""Gravity and loads that change on the run, and gravity as a function of time."""
+
+import math
+
+import numpy as np
+import pytest
+from problems import EPS64
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Drive,
+    Force,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    Scene,
+    Simulation,
+    SymplecticEuler,
+    System,
+    Wind,
+    at,
+    box,
+)
+
+METHODS = [
+    SymplecticEuler(),
+    Leapfrog(),
+    Leapfrog(damper_extrapolation=0.5),
+    RK4(),
+    RKC2(),
+    LinearlyImplicitEuler(),
+]
+
+
+def free(mass=(1.0, 2.5)) -> System:
+    """Return two particles that nothing joins, with a connection that hardly pulls, so that RKC2 has a step."""
+    return System(
+        position=[[0.0, 0, 0], [1.0, 0, 0]], mass=mass, connections=[(0, 1)], stiffness=1e-14, damping=1e-14
+    )
+
+
+def options(device, **more):
+    return {"precision": "float64", "fps": 10.0, "substeps": 20, "device": device, "allow_unstable": True, **more}
+
+
+@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4()], ids=str)
+def test_gravity_of_time_is_integrated_twice(device, method):
+    # x'' = g(t) = (sin 2t, 0, −3t), from rest: v = ((1 − cos 2t)/2, 0, −3t²/2), x = ((2t − sin 2t)/4, 0, −t³/2).
+    simulation = Simulation(
+        free(), gravity=lambda t: (np.sin(2 * t), 0 * t, -3 * t), integrator=method, **options(device)
+    )
+    simulation.step(10)
+    x = simulation.frame().position - free().position
+    expected = [(2 - math.sin(2)) / 4, 0.0, -0.5]
+    # h = 1/200: of order 1 an error of h/2 times v' dt, at most h (3/2 + 1); of order 2 of h²; RK4 exact to h⁴.
+    error = {1: 0.5 / 200 * 2.5, 2: 2 / 200**2, 4: 1e-9}[method.order]
+    np.testing.assert_allclose(x, np.tile(expected, (2, 1)), rtol=0, atol=error)
+    # No potential belongs to it: what it has done is work, and all of that is motion.
+    found = simulation.measure()
+    assert found.gravitational_energy == 0
+    kinetic = 0.5 * 3.5 * (((1 - math.cos(2)) / 2) ** 2 + 1.5**2)
+    assert found.kinetic_energy == pytest.approx(kinetic, rel=0.01)  # h P·g / K = 0.7 %, where velocities lag
+    assert found.external_work == pytest.approx(found.kinetic_energy, rel=0.01)
+
+
+def test_gravity_of_time_can_be_a_size_and_leaves_what_is_pinned(device):
+    system = free(mass=(1.0, np.inf))
+    constant = Simulation(system, gravity=4.0, integrator=Leapfrog(), **options(device))
+    of_time = Simulation(system, gravity=lambda t: 4.0, integrator=Leapfrog(), **options(device))
+    for one in (constant, of_time):
+        one.step(10)
+    np.testing.assert_allclose(of_time.frame().position, constant.frame().position, rtol=0, atol=200 * 4 * EPS64)
+    np.testing.assert_array_equal(of_time.frame().position[1], [1.0, 0, 0])
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_gravity_changes_in_flight(method, plain_device):
+    # Half a second under g, then half of one under g'. Symplectic Euler starts at v rather than at v − h a/2: h/2
+    # times v' too far in each half.
+    simulation = Simulation(free(), gravity=8.0, integrator=method, **options(plain_device))
+    simulation.step(5)
+    simulation.change(gravity=(3.0, 0.0, 2.0))
+    simulation.step(5)
+    g, other = np.array([0, 0, -8.0]), np.array([3.0, 0.0, 2.0])
+    v = 0.5 * g + 0.5 * other
+    x = 0.125 * g + 0.25 * g + 0.125 * other
+    exact = isinstance(method, Leapfrog | RK4 | RKC2)
+    atol = 200 * 20 * EPS64 if exact else 8.0 * 0.5 / 200
+    if isinstance(method, RKC2):
+        atol = 1e-10  # of 1 m: its coefficients add up to 1 to fewer digits
+    np.testing.assert_allclose(simulation.frame().velocity, np.tile(v, (2, 1)), rtol=0, atol=atol)
+    np.testing.assert_allclose(
+        simulation.frame().position - free().position, np.tile(x, (2, 1)), rtol=0, atol=atol
+    )
+
+
+def bouncing(device, **more) -> Simulation:
+    block = box((3, 3, 3), 0.1, stiffness=2000.0, damping=5.0)
+    return Simulation(block, colliders=[Plane(offset=-0.3)], precision="float64", device=device, **more)
+
+
+def test_a_change_of_gravity_is_what_building_anew_gives(device):
+    # Bit for bit: the kernels are the same, and so are the velocities that they start from.
+    quick, schedule = bouncing(device), bouncing(device, schedule=[at(0.2, gravity=(0, 3.0, 5.0))])
+    anew = bouncing(device)
+    quick.step(12)
+    quick.change(gravity=(0, 3.0, 5.0))
+    anew.step(12)
+    anew.change(gravity=(0, 3.0, 5.0), stiffness=2000.0)
+    for one, frames in ((quick, 12), (anew, 12), (schedule, 24)):
+        one.step(frames)
+    # Substeps may be chosen anew where all is built anew; on the CPU, in a fixed order, they are not here.
+    atol = 0 if device == "cpu" else 1e-9
+    np.testing.assert_allclose(quick.frame().position, anew.frame().position, rtol=0, atol=atol)
+    np.testing.assert_allclose(quick.frame().position, schedule.frame().position, rtol=0, atol=atol)
+
+
+def test_a_run_whose_gravity_was_changed_goes_on_from_a_checkpoint(device):
+    first = bouncing(device)
+    first.step(4)
+    first.change(gravity=3.0)
+    first.step(4)
+    other = bouncing(device)
+    other.restore(*first.checkpoint())
+    for one in (first, other):
+        one.step(8)
+    atol = 0 if device == "cpu" else 1e-9
+    np.testing.assert_allclose(other.frame().position, first.frame().position, rtol=0, atol=atol)
+    first.reset()
+    assert list(first.model.gravity) == [0, 0, -9.82]
+
+
+def test_gravity_turned_about_again_and_again_is_no_divergence(device):
+    # Each change adds to the potential; what the energies are compared with goes along.
+    simulation = bouncing(device)
+    for k in range(40):
+        simulation.change(gravity=((-1.0) ** k * 6.0, 0.0, -9.82 * (1 + k % 3)))
+        simulation.step()
+    assert np.isfinite(simulation.frame().position).all()
+
+
+@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog()], ids=str)
+def test_another_force_takes_over_in_place(device, method):
+    group = [1]
+    loads = [Force((0.0, 1.0, 0.0)), Force((2.0, 0.0, 0.0), on=group)]
+    simulation = Simulation(free(), gravity=0.0, loads=loads, integrator=method, **options(device))
+    simulation.step(5)
+    stepping, graph = simulation.stepping, simulation.stepping.graph
+    simulation.change(loads=[loads[0], Force((0.0, 0.0, 5.0), on=group)])
+    assert simulation.stepping is stepping
+    assert stepping.graph is graph
+    simulation.step(5)
+    expected = np.array([[0.0, 1.0, 0.0], [1.0 / 2.5, 1.0 / 2.5, 2.5 / 2.5]])
+    # Exact for what is constant; symplectic Euler's velocities are half a substep old.
+    np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=200 * 8 * EPS64)
+
+
+def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
+    group = [0]
+    how = {"gravity": 0.0, "integrator": RK4(), **options(device)}
+    wind = Wind((3.0, 0.0, 0.0), area=0.1, on=group)
+    simulation = Simulation(free(), loads=[wind], **how)
+    simulation.step(2)
+    stepping, before = simulation.stepping, simulation.snapshot()
+    stronger = Wind((9.0, 0.0, 0.0), area=0.1, on=group, drag=2.0)
+    simulation.change(loads=[stronger])
+    assert simulation.stepping is stepping
+    anew = Simulation(before, loads=[stronger], **how)
+    for one in (simulation, anew):
+        one.step(3)
+    np.testing.assert_allclose(simulation.frame().velocity, anew.frame().velocity, rtol=1e-13, atol=1e-15)
+    simulation.change(loads=[])
+    rest = simulation.frame().velocity
+    simulation.step(3)
+    np.testing.assert_allclose(simulation.frame().velocity, rest, rtol=0, atol=1e-12)  # the faint spring
+    simulation.change(loads=[Force(lambda t: (0.0, 1.0, 0.0))])
+    simulation.step(1)
+    np.testing.assert_allclose(simulation.frame().velocity[:, 1], [0.1, 0.04], rtol=1e-12)
+
+
+def test_what_was_there_stays_as_it_is(device):
+    # A drive that has moved on does not begin anew where it is.
+    drive = Drive([0], lambda t: (t, 0.0, 0.0))
+    simulation = Simulation(free(), gravity=0.0, loads=[drive], **options(device))
+    simulation.step(5)
+    simulation.change(loads=[drive, Force((0.0, 1.0, 0.0))])
+    simulation.step(5)
+    np.testing.assert_allclose(simulation.frame().position[0], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gravity": (1.0, 2.0)}, r"gravity has shape \(2,\)"),
+        ({"gravity": np.inf}, "gravity is inf; it must be finite"),
+        ({"gravity": lambda t: (1.0, 2.0)}, "gravity has 2 numbers; it must have 3"),
+        ({"loads": [3]}, r"loads\[0\] is 3; it must be a Load"),
+        ({"loads": [Force((1.0, 2.0))]}, r"loads\[0\].*force"),
+        ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; it must be the only thing"),
+    ],
+    ids=["shape", "inf", "function", "kind", "numbers", "beside"],
+)
+def test_bad_changes_are_refused_by_name_and_change_nothing(changes, message):
+    simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], **options("cpu"))
+    simulation.step(2)
+    before, acting = simulation.frame(), simulation.model.effects
+    with pytest.raises(ValueError, match=message):
+        simulation.change(**changes)
+    np.testing.assert_array_equal(simulation.frame().velocity, before.velocity)
+    assert simulation.model.effects is acting
+
+
+def test_a_scene_says_that_gravity_is_a_function():
+    def swaying(t):
+        return (np.sin(t), 0 * t, -9.82 + 0 * t)
+
+    assert "gravity swaying of time" in repr(Scene(system=free(), gravity=swaying))
+    with pytest.raises(ValueError, match="gravity has 2 numbers"):
+        Scene(system=free(), gravity=lambda t: (0.0, 1.0))
