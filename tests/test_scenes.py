@@ -293,3 +293,24 @@ def test_the_ball_tears_the_cloth_on_from_its_cut():
     tip = (0.0, 1.5 * 0.4 - 0.75, 1.0)
     assert np.linalg.norm(middle - tip, axis=1).max() < 0.2  # it goes on at the end of the cut
     assert torn.sum() > 50
+
+
+@pytest.mark.slow
+def test_the_flag_flutters_on_to_the_end():
+    scene = build("flag")
+    frames = simulate(scene, scene.duration)
+    position = np.array([frame.position for frame in frames]).reshape(len(frames), 25, 37, 3)  # time, up, along
+    np.testing.assert_array_equal(position[:, :, 0], np.broadcast_to(position[0, :, 0], position[:, :, 0].shape))
+    settled = position[120:]
+    each_second = settled[:240].reshape(4, 60, 25, 37, 3)
+    assert np.ptp(each_second[:, :, :, -1, 1], axis=1).min() > 0.2  # all of its free edge, in every second
+    assert settled[:, :, -1, 0].mean() > 1.2  # of 1.5 m: it streams, and is not crumpled
+    across = settled[:, 12, :, 1] - settled[:, 12, :, 1].mean(axis=0)  # of the middle thread
+    swings = np.count_nonzero(np.diff(np.sign(across[:, -1])))
+    assert 1 < swings / (2 * 4.0) < 10  # a second: faster than the wind veers, and no trembling
+    # What grows are waves that run along with the wind and slower than it: then it pushes where they give way.
+    likeness = [np.corrcoef(across[:-30, 18], across[lag : len(across) - 30 + lag, -1])[0, 1] for lag in range(30)]
+    speed = 0.75 * 60 / np.argmax(likeness)
+    assert 0.4 * 6.0 < speed < 6.0
+    strain = scene.system.replace(position=frames[-1].position, velocity=0.0).strain
+    assert np.quantile(np.abs(strain[scene.system.between_neighbours]), 0.99) < 0.1  # cloth, not rubber
