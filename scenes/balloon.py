@@ -40,14 +40,14 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
     link, mass = 0.05, 0.03  # of a balloon, its gas, and of air that moves with it: half of what it displaces
     skin = shell(blown_up(), mass=mass, stiffness=stiffness, damping=damping)
     skin = skin.replace(rest_length=skin.length / stretch)
-    # The tension of a net of triangles is √3 k (l − l0)/l; on a sphere it balances the pressure 2/R times as large.
+    # The tension of a net of triangles is √3 k (l − l0)/l; on a sphere it balances a pressure 2/R times it.
     pressure = 2 / RADIUS * 3**0.5 * stiffness * (1 - 1 / stretch)
     bodies, loads = [], [Wind(breeze, drag=0.235, lift=0.0)]  # a sphere's drag: 0.47 of the area that it shows
     for name, (_, x, links) in BALLOONS.items():
         string = chain(links, link, mass=1e-4, stiffness=200.0, damping=0.02).rotate(-np.pi / 2, axis=(0, 1, 0))
         string = string.translate((x, 0, 0) - string.position[0]).pin(0).named("strings")
         ball = skin.translate((x, 0, links * link + KNOT)).named(name)
-        bodies.append(join(string, ball, within=1.01 * link, on=([links - 1], None), stiffness=200.0, damping=0.02))
+        bodies.append(join(string, ball, within=link, on=([links - 1], None), stiffness=200.0, damping=0.02))
         loads += [Force((0, 0, lift + 9.82 * mass), on=name, total=True), Gas(pressure, on=name)]
     look = Look(gloss=0.9, azimuth=-80, elevation=10)
     looks = {name: Look(colour=colour, gloss=0.9) for name, (colour, *_) in BALLOONS.items()}

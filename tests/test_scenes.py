@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from statics import equilibrium
 
 import msdwarp as msd
 
@@ -346,3 +347,37 @@ def test_the_balloons_stay_blown_up_and_lean_in_a_steady_wind_as_statics_say():
         across, _, up = (position[-60:, mooring + 1] - position[-60:, mooring]).mean(axis=0)  # it sings a little
         string = system.mass[mooring + 1] * 9.82 * (np.flatnonzero(mine)[0] - mooring - 1)
         assert across / up == pytest.approx(0.5 * density * drag * area * speed**2 / (0.25 - string), rel=0.03)
+
+
+@pytest.mark.slow
+def test_the_bridge_sags_as_statics_say():
+    scene = build("bridge")
+    system = scene.system
+    frames = simulate(scene, scene.duration)
+    lowest = np.array([frame.position[system.group("ropes"), 2].min() for frame in frames])
+    weight = np.zeros_like(system.position)
+    weight[~system.pinned, 2] = -9.82 * system.mass[~system.pinned]
+    before = equilibrium(system, weight)
+    for name in ("first", "second", "third"):
+        water = system.group(name)
+        weight[water, 2] -= 9.82 * 70.0 / np.count_nonzero(water)
+    full = equilibrium(system, weight)
+    ropes = system.group("ropes")
+    assert full[ropes, 2].min() < before[ropes, 2].min() - 0.1  # they are heavy
+    sag = -full[ropes, 2].min()
+    assert np.ptp(lowest[-30:]) < 1e-3 * sag  # it has come to rest, but for so much: hence the tolerances below
+    assert -lowest[-1] == pytest.approx(sag, rel=1e-3)
+    assert np.abs(frames[-1].position - full).max() < 1e-3 * sag  # and so has the whole shape
+    # And by the textbook, which knows of the springs only how hard they pull: ropes sag by the bending moment of a
+    # beam under these weights, over their horizontal pull. Ropes alone cross this cut: no planks, and no tubs.
+    x, z = frames[-1].position.astype(np.float64)[:, [0, 2]].T
+    pull, deep = [], []
+    for end in range(0, 4 * 36, 36):
+        a, b = end + 14, end + 15
+        link = np.flatnonzero((system.connections == (a, b)).all(axis=1))[0]
+        length = np.linalg.norm(frames[-1].position[b] - frames[-1].position[a])
+        pull.append(system.stiffness[link] * (length - system.rest_length[link]) * (x[b] - x[a]) / length)
+        deep.append(z[end] - (z[a] + z[b]) / 2)
+    down, cut = -weight[:, 2], (x[a] + x[b]) / 2
+    moment = (down * (7.0 - x)).sum() / 7.0 * cut - (down * np.clip(cut - x, 0.0, None)).sum()
+    assert np.dot(pull, deep) == pytest.approx(moment, rel=1e-3)  # as much as it still swings

@@ -23,12 +23,15 @@ from ..common import IMAGES, scene_scripts
 TARGET = IMAGES / "scenes.png"
 
 BEST = {
+    "balloon": 1.5,
     "block2d": 1.1,
+    "bridge": 7.0,
     "chain": 0.3,
     "cloth": 2.0,
     "crawl": 4.4,
     "cube": 0.95,
     "dice": 0.5,
+    "flag": 3.6,
     "mattress": 2.8,
     "soft_cube": 0.45,
     "waffle": 1.0,
