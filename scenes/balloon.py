@@ -23,7 +23,7 @@ def blown_up() -> tuple[np.ndarray, np.ndarray]:
     return points * (1 + below**3 * (-0.4, -0.4, KNOT / RADIUS - 1)), triangles
 
 
-def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.005, stretch: float = 1.06) -> Scene:
+def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.005, stretch: float = 1.03) -> Scene:
     """Moor three balloons, 40 cm wide.
 
     Parameters

@@ -334,12 +334,12 @@ def test_the_balloons_stay_blown_up_and_lean_in_a_steady_wind_as_statics_say():
         a0, b0, c0 = np.moveaxis(start[corner[mine[corner].all(axis=1)]] - start[mine].mean(axis=0), 1, 0)
         now, before = (np.einsum("td,td->", p, np.cross(q, r)) / 6 for p, q, r in ((a, b, c), (a0, b0, c0)))
         assert now == pytest.approx(before, rel=0.01)
-        # The virial of the springs, Σ f l, balances that of the pressure, 3 p V; the string's, 0.3 N at 0.27 m, is
-        # below 1 % of it. What is left is the gas law, in which 1 Pa, 1 % of the pressure, is 1e-5 of the volume.
+        # The virial of the springs, Σ f l, balances that of the pressure, 3 p V, some 5 J, and the string's, 0.3 N
+        # at 0.27 m: 2 % of it. What is left is the gas law; in it 1e-5 of the volume is 1 Pa, 2 % of the pressure.
         own = mine[system.connections].all(axis=1)
         length = np.linalg.norm(np.subtract(*np.moveaxis(settled[system.connections[own]], 1, 0)), axis=1)
         virial = (system.stiffness[own] * (length - system.rest_length[own]) * length).sum()
-        assert virial / (3 * now) == pytest.approx((101_325 + gas.pressure) * before / now - 101_325, rel=0.03)
+        assert virial / (3 * now) == pytest.approx((101_325 + gas.pressure) * before / now - 101_325, rel=0.04)
         # The string points where the force at its foot does: the drag on what is seen along the wind, from both
         # sides, to what is left of the lift there, less the string's weight. It still swings by 0.05 m/s, which
         # changes the drag by 5 % to and fro; in the mean over a second by less.
