@@ -6,6 +6,7 @@ writes docs/images/scenes.png; `--scenes cube worm` draws those only.
 """
 
 import argparse
+import dataclasses
 import math
 import textwrap
 from pathlib import Path
@@ -50,7 +51,11 @@ def picture(name: str, script: ModuleType, size: tuple[int, int]) -> NDArray[np.
     """Return a scene at its best moment, simulated on the CPU."""
     scene = script.build()
     moment = BEST.get(name, DEFAULT * scene.duration)
-    *_, last = Simulation.of(scene, device="cpu").frames(moment)
+    simulation = Simulation.of(scene, device="cpu")
+    *_, last = simulation.frames(moment)
+    if scene.system.tears:  # what is torn is drawn apart
+        torn = scene.system.replace(broken_at=simulation.snapshot().broken_at)
+        scene = dataclasses.replace(scene, system=torn)
     return Renderer(scene, last.position, resolution=size).image(last.position, last.time)
 
 
