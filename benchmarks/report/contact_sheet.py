@@ -6,6 +6,7 @@ writes docs/images/scenes.png; `--scenes cube worm` draws those only.
 """
 
 import argparse
+import dataclasses
 import math
 import textwrap
 from pathlib import Path
@@ -23,12 +24,15 @@ from ..common import IMAGES, scene_scripts
 TARGET = IMAGES / "scenes.png"
 
 BEST = {
+    "balloon": 1.5,
     "block2d": 1.1,
+    "bridge": 7.0,
     "chain": 0.3,
     "cloth": 2.0,
     "crawl": 4.4,
     "cube": 0.95,
     "dice": 0.5,
+    "flag": 3.6,
     "mattress": 2.8,
     "soft_cube": 0.45,
     "waffle": 1.0,
@@ -47,7 +51,11 @@ def picture(name: str, script: ModuleType, size: tuple[int, int]) -> NDArray[np.
     """Return a scene at its best moment, simulated on the CPU."""
     scene = script.build()
     moment = BEST.get(name, DEFAULT * scene.duration)
-    *_, last = Simulation.of(scene, device="cpu").frames(moment)
+    simulation = Simulation.of(scene, device="cpu")
+    *_, last = simulation.frames(moment)
+    if scene.system.tears:  # what is torn is drawn apart
+        torn = scene.system.replace(broken_at=simulation.snapshot().broken_at)
+        scene = dataclasses.replace(scene, system=torn)
     return Renderer(scene, last.position, resolution=size).image(last.position, last.time)
 
 
