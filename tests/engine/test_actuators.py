@@ -276,7 +276,7 @@ def test_the_bound_is_that_of_the_most_contracted_body(plain_device, strain):
     plain = rate_bounds(body, Model(body, **how))
     assert expected.stiffness > 1.2 * plain.stiffness
     longer = rate_bounds(body, Model(body, loads=[Actuator(0.5)], **how))
-    assert longer.stiffness == plain.stiffness
+    assert longer.stiffness == pytest.approx(plain.stiffness, rel=1e-14)  # atomics add in any order
 
 
 def test_the_bound_is_had_of_a_muscle_that_is_made_for_a_short_run():
