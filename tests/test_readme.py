@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
@@ -28,6 +29,22 @@ def test_the_second_example_leaves_a_dent(capsys):
     dented = names["dented"]
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
+
+
+def test_the_example_of_loads_runs(capsys):
+    (example,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs/loads.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    names: dict = {}
+    exec(compile(example, "loads.md", "exec"), names)
+    assert "work of the loads" in capsys.readouterr().out
+    assert names["positions"].shape == (120, 3)
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_every_link_of_the_docs_leads_somewhere(page):
+    links = re.findall(r"\]\(([^)h#][^)#]*)", page.read_text(encoding="utf-8"))
+    assert not [link for link in links if not (page.parent / link).exists()]
 
 
 def test_every_path_it_names_exists():
