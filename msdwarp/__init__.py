@@ -51,6 +51,7 @@ from .integrators import (
     LinearlyImplicitEuler,
     SymplecticEuler,
     UnstableStep,
+    as_stiff_as,
     stability_limit,
 )
 from .pictures import Renderer, Scale
@@ -121,6 +122,7 @@ __all__ = [
     "TrajectoryWriter",
     "UnstableStep",
     "Wind",
+    "as_stiff_as",
     "at",
     "ball",
     "box",

@@ -131,3 +131,33 @@ def choose_substeps(
             "or soften what is stiffest for its mass"
         )
     return replace(choice, substeps=max(1, math.ceil(wanted)))
+
+
+def as_stiff_as(system: System, other: System) -> System:
+    """Return a body as stiff, and as damped, as the stable step of another one allows.
+
+    The step of a scene is that of its stiffest body. A heavier one beside it can then be stiffer at no cost: with
+    the same bounds of its rates, λ(M⁻¹K) and λ(M⁻¹B), its springs are stiffer by the ratio of masses. So a heavy
+    ball among light foam is almost rigid, and momentum and energy are those of a body like all others.
+
+    Parameters
+    ----------
+    system
+        The body that is to be stiff; its springs keep their ratios, and so do its dampers.
+    other
+        The body whose step it may have.
+
+    Raises
+    ------
+    ValueError
+        If one of them is no System, or has no springs.
+    """
+    checks.instance("system", system, System, "ball(0.2, 0.04)")
+    checks.instance("other", other, System, "box((5, 5, 5))")
+    own, wanted = rate_bounds(system), rate_bounds(other)
+    for name, rates in (("system", own), ("other", wanted)):
+        if not rates.stiffness > 0.0:
+            raise ValueError(f"{name} has no springs that hold a free particle; it must have some")
+    stiffness = system.stiffness * (wanted.stiffness / own.stiffness)
+    damping = system.damping * (wanted.damping / own.damping if own.damping > 0.0 else 1.0)
+    return system.replace(stiffness=stiffness, damping=damping)
