@@ -69,31 +69,22 @@ def each_column(composition: Composition, method: Any):
     load, forces_at = loads(composition), composition.route.column_forces
     Step, advance, _ = method(composition)
     marked = bool(composition.selective)
-    Marks = wp.types.vector(COLUMN, wp.uint8)
 
     def advance_columns(world: World, step: Step):
         column = wp.tid()
         stride = world.forces.stride
         i = column / stride * (COLUMN * stride) + column % stride
-        if wp.static(load is not None):
-            marks = Marks()
-            for d in range(wp.static(COLUMN)):  # asked for early, to wait for memory once
-                if wp.static(marked):
-                    if i + d * stride < world.inverse_mass.shape[0]:
-                        marks[d] = world.marks[i + d * stride]
         forces = forces_at(world.forces, step.lost, step.x, step.v, i)
-        if wp.static(load is not None):
-            for d in range(wp.static(COLUMN)):
-                if i + d * stride < world.inverse_mass.shape[0]:
-                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, marks[d])
         for d in range(wp.static(COLUMN)):
             if i + d * stride < world.inverse_mass.shape[0]:
+                if wp.static(load is not None):
+                    mark = wp.uint8(0)
+                    if wp.static(marked):
+                        mark = world.marks[i + d * stride]  # asked for earlier, it was slower
+                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, mark)
                 advance(world, step, forces[d], i + d * stride)
 
-    bounds = composition.route.column_bounds
-    if load is not None and composition.scalar is wp.float32:
-        bounds = bounds or (256, 3)  # with loads the compiler takes more registers than it is worth
-    return kernel(advance_columns, launch_bounds=bounds)
+    return kernel(advance_columns, launch_bounds=composition.route.column_bounds)
 
 
 @functools.cache
