@@ -13,59 +13,62 @@ from .faces import face
 
 
 @functools.cache
-def given_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
-    """Return what given pressures add to kernels: Σ p a / 3 on a particle, over the triangles around it."""
+def _pressed(dim: int, scalar: type, compensated: bool):
+    """Compose (Pressed, press): pressures on triangles, and Σ p a / 3 on a particle over those around it."""
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated)
 
     @wp.struct
     class Pressed:
-        value: wp.array2d(dtype=scalar)  # [Pa], shape [stages of a frame + 1, count]
+        value: wp.array2d(dtype=scalar)  # [Pa], in rows, shape [any, count]
         faces: Faces
         of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
 
+    @wp.func
+    def press(p: Pressed, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, row: int) -> V:
+        total = V()
+        for e in range(p.faces.first[i], p.faces.first[i + 1]):
+            t = p.faces.number[e]
+            _centre, _velocity, a = corners(p.faces, lost, x, v, t)
+            total += p.value[row, p.of[t]] / scalar(3.0) * a
+        return total
+
+    return Pressed, press
+
+
+@functools.cache
+def given_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what given pressures add to kernels; they have a row for each stage of a frame, and for its end."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    Pressed, press = _pressed(dim, scalar, compensated)
+
     def force(World: Any):
         @wp.func
-        def press(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            total = V()
-            for e in range(world.pressure.faces.first[i], world.pressure.faces.first[i + 1]):
-                t = world.pressure.faces.number[e]
-                _centre, _velocity, a = corners(world.pressure.faces, lost, x, v, t)
-                total += world.pressure.value[world.stage, world.pressure.of[t]] / scalar(3.0) * a
-            return total
+        def press_by_time(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return press(world.pressure, lost, x, v, i, world.stage)
 
-        return press
+        return press_by_time
 
     return Piece("pressure", Pressed, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
-    """Return the same of enclosed gases, whose pressures `gas_law` has found for the places of this stage."""
+    """Return the same of enclosed gases, whose one row `gas_law` has found for the places of this stage."""
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    Faces, corners = face(dim, scalar, compensated)
-
-    @wp.struct
-    class Gases:
-        over: wp.array(dtype=scalar)  # pressure above that of the air outside [Pa], shape [gas_count]
-        faces: Faces
-        of: wp.array(dtype=int)  # which gas each triangle encloses, shape [triangle_count]
+    Pressed, press = _pressed(dim, scalar, compensated)
 
     def force(World: Any):
         @wp.func
-        def press(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            total = V()
-            for e in range(world.gas.faces.first[i], world.gas.faces.first[i + 1]):
-                t = world.gas.faces.number[e]
-                _centre, _velocity, a = corners(world.gas.faces, lost, x, v, t)
-                total += world.gas.over[world.gas.of[t]] / scalar(3.0) * a
-            return total
+        def press_by_volume(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            return press(world.gas, lost, x, v, i, 0)
 
-        return press
+        return press_by_volume
 
-    return Piece("gas", Gases, force=force, selective=True, timed=True, works=True)
+    return Piece("gas", Pressed, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
@@ -102,7 +105,7 @@ def gas_law(dim: int, scalar: type, compensated: bool):
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         x_lost: wp.array(dtype=V),  # what they have lost by rounding [m]
         # Out:
-        over: wp.array(dtype=scalar),  # pressure above that outside [Pa], shape [gas_count]
+        over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [1, gas_count]
     ):
         thread = wp.tid()
         origin = place(x, x_lost, corner[begin][0])
@@ -118,6 +121,6 @@ def gas_law(dim: int, scalar: type, compensated: bool):
         if thread == 0:
             # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
             part = wp.max(total / volume, wp.float64(1e-6))
-            over[gas] = scalar(inside * wp.pow(part, -exponent) - outside)
+            over[0, gas] = scalar(inside * wp.pow(part, -exponent) - outside)
 
     return find_pressure

@@ -73,7 +73,7 @@ class Ledger:
         model = self._model
         particles, connections, swing = self._sums.totals()
         kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
-        work = 0.0 if model.work is None else model.work.before + float(self._shares.numpy().sum())
+        work = 0.0 if model.work is None else model.work.found(self._shares)
         free = kinetic + float(particles[columns.POTENTIAL]) - work
         energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
         momentum = particles[columns.MOMENTUM :][: model.dim]

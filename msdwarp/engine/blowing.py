@@ -1,7 +1,7 @@
 """Blowing: the wind of a scene on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -33,7 +33,7 @@ class Blowing(ByStage):
     """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
 
     def __init__(self, model: "Model", winds: Named, compose: Any) -> None:
-        self._model, self._winds = model, winds
+        self._model, self.named = model, winds
         places = [name for name, one in winds if one.of_place]
         if places and len(winds) > 1:
             raise ValueError(
@@ -52,18 +52,12 @@ class Blowing(ByStage):
     def _take_coefficients(self) -> None:
         """Have kernels see ½ ρ C of each wind [kg/m³]."""
         for name in ("drag", "lift"):
-            values = np.array([0.5 * one.density * getattr(one, name) for _, one in self._winds])
+            values = np.array([0.5 * one.density * getattr(one, name) for _, one in self.named])
             getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Take other winds on the same surfaces or particles."""
-        before = self._winds
-        self._winds = [(name, cast(Wind, others.get(one, one))) for name, one in before]
-        try:
-            self.at(np.zeros(1))
-        except ValueError:
-            self._winds = before
-            raise
+        super().exchange(others)
         self._take_coefficients()
 
     def place_table(self, table: wp.array) -> None:
@@ -72,8 +66,8 @@ class Blowing(ByStage):
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
-        values = np.zeros((len(times), len(self._winds), self._model.dim))
-        for k, (name, one) in enumerate(self._winds):
+        values = np.zeros((len(times), len(self.named), self._model.dim))
+        for k, (name, one) in enumerate(self.named):
             if self._given:
                 values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
                 self._model.check_range(values[:, k], f"{name}.velocity")
@@ -81,7 +75,7 @@ class Blowing(ByStage):
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
         """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
-        coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self._winds])[wind]
+        coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
         return coefficients * area * speed

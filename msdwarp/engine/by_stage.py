@@ -1,10 +1,12 @@
 """By stage: effects whose numbers are functions of time, as a table with a row for each stage of a frame."""
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..world import Load
 from .effect import Effect
 from .in_frames import InFrames, Tables
 
@@ -19,6 +21,8 @@ class ByStage(Effect):
     """
 
     _frames: InFrames | None = None
+    named: Sequence[tuple[str, Any]] = ()
+    """The loads that it is of, and what they are called."""
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
@@ -34,6 +38,15 @@ class ByStage(Effect):
     def place_table(self, table: Any) -> None:
         """Have kernels find the table."""
         raise NotImplementedError
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take others in place of some loads, on the same particles."""
+        before, self.named = self.named, exchanged(self.named, others)
+        try:
+            self.at(np.zeros(1))
+        except ValueError:
+            self.named = before
+            raise
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the rows of a frame."""
@@ -63,3 +76,8 @@ class ByStage(Effect):
 
     def _write(self, tables: Tables, rows: NDArray[np.float64]) -> None:
         tables["value"][:] = rows
+
+
+def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:
+    """Return loads, and what they are called, with what stands for them in place of some."""
+    return [(name, others.get(one, one)) for name, one in named]

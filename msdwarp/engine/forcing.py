@@ -1,7 +1,7 @@
 """Forcing: forces on particles, as a scene gives them, on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.loads import function_force, steady_force, varying_force, weight_force
 from ..world import Falling, Force, Load
-from .by_stage import ByStage
+from .by_stage import ByStage, exchanged
 from .effect import Effect
 
 if TYPE_CHECKING:
@@ -78,16 +78,11 @@ class Steady(Effect):
         self.data.value.assign(self.sums)
 
 
-def exchanged(forces: Named, others: Mapping[Load, Load]) -> Named:
-    """Return forces with what stands for them in place of some."""
-    return [(name, cast(Force, others.get(one, one))) for name, one in forces]
-
-
 class Varying(ByStage):
     """Forces that are functions of time."""
 
     def __init__(self, model: "Model", forces: Named) -> None:
-        self._model, self._forces = model, forces
+        self._model, self.named = model, forces
         self.piece = varying_force(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
         self._shares, combination = combinations(model, forces)
@@ -99,19 +94,10 @@ class Varying(ByStage):
         """Have kernels find the table of forces."""
         self.data.value = table
 
-    def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take other functions of time on the same particles."""
-        before, self._forces = self._forces, exchanged(self._forces, others)
-        try:
-            self.at(np.zeros(1))
-        except ValueError:
-            self._forces = before
-            raise
-
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
-        values = np.empty((len(times), len(self._forces), self._model.dim))
-        for k, (name, one) in enumerate(self._forces):
+        values = np.empty((len(times), len(self.named), self._model.dim))
+        for k, (name, one) in enumerate(self.named):
             values[:, k] = one.at(times, self._model.dim, name)
             self._model.check_range(values[:, k], name)
         return self._shares @ values

@@ -70,7 +70,7 @@ class GivenPressures(Pressing, ByStage):
 
     def __init__(self, model: "Model", named: Sequence[tuple[str, Pressure]]) -> None:
         super().__init__(model, [one for _, one in named], given_pressure)
-        self._named = named
+        self.named = named
         self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
 
     def place_table(self, table: wp.array) -> None:
@@ -79,7 +79,7 @@ class GivenPressures(Pressing, ByStage):
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each pressure at each time [Pa], shape [time_count, count]."""
-        return np.stack([one.at(times, f"{name}.pressure") for name, one in self._named], axis=1)
+        return np.stack([one.at(times, f"{name}.pressure") for name, one in self.named], axis=1)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add how stiff the largest pressures of a frame make the particles."""
@@ -93,7 +93,7 @@ class Gases(Pressing):
         super().__init__(model, gases, gas_pressure)
         self._gases = gases
         self._law = gas_law(model.dim, model.scalar, model.compensated)
-        self.data.over = wp.zeros(len(gases), dtype=model.scalar, device=model.device)
+        self.data.value = wp.zeros((1, len(gases)), dtype=model.scalar, device=model.device)
 
     def before_forces(self, x: wp.array, lost: Any) -> None:
         """Launch what finds the pressures for particles at x."""
@@ -107,7 +107,7 @@ class Gases(Pressing):
                 gas.pressure + gas.outside,
             ]
             inputs += [gas.outside, gas.volume, gas.exponent, k, x, lost.x]
-            wp.launch(self._law, threads, inputs, [self.data.over], device=model.device, block_dim=threads)
+            wp.launch(self._law, threads, inputs, [self.data.value], device=model.device, block_dim=threads)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add how stiff the gases make the particles.

@@ -93,7 +93,7 @@ class Watch:
         self.energy = float(energies.sum())
         most = self._most
         if self._work is not None:
-            work = self._work.before + float(self._found_work.numpy().sum())
+            work = self._work.found(self._found_work)
             self.energy -= work
             most += abs(work)  # which is known to first order in the step only
         return int(first[0]) < self._model.particle_count or not self.energy <= most
