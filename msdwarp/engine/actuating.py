@@ -11,6 +11,7 @@ from ..kernels.loads import actuated_springs, add_tension
 from ..world import Actuator, Load
 from .effect import Effect
 from .in_frames import InFrames, Tables
+from .rows import rows
 
 if TYPE_CHECKING:
     from .model import Model
@@ -59,11 +60,10 @@ class Actuated(Effect):
         # The entries, particle by particle: each connection is one of both its ends.
         ends = model.system.connections[self._connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
-        counts = np.bincount(particle, minlength=model.particle_count)
-        self.members = counts > 0
-        order = np.argsort(particle, kind="stable")
+        order, first = rows(particle, model.particle_count)
+        self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        data.first = wp.array(np.append(0, np.cumsum(counts)), dtype=int, device=model.device)
+        data.first = wp.array(first, dtype=int, device=model.device)
         data.other = wp.array(other[order], dtype=int, device=model.device)
         data.column = wp.array(np.tile(self._column, 2)[order], dtype=int, device=model.device)
         data.strength = wp.array(np.tile(strength, 2)[order], dtype=model.scalar, device=model.device)

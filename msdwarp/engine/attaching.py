@@ -11,6 +11,7 @@ from ..kernels.loads import attachments
 from ..world import Attachment, Load, poses
 from .effect import Effect
 from .in_frames import InFrames, Tables
+from .rows import rows
 
 if TYPE_CHECKING:
     from .model import Model
@@ -60,12 +61,11 @@ class Attached(Effect):
         )
         self.piece = self._composed.piece
         # On the device particle by particle; of each particle in the order of the loads.
-        order = np.argsort(particle, kind="stable")
-        count = np.bincount(particle, minlength=model.particle_count)
-        self.members = count > 0
+        order, first = rows(particle, model.particle_count)
+        self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
         integers = {
-            "first": np.append(0, np.cumsum(count)),
+            "first": first,
             "member": np.flatnonzero(self.members),
             "carrier": np.repeat(carrier, counts)[order],
         }

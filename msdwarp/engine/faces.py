@@ -6,6 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .rows import rows
+
 if TYPE_CHECKING:
     from .model import Model
 
@@ -22,9 +24,7 @@ def faces_on(model: "Model", Faces: Any, corner: NDArray[np.int32]) -> Any:
     corner
         The particles at the corners of each, shape [triangle_count, 3].
     """
-    particle = corner.ravel()
-    order = np.argsort(particle, kind="stable")
-    first = np.append(0, np.cumsum(np.bincount(particle, minlength=model.particle_count)))
+    order, first = rows(corner.ravel(), model.particle_count)
     faces = Faces()
     faces.corner = wp.array(corner, dtype=wp.vec3i, device=model.device)
     faces.first = wp.array(first, dtype=int, device=model.device)

@@ -8,6 +8,7 @@ import warp as wp
 from ..kernels.forces import CONSTANTS
 from ..kernels.loads import tie_force
 from .effect import Effect
+from .rows import rows
 
 if TYPE_CHECKING:
     from .model import Model
@@ -28,11 +29,10 @@ class Ties(Effect):
         # The ends, particle by particle; of each particle in the order of the connections.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
-        order = np.argsort(particle, kind="stable")
-        count = np.bincount(particle, minlength=model.particle_count)
-        self.members = count > 0
+        order, first = rows(particle, model.particle_count)
+        self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        data.first = wp.array(np.append(0, np.cumsum(count)), dtype=int, device=model.device)
+        data.first = wp.array(first, dtype=int, device=model.device)
         data.other = wp.array(other[order], dtype=int, device=model.device)
         for name in CONSTANTS:
             values = getattr(system, name)[number[order]]
