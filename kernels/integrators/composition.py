@@ -32,6 +32,8 @@ class Composition(NamedTuple):
     """What keeps particles out of obstacles."""
     pieces: tuple[Piece, ...] = ()
     """The other effects that the scene has."""
+    apart: bool = False
+    """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
 
     @property
     def Lost(self) -> Any:
@@ -67,7 +69,9 @@ def world(composition: Composition):
     forces: what the route reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
     colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
     where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
-    stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's end [s].
+    marked: the numbers of those that have any; handed: the forces of connections on these [N], as `Model.vectors`
+    makes arrays; stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's
+    end [s].
     """
     fields = {
         "forces": composition.route.Forces,
@@ -78,6 +82,9 @@ def world(composition: Composition):
     fields |= {piece.field: piece.Data for piece in composition.pieces}
     if composition.selective:
         fields["marks"] = wp.array(dtype=wp.uint8)
+    if composition.apart:
+        fields["marked"] = wp.array(dtype=int)
+        fields["handed"] = wp.array(dtype=vector(composition.dim, composition.scalar))
     if composition.timed:
         fields["stage"] = int
         fields["time"] = wp.array(dtype=composition.scalar)

@@ -64,11 +64,15 @@ def each_particle(composition: Composition, method: Any):
 
 @functools.cache
 def each_column(composition: Composition, method: Any):
-    """Compose the same for a lattice, over columns of particles that share what they read of their neighbours."""
-    _, World, *_ = tools(composition)
+    """Compose the same for a lattice, over columns of particles that share what they read of their neighbours.
+
+    Where particles that have marks are apart, the forces of their connections are handed to `each_marked`: the code
+    of what acts on few of them would make all columns slower.
+    """
+    _, World, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.route.column_forces
     Step, advance, _ = method(composition)
-    marked = bool(composition.selective)
+    marked, apart = bool(composition.selective), composition.apart
 
     def advance_columns(world: World, step: Step):
         column = wp.tid()
@@ -77,14 +81,36 @@ def each_column(composition: Composition, method: Any):
         forces = forces_at(world.forces, step.lost, step.x, step.v, i)
         for d in range(wp.static(COLUMN)):
             if i + d * stride < world.inverse_mass.shape[0]:
-                if wp.static(load is not None):
-                    mark = wp.uint8(0)
-                    if wp.static(marked):
-                        mark = world.marks[i + d * stride]  # asked for earlier, it was slower
-                    forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, mark)
-                advance(world, step, forces[d], i + d * stride)
+                if wp.static(apart):
+                    if world.marks[i + d * stride] != wp.uint8(0):
+                        store(world.handed, i + d * stride, forces[d])
+                    else:
+                        advance(world, step, forces[d], i + d * stride)
+                else:
+                    if wp.static(load is not None):
+                        mark = wp.uint8(0)
+                        if wp.static(marked):
+                            mark = world.marks[i + d * stride]  # asked for earlier, it was slower
+                        forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, mark)
+                    advance(world, step, forces[d], i + d * stride)
 
     return kernel(advance_columns, launch_bounds=composition.route.column_bounds)
+
+
+@functools.cache
+def each_marked(composition: Composition, method: Any):
+    """Compose the kernel, over particles that have marks, of the rest of a stage that columns have begun."""
+    _, World, _, read, *_ = tools(composition)
+    load = loads(composition)
+    Step, advance, _ = method(composition)
+
+    def advance_marked(world: World, step: Step):
+        i = world.marked[wp.tid()]
+        force = read(world.handed, i)
+        force += load(world, step.lost, step.x, step.v, i, world.marks[i])
+        advance(world, step, force, i)
+
+    return kernel(advance_marked)
 
 
 @functools.cache

@@ -16,6 +16,7 @@ from ..kernels.integrators import (
     beginning,
     each_column,
     each_connection,
+    each_marked,
     each_particle,
     world,
 )
@@ -29,6 +30,8 @@ MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
+MOST_APART = 0.25
+"""Share of particles with marks up to which these are advanced apart."""
 
 
 class Dynamics:
@@ -38,6 +41,10 @@ class Dynamics:
         self.model = model
         forces = ROUTE_CLASSES[model.route](model)
         pieces = [effect.piece for effect in model.effects]
+        self._columns = columns(model) if forces.route.column_forces else 0
+        marks = self._marks()
+        few = 0 < np.count_nonzero(marks) <= MOST_APART * model.particle_count
+        unmarked = any(isinstance(one, Piece) and one.force and not one.selective for one in pieces)
         self.composition = Composition(
             dim=model.dim,
             scalar=model.scalar,
@@ -46,6 +53,7 @@ class Dynamics:
             pinned=model.pinned,
             contact=next((piece for piece in pieces if isinstance(piece, Contact)), NO_CONTACT),
             pieces=tuple(piece for piece in pieces if isinstance(piece, Piece)),
+            apart=self._columns > 0 and few and not unmarked,
         )
         self.world = world(self.composition)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
@@ -53,11 +61,13 @@ class Dynamics:
         for effect in model.effects:
             self._place(effect)
         if self.composition.selective:
-            self.world.marks = wp.array(self._marks(), dtype=wp.uint8, device=model.device)
+            self.world.marks = wp.array(marks, dtype=wp.uint8, device=model.device)
+        if self.composition.apart:
+            self.world.marked = wp.array(np.flatnonzero(marks), dtype=int, device=model.device)
+            self.world.handed = model.vectors()
         self._steps, self._last_stage = Steps(1.0, 1), 0
         nothing = Effect.before_forces
         self._preceding = [effect for effect in model.effects if type(effect).before_forces is not nothing]
-        self._columns = columns(model) if forces.route.column_forces else 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
     def _place(self, effect: Effect) -> None:
@@ -169,6 +179,9 @@ class Dynamics:
         else:
             kernel, threads = each_particle(self.composition, method), model.particle_count
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
+        if forced and self.composition.apart:
+            kernel, threads = each_marked(self.composition, method), len(self.world.marked)
+            wp.launch(kernel, threads, [self.world, step], device=model.device)
         if self.composition.timed and self.world.stage < self._last_stage:
             self.world.stage += 1
         self.have_begun()
