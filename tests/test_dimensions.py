@@ -129,6 +129,7 @@ def hits(dim: int) -> list:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damper", [None, CoulombDamper(0.1)], ids=["linear", "coulomb"])
 def test_a_block_in_the_plane_is_as_one_in_space(device, damper):
     # It falls askew among obstacles of every kind, one of which moves and turns.

@@ -16,12 +16,14 @@ def said(code, **options):
     return done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_a_script_hears_nothing():
     mesh = "import pyvista as pv\nmsd.from_mesh(pv.Cube(), 0.5)\n"  # which starts Warp before a simulation does
     assert said("import msdwarp as msd\n" + STEP) == ("", "")
     assert said("import msdwarp as msd\n" + mesh + STEP) == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -37,6 +39,7 @@ def test_who_asks_hears_warp(before, after):
     assert "load on device 'cpu'" in out
 
 
+@pytest.mark.slow
 def test_what_was_asked_for_can_be_taken_back_and_less_is_respected():
     assert said("import msdwarp as msd\nmsd.verbose()\nmsd.verbose(False)\n" + STEP) == ("", "")
     code = "import warp as wp\nwp.config.log_level = wp.LOG_ERROR\nimport msdwarp as msd\n"
@@ -64,12 +67,14 @@ wp.init = loud
 """
 
 
+@pytest.mark.slow
 def test_errors_and_what_other_threads_say_are_passed_on():
     out, err = said(OTHERS + STEP)
     assert out == ""
     assert err == "Warp CUDA error: real\nfrom a thread\nWarp UserWarning: of Warp's own\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell's redirection")
 @pytest.mark.parametrize(
     "state",
@@ -84,6 +89,7 @@ def test_it_is_safe_where_standard_error_is_closed_or_replaced(state, tmp_path):
         assert done.stdout == "done\n"
 
 
+@pytest.mark.slow
 def test_threads_that_start_it_together_leave_standard_error_as_it_was():
     code = """
 import os, sys, threading

@@ -66,8 +66,8 @@ def each_particle(composition: Composition, method: Any):
 def each_column(composition: Composition, method: Any):
     """Compose the same for a lattice, over columns of particles that share what they read of their neighbours.
 
-    Where particles that have marks are apart, the forces of their connections are handed to `each_marked`: the code
-    of what acts on few of them would make all columns slower.
+    Where particles that have marks are apart, the forces of their connections are handed to `each_marked`: in this
+    kernel the code of what acts on a few would make all columns slower.
     """
     _, World, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.route.column_forces

@@ -112,6 +112,7 @@ def test_a_film_keeps_to_its_speed_and_a_frame_rate_that_can_be_shown(fps, choic
     assert rate * shown.step / fps == pytest.approx(choice[3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "message"),
     [

@@ -37,6 +37,7 @@ def test_run_writes_frames_and_a_film_and_says_so(msdwarp, tmp_path):
     assert "out/cube/cube.webp" in where
 
 
+@pytest.mark.slow
 def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
     keep = ("--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
     code, out, err = msdwarp("run", "cube", "--size", "3", *keep)
@@ -114,6 +115,7 @@ def test_an_overlay_is_written_beside_the_film_or_alone(msdwarp, tmp_path):
     assert not (tmp_path / "both" / "cube_overlay.png").exists()  # none of an earlier run is left
 
 
+@pytest.mark.slow
 def test_a_moving_obstacle_moves_in_the_film(msdwarp, tmp_path):
     (tmp_path / "press.py").write_text(
         "from msdwarp import Plane, Scene, Sphere, box\n"
@@ -134,6 +136,7 @@ def test_a_second_run_keeps_the_first(msdwarp, tmp_path):
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["cube", "cube-2", "cube-3"]
 
 
+@pytest.mark.slow
 def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
@@ -199,6 +202,7 @@ def test_bad_input_is_named_and_writes_nothing(msdwarp, tmp_path, flags, code, m
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_too_few_substeps_are_refused_in_one_line_that_says_how_many_would_do(msdwarp, tmp_path):
     code, out, err = msdwarp("run", "cube", "--substeps", "1")
     assert (code, out) == (1, "")
@@ -208,6 +212,7 @@ def test_too_few_substeps_are_refused_in_one_line_that_says_how_many_would_do(ms
     assert msdwarp("run", "cube", "--substeps", str(needed), "--size", "10", *SMALL)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_leaves_its_good_frames_and_says_why(msdwarp, tmp_path):
     code, out, err = msdwarp("run", "cube", "--substeps", "1", "--allow-unstable", "--resolution", "128x72")
     assert code == 1
@@ -221,6 +226,7 @@ def test_a_run_that_diverges_leaves_its_good_frames_and_says_why(msdwarp, tmp_pa
         assert film.n_frames == len(frames)
 
 
+@pytest.mark.slow
 def test_the_log_holds_every_frame_and_its_plot_stands_beside_it(msdwarp, tmp_path):
     arguments = ("run", "cube", "--size", "4", "--log", "energy.csv", "--frames", "none", *SMALL)
     code, out, _ = msdwarp(*arguments)
@@ -264,6 +270,7 @@ def test_run_with_a_tolerance_tunes_first(msdwarp):
     assert "tolerance chooses" in err
 
 
+@pytest.mark.slow
 def test_quiet_prints_nothing(msdwarp):
     assert msdwarp("run", "cube", "--size", "3", "--quiet", *SMALL) == (0, "", "")
 
@@ -338,6 +345,7 @@ def test_a_scene_may_not_hide_a_common_flag(msdwarp, tmp_path):
     assert "['duration']" in msdwarp("run", "clash.py")[2]
 
 
+@pytest.mark.slow
 def test_a_script_runs_by_itself_and_keeps_libraries_silent(tmp_path):
     script = ROOT / "scenes" / "cloth.py"
     done = subprocess.run(

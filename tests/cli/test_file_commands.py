@@ -24,6 +24,7 @@ def first_picture(path):
         return np.asarray(film.convert("RGB")).astype(int)
 
 
+@pytest.mark.slow
 def test_what_is_rendered_later_is_what_would_have_been_drawn(msdwarp, cube, tmp_path):
     drawn = ("--duration", "0.1", "--resolution", "128x72", "--overlay", "3", "--device", "cpu")
     assert msdwarp("run", "cube", "--size", "4", *drawn, "--out", "drawn")[0] == 0
@@ -71,6 +72,7 @@ def test_a_file_without_a_scene_is_drawn_as_what_it_is(msdwarp, tmp_path):
     assert first_picture(tmp_path / "render" / "a.webp").std() > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
@@ -87,6 +89,7 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube,
     assert not (cube / "render").exists()
 
 
+@pytest.mark.slow
 def test_a_plot_and_a_table_are_written_and_kept(msdwarp, cube):
     code, out, _ = msdwarp("plot", str(cube))
     assert (code, out) == (0, f"wrote {cube / 'trajectory.png'}\n")
@@ -101,6 +104,7 @@ def test_a_plot_and_a_table_are_written_and_kept(msdwarp, cube):
         np.testing.assert_allclose(table["lowest_m"], found.positions[:][..., 2].min(axis=1), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_plot_needs_to_know_gravity(msdwarp, tmp_path):
     write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
     assert "without --gravity, the file lacks 'gravity'" in msdwarp("plot", "a.vtkhdf")[2]

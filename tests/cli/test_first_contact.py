@@ -57,6 +57,7 @@ def test_errors_have_one_style_and_one_code(msdwarp, tmp_path, words, line):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_python_runs_the_package(tmp_path):
     def run(*words):
         return subprocess.run(
@@ -71,6 +72,7 @@ def test_python_runs_the_package(tmp_path):
     assert done.stderr == "error: unknown option: --colour (see `msdwarp list --help`)\n"
 
 
+@pytest.mark.slow
 def test_verbose_lets_warp_speak(tmp_path):
     command = [sys.executable, "-m", "msdwarp", *SHORT]
     quiet, loud = (
@@ -134,6 +136,7 @@ def test_info_says_what_else_a_file_holds(msdwarp, tmp_path):
 # Where a log goes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "place"),
     [("e.csv", "here/e.csv"), ("./e.csv", "e.csv"), ("sub/e.csv", "sub/e.csv"), ("{}/a/e.csv", "a/e.csv")],
@@ -147,12 +150,14 @@ def test_a_bare_name_of_a_log_is_one_in_the_run_s_folder(msdwarp, tmp_path, give
     assert f"{place} and e.png" in out
 
 
+@pytest.mark.slow
 def test_a_log_alone_makes_a_folder_and_the_next_run_another(msdwarp, tmp_path):
     for folder in ("cube", "cube-2"):
         assert msdwarp(*SHORT, "--trajectory", "none", "--log", "e.csv")[0] == 0
         assert sorted(p.name for p in (tmp_path / "out" / folder).iterdir()) == ["e.csv", "e.png"]
 
 
+@pytest.mark.slow
 def test_a_log_goes_on_where_its_folder_is(msdwarp, tmp_path):
     assert msdwarp(*CUBE, "--log", "e.csv", "--out", "whole", "--duration", "0.2")[0] == 0
     assert msdwarp(*SHORT, "--log", "e.csv", "--out", "parts")[0] == 0
@@ -176,6 +181,7 @@ def test_a_log_that_cannot_be_is_refused_before_a_folder_is_made(msdwarp, tmp_pa
 # Completion
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_a_shell_completes_commands_flags_and_scenes(tmp_path):
     home = {**os.environ, "HOME": str(tmp_path)}
@@ -199,6 +205,7 @@ def test_a_shell_completes_commands_flags_and_scenes(tmp_path):
 # Files of an earlier version
 
 
+@pytest.mark.slow
 def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
     # Its stored options lacked flags of today, and its log was an absolute path.
     from msdwarp.cli import options

@@ -14,6 +14,7 @@ from msdwarp.cli.process import alone_in
 from msdwarp.files.restart import read_restart
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "code", "word"),
     [("SIGINT", 130, "interrupted"), pytest.param("SIGTERM", 143, "terminated", marks=pytest.mark.slow)],
@@ -50,6 +51,7 @@ def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwar
     assert (own.parent / "out" / "own" / "own.webp").read_bytes() == film
 
 
+@pytest.mark.slow
 def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
     # Killed before a minute is over: the restart file of the start is there.
     assert msdwarp("run", "own.py", *UNDRAWN, "--out", "whole")[0] == 0
@@ -92,6 +94,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
 def test_a_full_disk_ends_a_run_with_a_message_and_a_file_that_opens(tmp_path):
     done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, timeout=600)

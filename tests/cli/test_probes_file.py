@@ -42,6 +42,7 @@ def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     assert parts == whole
 
 
+@pytest.mark.slow
 def test_another_file_in_its_place_is_not_gone_on_with(msdwarp, probed):
     assert msdwarp("run", "own.py", *UNDRAWN, "--out", "parts", "--duration", "0.1")[0] == 0
     (probed.parent / "parts" / "probes.csv").write_text("time_s\n1\n")

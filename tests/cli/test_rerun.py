@@ -31,6 +31,7 @@ def test_a_rerun_is_the_same_or_says_in_what_it_differs(msdwarp, own, tmp_path):
         assert now.attributes["parameters"]["stiffness"] == 250.0
 
 
+@pytest.mark.slow
 def test_a_part_of_a_run_is_made_again_as_far_as_it_goes(msdwarp, own, heard, tmp_path):
     (tmp_path / "bang").write_text("SIGINT")
     assert msdwarp("run", "own.py", "--every", "4", "--no-strain", *UNDRAWN)[0] == 130
@@ -46,6 +47,7 @@ def test_what_does_not_say_what_made_it_cannot_be_made_again(msdwarp, tmp_path):
     assert "the file lacks 'scene'" in err
 
 
+@pytest.mark.slow
 def test_a_file_says_all_that_made_it(msdwarp, own):
     where = ("--where", "some/place", "--origin", "1", "2.5", "3", "--shade", "dark")
     assert msdwarp("run", str(own), *where, *UNDRAWN, "--duration", "0.1", "--precision", "float64")[0] == 0

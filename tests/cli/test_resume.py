@@ -44,7 +44,8 @@ def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, route, inte
     assert msdwarp("rerun", "whole", "--quiet") == (0, "", "")
 
 
-@pytest.mark.parametrize("route", ["gather", pytest.param("stencil", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ["gather", "stencil"])
 def test_other_routes_go_on_too(msdwarp, tmp_path, route):
     options = ("--size", "4", "--route", route, "--every", "3", "--trajectory", "compressed", *UNDRAWN)
     assert msdwarp("run", "cube", *options, "--out", "whole", "--duration", "0.3")[0] == 0
@@ -75,6 +76,7 @@ def test_what_was_to_be_drawn_is_drawn_in_the_end_and_pictures_are_kept(msdwarp,
     assert (folder / "own.webp").read_bytes() != film
 
 
+@pytest.mark.slow
 def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     folder = own.parent / "out" / "own"
     assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
@@ -112,6 +114,7 @@ def test_no_restart_file_where_none_is_wanted(msdwarp, tmp_path):
     assert "every is 0" in msdwarp("run", "cube", *small, "--every", "0")[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["trajectory.vtkhdf", "restart.h5"])
 def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
     for folder, stiffness in (("one", "600"), ("other", "700")):
@@ -125,6 +128,7 @@ def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
     assert (tmp_path / "one" / "trajectory.vtkhdf").read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new"), [("0.1 * t)", "0.2 * t)"), ("2 * k)", "3 * k)")])
 def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
     assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
@@ -132,6 +136,7 @@ def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
     assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2", "--trust")[2]
 
 
+@pytest.mark.slow
 def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
     short = ("--log", "./own.csv", "--duration", "0.1", *UNDRAWN)
     assert msdwarp("run", "own.py", *short)[0] == 0
@@ -141,6 +146,7 @@ def test_a_log_that_is_another_file_now_is_kept(msdwarp, own):
     assert (own.parent / "own.csv").read_text() == "years of work"
 
 
+@pytest.mark.slow
 def test_a_restart_file_does_not_say_where_a_log_appears(msdwarp, tmp_path):
     flags = ("--size", "3", "--log", "./elsewhere.csv", "--duration", "0.1", *UNDRAWN)
     assert msdwarp("run", "cube", *flags)[0] == 0

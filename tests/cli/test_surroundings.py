@@ -22,18 +22,21 @@ def command(folder, *arguments, env=(), **options):
     return subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=100, **options)
 
 
+@pytest.mark.slow
 def test_the_narrowest_terminal_shows_help(tmp_path):
     done = command(tmp_path, "run", "cube", "--help", env={"COLUMNS": "1"})
     assert (done.returncode, done.stderr) == (0, "")
     assert "--size" in done.stdout
 
 
+@pytest.mark.slow
 def test_an_encoding_without_a_unit_fails_nothing(tmp_path):
     done = command(tmp_path, "plot", "--help", env={"PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")
     assert "m/s\\xb2" in done.stdout
 
 
+@pytest.mark.slow
 @posix
 def test_no_file_takes_the_number_of_a_closed_stream(tmp_path):
     (tmp_path / "own.py").write_text(

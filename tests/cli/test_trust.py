@@ -67,6 +67,7 @@ def set_scene(path, **changes):
         file["msdwarp/attributes"] = json.dumps(about)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["render", "plot", "rerun"])
 def test_a_received_file_runs_no_script(msdwarp, tmp_path, command):
     evil = tmp_path / "evil.py"
@@ -85,6 +86,7 @@ def test_a_received_file_runs_no_script(msdwarp, tmp_path, command):
             assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.slow
 def test_one_s_own_script_runs_as_it_was_where_it_was(msdwarp, own, tmp_path):
     ran = tmp_path / "ran"
     assert msdwarp("rerun", "out/own", "--quiet") == (0, "", "")
@@ -105,6 +107,7 @@ def test_one_s_own_script_runs_as_it_was_where_it_was(msdwarp, own, tmp_path):
     assert msdwarp("resume", "out/own", "--duration", "0.3", "--scene", "elsewhere/own.py")[0] == 0
 
 
+@pytest.mark.slow
 def test_what_runs_is_what_was_looked_at(msdwarp, own, monkeypatch, tmp_path):
     looked = trust._distrust
 
@@ -118,6 +121,7 @@ def test_what_runs_is_what_was_looked_at(msdwarp, own, monkeypatch, tmp_path):
     assert not (tmp_path / "evil").exists()
 
 
+@pytest.mark.slow
 def test_what_another_user_ran_is_asked_for(msdwarp, own, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
     assert "the run was not made here by you" in msdwarp("rerun", "out/own")[2]
@@ -128,6 +132,7 @@ def test_what_another_user_ran_is_asked_for(msdwarp, own, monkeypatch, tmp_path)
     assert msdwarp("rerun", "out/own", "--quiet", "--trust")[0] == 0
 
 
+@pytest.mark.slow
 def test_a_compiled_file_beside_a_script_is_not_run(msdwarp, own, tmp_path):
     import importlib.util
     import py_compile
@@ -154,6 +159,7 @@ def test_files_of_the_version_before_need_trust_for_scripts_alone(msdwarp, own, 
     assert msdwarp("rerun", "out/own", "--quiet", "--trust")[0] == 0
 
 
+@pytest.mark.slow
 def test_pictures_and_plots_need_no_script(msdwarp, own, tmp_path):
     assert msdwarp("render", "out/own", *PICTURE, "--trust", "--out", "by_script")[0] == 0
     assert msdwarp("plot", "out/own", "--trust", "--out", "by_script.csv")[0] == 0
@@ -168,6 +174,7 @@ def test_pictures_and_plots_need_no_script(msdwarp, own, tmp_path):
         np.testing.assert_array_equal(*pictures)
 
 
+@pytest.mark.slow
 def test_a_run_made_longer_says_that_obstacles_stand_still(msdwarp, own, tmp_path):
     assert msdwarp("resume", "out/own", "--duration", "0.3")[0] == 0
     assert msdwarp("render", "out/own", *PICTURE)[::2] == (0, "")  # by the script, which is there
@@ -177,6 +184,7 @@ def test_a_run_made_longer_says_that_obstacles_stand_still(msdwarp, own, tmp_pat
     assert err.startswith("drawn with moving obstacles that stand still from 0.2 s on: scene is")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", scene_names())
 def test_every_scene_comes_back_by_value(name):
     scene = find_scene(name).scene()

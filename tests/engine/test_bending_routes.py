@@ -53,6 +53,7 @@ def test_second_neighbours_are_read_one_particle_at_a_time():
     assert made.composition.route.column_forces is None
 
 
+@pytest.mark.slow
 @every_route
 @every_sheet
 def test_forces_by_route(plain_device, name, route):

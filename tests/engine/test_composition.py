@@ -255,6 +255,7 @@ def kernels_of(name: str, route: str):
         yield "columns", each_column(composed, symplectic_euler)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(wp.__version__ != GENERATED_BY, reason=f"Warp {GENERATED_BY} wrote what is compared")
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("name", EFFECTS)

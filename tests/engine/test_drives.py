@@ -104,6 +104,7 @@ def forced(method, substeps: int, device: str, damping: float) -> tuple[np.ndarr
     return np.array([frame.position[1, 0] - 1.0, frame.velocity[1, 0]]), exact
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "damping", "order"),
     [
@@ -186,6 +187,7 @@ def lifted(device: str, method=None, **options) -> Simulation:
     return Simulation(system, loads=[drive], integrator=method or Leapfrog(), **common, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 @pytest.mark.parametrize("first", [7, 20])
 def test_a_run_resumes_to_the_last_bit(device, first, precision):

@@ -76,6 +76,7 @@ def test_slips_off_a_ball_where_it_should(device, h):
     assert simulation.frame().position[0, 0] > 1.0
 
 
+@pytest.mark.slow
 @every_top
 @each_once
 def test_rests_on_top(device, top, h, integrator):

@@ -54,6 +54,7 @@ def test_stencils_of_equally_many_rows_are_not_taken_for_one(plain_device):
         assert_forces_are_right(moving(system), plain_device, "float64", "stencil")
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("name", ["box 26", "ball"])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])

@@ -150,6 +150,7 @@ def meddle(system: System, random: np.random.Generator) -> System:
     return system.replace(connections=connections, directions=tuple(directions), **constants)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_a_meddled_lattice_is_refused_or_still_right(seed):
     random = np.random.default_rng(seed)

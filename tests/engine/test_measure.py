@@ -142,6 +142,7 @@ def test_free_flight_changes_momenta_as_gravity_says(device, dim):
     np.testing.assert_allclose(own[1], own[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "order", "counts"),
     [
@@ -178,6 +179,7 @@ def test_energy_lost_is_the_dissipated_power(integrator, order, counts):
     assert misses[-1] < 0.02 * lost
 
 
+@pytest.mark.slow
 def test_undamped_leapfrog_keeps_energy_to_second_order():
     wander = []
     for n in (100, 200, 400):

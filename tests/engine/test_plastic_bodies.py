@@ -48,6 +48,7 @@ def drop(system: System, device: str, **options) -> Simulation:
     return simulation
 
 
+@pytest.mark.slow
 def test_a_dropped_block_keeps_its_dent_by_every_route(plain_device):
     a, b = (drop(dropped(), plain_device, route=route).snapshot() for route in ("scatter", "gather"))
     assert np.abs(a.rest_length / a.original_length - 1).max() > 0.05

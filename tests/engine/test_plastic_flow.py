@@ -159,6 +159,7 @@ def loop_area(path: list[System]) -> float:
     return float(abs((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2)
 
 
+@pytest.mark.slow
 def test_a_cycle_of_pulling_and_pushing_costs_its_loop(device):
     # A parallelogram: 2 F_y high, and 2 (A − e_y) wide wherever it is.
     k, e_y, A, h, speed = 50.0, 0.02, 0.1, 1 / 1000, 0.2

@@ -116,6 +116,7 @@ def changes(simulation: Simulation) -> dict[str, dict]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
 def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change):
     simulation = cloth("auto")
@@ -148,6 +149,7 @@ def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
     assert simulation.time == twin.time
 
 
+@pytest.mark.slow
 def test_a_stencil_bears_changes_that_keep_the_lattice():
     simulation = cloth("stencil")
     simulation.change(stiffness=60.0, damping=0.0, mass=np.linspace(0.04, 0.06, 110))

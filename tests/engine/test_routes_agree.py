@@ -49,6 +49,7 @@ def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, route):
     assert name != "ball" or (plain[..., 2] == GROUND.offset).any()
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize(("precision", "roundings"), [("float32", 10), ("float32-compensated", 4)])
 @pytest.mark.parametrize("name", SCENES)
@@ -76,6 +77,7 @@ def test_what_positions_lose_is_seen_by_every_route(plain_device, route):
     np.testing.assert_allclose(found - (1000.0, 0, 0), plain, rtol=0, atol=100 * 4 * problems.EPS32 / 48)
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_routes_follow_the_reference(plain_device, dim, route):
@@ -104,6 +106,7 @@ def test_routes_follow_the_reference(plain_device, dim, route):
 # Repeatability.
 
 
+@pytest.mark.slow
 @gathering
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_what_is_gathered_is_repeatable(plain_device, precision, route):
@@ -114,6 +117,7 @@ def test_what_is_gathered_is_repeatable(plain_device, precision, route):
         assert_same(first, second)
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("substeps", [1, 2, 5, 8])
 @every_method
@@ -124,6 +128,7 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, route)
     assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
 def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(substeps, route):
@@ -133,6 +138,7 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(subst
     assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
 
+@pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
 def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, route):

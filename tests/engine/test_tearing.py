@@ -63,6 +63,7 @@ def test_an_oscillator_breaks_when_it_is_so_long(device):
     assert rate == pytest.approx(speed, rel=2 * k / m * 0.25 * h / speed)  # the force of one substep
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [RK4(), Leapfrog()], ids=str)
 def test_the_same_break_at_the_same_time_by_every_route(plain_device, integrator):
     times = []
@@ -92,6 +93,7 @@ def without(system: System, gone: np.ndarray) -> System:
     return System(**moving, **fields, connections=system.connections[~gone], directions=directions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("route", ["gather", "stencil"])

@@ -238,6 +238,7 @@ def test_change_that_forced_substeps_cannot_follow_changes_nothing():
     assert simulation.time == twin.time
 
 
+@pytest.mark.slow
 @every_integrator
 def test_refresh_follows_the_stretching(integrator):
     # Flung apart it reaches about three times its size and comes back.

@@ -32,6 +32,7 @@ def assert_holds(path, expected):
         np.testing.assert_array_equal(found.velocities[:], [frame.velocity for frame in expected])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "dtype", "compress", "before", "behind", "count"),
     [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow) for case in CASES],
@@ -76,6 +77,7 @@ def test_every_nth_frame_goes_on_in_step(tmp_path):
 SLOW = [pytest.param(compress, 3, marks=pytest.mark.slow) for compress in (False, True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("compress", "step"), [(False, 31), (True, 37), *SLOW])
 def test_it_goes_on_after_each_single_write_to_disk(tmp_path, monkeypatch, compress, step, vtk_output):
     # A writer that was killed has written what it has written; and one that went on may be killed in turn.

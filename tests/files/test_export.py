@@ -47,6 +47,7 @@ def corners(mesh):
     return mesh.points[cells]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf"])
 def test_a_sequence_of_files(tmp_path, trajectory, to):
     if trajectory.system.surface is None and to in ("stl", "ply"):
@@ -147,9 +148,8 @@ def test_particles_alone_hold_nothing_to_draw(tmp_path):
         assert export(found, tmp_path / "b.npz", "npz")
 
 
-@pytest.mark.parametrize(
-    "to", ["obj", *(pytest.param(to, marks=pytest.mark.slow) for to in ("stl", "ply", "gltf", "npz"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("to", ["obj", *(to for to in ("stl", "ply", "gltf", "npz"))])
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
     code = """
 import resource, sys

@@ -67,6 +67,7 @@ def test_new_files_have_no_texts_in_a_heap_without_checksums(path):
     assert b"GCOL" not in path.read_bytes()
 
 
+@pytest.mark.slow
 def test_any_lost_page_of_a_new_file_ends(path, tmp_path):
     whole = path.read_bytes()
     for place in range(0, min(len(whole), 40960), 4096):
@@ -78,6 +79,7 @@ def test_any_lost_page_of_a_new_file_ends(path, tmp_path):
                 _ = found.system
 
 
+@pytest.mark.slow
 def test_a_sound_file_is_probed_in_little_time(path):
     def spent():
         began = time.process_time(), time.perf_counter()
@@ -92,6 +94,7 @@ def test_a_sound_file_is_probed_in_little_time(path):
     assert min(spent() for _ in range(3)) < 3 * imported + 0.5
 
 
+@pytest.mark.slow
 def test_what_lies_outside_is_not_followed(tmp_path, path):
     other = shutil.copy(path, tmp_path / "other.vtkhdf")
 
@@ -188,6 +191,7 @@ def test_links_that_lead_in_a_circle_or_are_lost_are_told(path, mark, spoiled):
     assert Trajectory(path).system.particle_count == 36, told  # and the file is closed while the error is there
 
 
+@pytest.mark.slow
 def test_what_there_is_once_has_checksums(tmp_path, path):
     scene = ({"look": {}}, {"image": np.arange(5000)})
     write(path, SYSTEMS["box"], 3, attributes={"note": "x"}, scene=scene, force=True)
@@ -237,6 +241,7 @@ def test_positions_that_are_no_numbers_are_not_exported(path, tmp_path):
         export(found, tmp_path / "c.npz", "npz", 2)
 
 
+@pytest.mark.slow
 def test_a_file_of_no_frames_is_told(msdwarp, path):
     changed(path, lambda file: file["VTKHDF/Steps"].attrs.modify("NSteps", 0))
     assert "no frames" in msdwarp("info", "a.vtkhdf")[1]
@@ -244,6 +249,7 @@ def test_a_file_of_no_frames_is_told(msdwarp, path):
     assert "has no frames to draw" in msdwarp("render", "a.vtkhdf")[2]
 
 
+@pytest.mark.slow
 def test_a_terminal_is_not_told_what_to_do(msdwarp, tmp_path):
     about = {"scene": "\x1b[2Jcube", "parameters": {"\x1b]0;x\x07": "\u202e"}, "note\x1b": "a\nb"}
     write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about)
@@ -254,6 +260,7 @@ def test_a_terminal_is_not_told_what_to_do(msdwarp, tmp_path):
     assert err.replace("\n", "").isprintable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "about", [{"options": "x"}, {"command": 3}, {"gravity": "x"}, {"script": []}, {"versions": {}, "device": []}]
 )
@@ -264,6 +271,7 @@ def test_what_no_run_says_of_itself_is_told(msdwarp, tmp_path, about):
     assert err.startswith("error: a.vtkhdf says of itself what no run writes: ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

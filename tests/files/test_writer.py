@@ -45,9 +45,10 @@ def until(condition, seconds=100):
 LONG = [(True, 80, True), (False, 80, False)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compress", "count", "known"),
-    [(False, 8, True), (True, 8, False), *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)],
+    [(False, 8, True), (True, 8, False), *LONG],
 )
 def test_after_each_single_write_to_disk_every_frame_is_there(
     tmp_path, monkeypatch, compress, count, known, vtk_output
@@ -147,6 +148,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
 @pytest.mark.parametrize(("limit", "compress"), [(3_000_000, True), (100_000, False)])
 def test_a_full_disk_ends_with_a_message_and_a_file_that_opens(tmp_path, limit, compress):
@@ -219,6 +221,7 @@ def test_a_file_cut_short_meanwhile_is_noticed(tmp_path):
             writer.flush()
 
 
+@pytest.mark.slow
 def test_a_writer_that_is_never_closed_loses_nothing(tmp_path):
     code = """
 import sys

@@ -39,6 +39,7 @@ def test_symplectic_euler_does_not_go_back():
     assert np.abs(run.state.x.numpy() - system.position).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_a_damper_feeds_energy_where_time_runs_backwards():
     pair = problems.Oscillator(b=1.0)
     h, t = -1 / 1000, -1.0

@@ -25,6 +25,7 @@ def seed(matrix: np.ndarray) -> tuple[complex, np.ndarray, np.ndarray]:
     return values[k], SEED * start, np.linalg.inv(vectors)[k]
 
 
+@pytest.mark.slow
 @every_scene
 @every_method
 @pytest.mark.parametrize("share", [1.02, 1.05, 1.10])
@@ -43,6 +44,7 @@ def test_past_the_limit_a_mode_grows_by_the_spectral_radius(method, scene, share
     assert growth == pytest.approx(abs(value), abs=1e-6)
 
 
+@pytest.mark.slow
 @every_scene
 @every_method
 def test_short_of_the_limit_it_stays_bounded(method, scene):

@@ -146,6 +146,7 @@ def test_free_fall_is_each_methods_own(device, integrator):
     np.testing.assert_allclose(end.position, position, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @kick_drift
 def test_oscillator_keeps_its_discrete_energy(device, integrator):
     # With q = hω, x and v of the relative motion: v² + ω²x² − hω²xv is an invariant of symplectic Euler,

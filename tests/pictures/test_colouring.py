@@ -198,6 +198,7 @@ def test_poses_of_a_timelapse_have_values_of_their_own(scene):
             timelapse(renderer, positions, [0, 1], wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("colouring", "values", "message"),
     [

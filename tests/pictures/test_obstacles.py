@@ -214,6 +214,7 @@ def shade(colour, normal, camera):
     return np.minimum(255 * np.array(colour) * (AMBIENT + facing), 255)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("colouring", ["texture", "strain"])
 def test_an_obstacle_is_seen_where_it_is_in_its_colour(body, backend, colouring):
@@ -260,6 +261,7 @@ def test_the_shadow_of_an_obstacle_ends_where_it_meets_the_ground(body, backend)
     assert brightness(body_shadow) == pytest.approx(SHADOW, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_moving_obstacle_is_drawn_where_it_is_at_the_time(body, backend):
     ball = msd.Sphere((0.9, 0, 0.3), 0.3, motion=lambda t: (0.9 * t, 0, 0))

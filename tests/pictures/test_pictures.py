@@ -197,6 +197,7 @@ def test_a_ball_is_closed_and_round(halvings, corners):
     assert (np.linalg.det(points[triangles]) > 0).all()  # all face outwards
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colouring", ["texture", "strain"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backend, colouring):

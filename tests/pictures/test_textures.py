@@ -28,6 +28,7 @@ def face(image, k):
     return image[top : top + rows, columns * (k % 3) : columns * (k % 3 + 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_a_texture_is_an_image_that_is_always_the_same(name):
     image = ALL[name]()
@@ -71,6 +72,7 @@ def test_a_flat_box_has_a_waffle_above_and_below():
         assert ndimage.label(dark[:, dark.shape[1] // (2 * across)])[1] == up
 
 
+@pytest.mark.slow
 def test_the_stripes_of_a_mattress_run_along_it():
     image = textures.ticking("#ffffff", "#000000", shape=(20, 7, 2), stripes=4)
     upper, lower = face(image, 5).mean(axis=2), face(image, 4).mean(axis=2)

@@ -36,6 +36,7 @@ def pixel_of(renderer, point):
     return int(row[0]), int(column[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_early_poses_are_faint_and_the_last_one_is_opaque(scene, backend):
     positions = poses(scene)
@@ -76,6 +77,7 @@ def test_a_later_pose_covers_an_earlier_one(scene):
     np.testing.assert_array_equal(timelapse(renderer, [first, second], [0, 1])[at], alone)
 
 
+@pytest.mark.slow
 def test_moving_obstacles_are_where_they_are_at_the_last_pose():
     body = msd.box((3, 3, 3), 0.2, mass=0.1).translate((0, 0, 0.4))
     ball = msd.Sphere((1, 0, 0.3), 0.3, motion=lambda t: (t, 0, 0))

@@ -20,6 +20,7 @@ SAMPLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [12, 25])
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_mesh_is_drawn_where_it_is_and_filled(name, across):

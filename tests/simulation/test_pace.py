@@ -149,6 +149,7 @@ def test_fewer_substeps_are_tried_when_all_is_calm():
     assert counts[-1] < max(counts)
 
 
+@pytest.mark.slow
 def test_work_from_outside_is_let_in_and_substeps_come_back():
     # A plane that rises lifts the body, which then has more energy than ever, whatever the step.
     body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.2).translate((0, 0, 0.11))

@@ -14,6 +14,7 @@ def squeezed(dim: int = 2):
     return body.replace(position=position, rest_length=body.rest_length)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refresh", [False, True])
 @pytest.mark.parametrize("integrator", [Leapfrog(), SymplecticEuler()], ids=repr)
 def test_growth_counts_since_the_start_though_substeps_change(integrator, refresh):

@@ -46,6 +46,7 @@ def test_the_error_reported_is_that_of_the_closed_form():
     assert "rkc2" not in {one.method for one in found}  # nothing is damped
 
 
+@pytest.mark.slow
 def test_a_body_that_forgets_its_past_is_measured_only_while_it_knows_it():
     # A bar pressed endwise buckles to a side that nothing but rounding chooses.
     bar = msd.chain(12, 0.1, mass=0.01, stiffness=200.0).pin([0, 11])

@@ -134,6 +134,7 @@ def first_moment(path, system: System) -> history.Moment:
 # What yields
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dim", "precision"), [(1, "float64"), (2, "float64"), (3, "float64"), (3, "float32")])
 def test_rest_lengths_of_what_yields_are_recovered(tmp_path, dim, precision):
     system = net(dim, yield_strain=0.02, relaxation_time=0.05)
@@ -249,6 +250,7 @@ def test_the_table_holds_the_history(net_run, tmp_path):
         np.testing.assert_allclose([row[n] for n in ("time_s", "lowest_m", "mean_m", "highest_m")], expected, 1e-8)
 
 
+@pytest.mark.slow
 def test_the_plot_shows_the_history_and_its_legends_hide_nothing(net_run, tmp_path, monkeypatch):
     trajectory, _ = net_run
     figures, save = [], Figure.savefig
@@ -292,6 +294,7 @@ def two_frames(tmp_path):
         yield trajectory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("write", "suffix"), WRITERS)
 def test_a_file_that_is_there_is_left_alone(two_frames, tmp_path, monkeypatch, write, suffix):
     path = tmp_path / f"old{suffix}"
