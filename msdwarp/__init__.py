@@ -73,6 +73,7 @@ from .world import (
     Probe,
     Scene,
     Sphere,
+    Touch,
     Wind,
     at,
 )
@@ -118,6 +119,7 @@ __all__ = [
     "Surface",
     "SymplecticEuler",
     "System",
+    "Touch",
     "Trajectory",
     "TrajectoryWriter",
     "UnstableStep",

@@ -11,6 +11,7 @@ from .selection import selected
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
+from .touching import TouchingSurfaces, touching_surfaces
 from .uniform import is_uniform, joined, stored, uniform, uniform_like
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "QuadraticDamper",
     "Surface",
     "System",
+    "TouchingSurfaces",
     "broken_before",
     "counted",
     "headline",
@@ -44,6 +46,7 @@ __all__ = [
     "rotations",
     "selected",
     "stored",
+    "touching_surfaces",
     "uniform",
     "uniform_like",
 ]

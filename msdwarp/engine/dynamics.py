@@ -28,6 +28,8 @@ from .tearing import Tearing
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
+SEARCH_EVERY = 8
+"""Substeps from one search for what is near what to the next."""
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
 MOST_APART = 0.25
@@ -68,8 +70,9 @@ class Dynamics:
             self.world.marked = wp.array(np.flatnonzero(marks), dtype=int, device=model.device)
             self.world.handed = model.vectors()
         self._steps, self._last_stage = Steps(1.0, 1), 0
-        nothing = Effect.before_forces
-        self._preceding = [effect for effect in model.effects if type(effect).before_forces is not nothing]
+        self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
+        self._searching = [one for one in model.effects if type(one).search is not Effect.search]
+        self._in_frame = self._begins = False
         self._recorded: list[tuple[Any, Any]] | None = None
 
     def _place(self, effect: Effect) -> None:
@@ -125,6 +128,7 @@ class Dynamics:
 
     def rest(self) -> None:
         """Have what is launched next find effects as they are where a frame ends."""
+        self._in_frame = self._begins = False
         if self.composition.timed:
             self.world.stage = self._last_stage
 
@@ -134,6 +138,10 @@ class Dynamics:
             inputs = [self.world, state.here.lost, state.here.x]
             kernel, threads = begin_each_connection(self.composition), self.model.connection_count
             wp.launch(kernel, threads, inputs, device=self.model.device)
+        if substep % SEARCH_EVERY == 0:
+            for effect in self._searching:
+                effect.search(state.here.x, state.here.v, state.here.lost)
+        self._in_frame = self._begins = True
         self.go_to(substep)
 
     def go_to(self, substep: int) -> None:
@@ -169,9 +177,12 @@ class Dynamics:
             self._recorded.append((method, step))
             return
         model = self.model
-        if forced:
+        if forced and self._preceding:
+            for effect in [] if self._in_frame else self._searching:
+                effect.search(step.x, step.v, step.lost)
             for effect in self._preceding:
-                effect.before_forces(step.x, step.lost)
+                effect.before_forces(step.x, step.v, step.lost, self._begins)
+            self._begins = False
         if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
             kernel, threads = each_connection(self.composition), model.connection_count

@@ -86,11 +86,28 @@ class Effect:
         Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
         """
 
-    def before_forces(self, x: wp.array, lost: Any) -> None:
-        """Launch what the forces on particles at x need, before they are taken; `lost` is as kernels have it.
+    def search(self, x: wp.array, v: wp.array, lost: Any) -> None:
+        """Launch what finds out what is near what, for particles at x that move at v.
 
-        Where an effect does so, each stage is a launch of its own.
+        It is launched before every few substeps, and between frames wherever forces are taken.
         """
+
+    def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
+        """Launch what the forces on particles at x, which move at v, need before they are taken.
+
+        `lost` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an effect does
+        so, each stage is a launch of its own.
+        """
+
+    def look(self) -> None:
+        """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
+
+    def is_void(self) -> bool:
+        """Tell whether the frame that was waited for must be repeated, now that the effect has made room for it.
+
+        What has been recorded must be recorded anew then.
+        """
+        return False
 
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""

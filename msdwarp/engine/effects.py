@@ -16,6 +16,7 @@ from .forcing import Steady, forcing
 from .pressing import pressing
 from .tearing import Tearing
 from .ties import Ties
+from .touching import touching
 from .work import Work
 from .yielding import Yielding
 
@@ -53,6 +54,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: pressing(model, around.loads),
     lambda model, around: attaching(model, around.loads),
     lambda model, around: actuating(model, around.loads),
+    lambda model, around: touching(model, around.loads),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

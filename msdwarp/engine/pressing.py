@@ -95,7 +95,7 @@ class Gases(Pressing):
         self._law = gas_law(model.dim, model.scalar, model.compensated)
         self.data.value = wp.zeros((1, len(gases)), dtype=model.scalar, device=model.device)
 
-    def before_forces(self, x: wp.array, lost: Any) -> None:
+    def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch what finds the pressures for particles at x."""
         model = self._model
         threads = THREADS if model.device.is_cuda else 1

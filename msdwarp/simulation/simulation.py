@@ -35,9 +35,11 @@ from ..world import (
     Load,
     Probe,
     Scene,
+    Touch,
     bound,
     checked_probes,
     gravity_at,
+    with_touch,
 )
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
@@ -65,6 +67,8 @@ class Simulation(Changing):
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
     loads
         What else acts on the system: a `Force`, and so on.
+    touch
+        How bodies touch each other, a `Touch` or several; by default they pass through each other.
     integrator
         The time-stepping method.
     fps
@@ -119,6 +123,7 @@ class Simulation(Changing):
         colliders: Sequence[Collider] = (),
         contact: str = "coulomb",
         loads: Sequence[Load] = (),
+        touch: Touch | Sequence[Touch] | None = None,
         integrator: Integrator | None = None,
         fps: float = 60.0,
         substeps: int | str = "auto",
@@ -146,7 +151,7 @@ class Simulation(Changing):
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        self._given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        self._given = with_touch(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), touch)
         self._loads, self._gravity = bound(self._given, system), gravity
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
@@ -175,7 +180,7 @@ class Simulation(Changing):
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        names = ("gravity", "colliders", "loads", "schedule", "probes")
+        names = ("gravity", "colliders", "loads", "touch", "schedule", "probes")
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __repr__(self) -> str:

@@ -162,6 +162,19 @@ class Stepping:
         Where another one follows at once, at `then` [s], the host prepares that while the device is at work. Where
         the caller comes in between, what functions of time read may change first: then there is none.
         """
+        self._take_frame(time)
+        if then is not None:
+            self.dynamics.prepare(then)
+        fine = not self.watch.finds_trouble()
+        while self._is_void():
+            self.go_back()
+            self.graph = None
+            self._take_frame(time)
+            fine = not self.watch.finds_trouble()
+        return fine
+
+    def _take_frame(self, time: float) -> None:
+        """Launch the frame that begins at `time` [s]."""
         if self.graph is None and not self._unrecorded:
             self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
@@ -170,11 +183,12 @@ class Stepping:
             self._launch_frame()
         else:
             wp.capture_launch(self.graph)
-        if then is not None:
-            self.dynamics.prepare(then)
         fps = self.choice.fps
         self._begun, self._time = time, (round(time * fps) + 1) / fps
-        return not self.watch.finds_trouble()
+
+    def _is_void(self) -> bool:
+        """Tell whether the frame just waited for must be repeated: effects have made room for it."""
+        return any([effect.is_void() for effect in self.model.effects])
 
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
@@ -194,6 +208,8 @@ class Stepping:
         if self._sensors is not None:
             self._sensors.begin()
         self.stepper.take(self.choice.substeps)
+        for effect in self.model.effects:
+            effect.look()
         self.watch.look()
         if self._sensors is not None:
             v = self.velocity() if self._sensors.moves else self.state.v

@@ -25,6 +25,7 @@ from .probes import (
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
+from .touch import Touch, with_touch
 from .wind import Wind
 
 __all__ = [
@@ -56,6 +57,7 @@ __all__ = [
     "Scene",
     "Sphere",
     "Stored",
+    "Touch",
     "Wind",
     "at",
     "bound",
@@ -76,4 +78,5 @@ __all__ = [
     "scene_from_stored",
     "volume",
     "with_potential",
+    "with_touch",
 ]

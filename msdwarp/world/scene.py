@@ -14,6 +14,7 @@ from .loads import Load, check_loads
 from .look import Look
 from .probes import Probe, checked_probes
 from .schedule import Change
+from .touch import Touch, with_touch
 
 _SHOWN = 3
 """Colliders that the text of a scene shows; of more it says how many there are."""
@@ -31,6 +32,8 @@ class Scene:
         Obstacles; the fixed plane that faces most upwards is drawn as the ground.
     loads
         What acts on it beside gravity and obstacles: a `Force`, `Wind`, and so on.
+    touch
+        How bodies touch each other, a `Touch` or several of them; by default they pass through each other.
     gravity
         Acceleration of free fall [m/s²], which may be a function of time; see `Simulation`.
     duration
@@ -57,6 +60,7 @@ class Scene:
     system: System
     colliders: Sequence[Collider] = ()
     loads: Sequence[Load] = ()
+    touch: Touch | Sequence[Touch] | None = None
     gravity: Gravity = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
@@ -75,6 +79,7 @@ class Scene:
         for name, kind, example in kinds:
             several = checks.sequence(name, getattr(self, name), kind, example)
             object.__setattr__(self, name, several)
+        object.__setattr__(self, "loads", with_touch(self.loads, self.touch))
         dim = self.system.dim
         for k, one in enumerate(self.colliders):
             if wrong := one.fits(dim):

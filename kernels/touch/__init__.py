@@ -1,0 +1,22 @@
+"""Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
+
+from .evaluate import energy_of_touch, place_vertices, touch
+from .nearest import nearest_on_triangle
+from .search import box_facets, find_rows
+from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
+
+__all__ = [
+    "DEEPEST",
+    "FLAGS",
+    "HISTORY",
+    "LONGEST_ROW",
+    "MOVED",
+    "Surfaces",
+    "box_facets",
+    "energy_of_touch",
+    "find_rows",
+    "nearest_on_triangle",
+    "place_vertices",
+    "touch",
+    "touching_piece",
+]

@@ -1,0 +1,267 @@
+"""The forces of contact between bodies: a spring and a damper along the normal, and friction that sticks.
+
+For a point at x that overlaps a facet by δ, with the unit normal n out of the facet and the relative velocity u:
+
+    f_n = max(0, k δ − b_n u·n)
+    ξ is turned into the plane of contact, ξ += h u_t, and shortened to at most μ f_n / k_t
+    f_t = −k_t ξ − b_t u_t, shortened to at most μ f_n
+
+The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as whole numbers of
+a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what a pair exerts on
+each other cancels exactly.
+Reference: Cundall and Strack, A discrete numerical model for granular assemblies, Géotechnique 29 (1979).
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensation
+from ..records import records
+from .nearest import nearest_on_triangle
+from .pairs import pairs
+from .surfaces import DEEPEST, MOVED, Surfaces
+
+TANGENTIAL = 2.0 / 7.0
+"""Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
+
+
+@functools.cache
+def place_vertices(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, over vertices, that puts each where its particles are, and forgets the force on it."""
+    V, Data = vector(dim, scalar), Surfaces(scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @kernel
+    def place(data: Data, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), flags: wp.array(dtype=float)):
+        i = wp.tid()
+        place = V()
+        speed = V()
+        for s in range(data.first[i], data.first[i + 1]):
+            j = data.particle[s]
+            x_j = load(x, j)
+            if wp.static(compensated):
+                x_j = x_j - load(lost.x, j)
+            place += data.weight[s] * x_j
+            speed += data.weight[s] * load(v, j)
+        data.x[i] = place
+        data.v[i] = speed
+        for k in range(wp.static(dim)):
+            data.force[i, k] = wp.int64(0)
+        moved = float(wp.length(place - data.x_found[i]))
+        if not (moved <= flags[wp.static(MOVED)]):
+            wp.atomic_max(flags, wp.static(MOVED), moved)
+
+    return place
+
+
+@functools.cache
+def touch(scalar: type):
+    """Compose the kernel, over points, that adds up the forces of their contacts."""
+    return _each_point(scalar, False)
+
+
+@functools.cache
+def energy_of_touch(scalar: type):
+    """Compose the kernel, over points, of what their contacts store [J] and turn to heat [W]."""
+    return _each_point(scalar, True)
+
+
+def _each_point(scalar: type, measuring: bool):
+    V, Data = vector(3, scalar), Surfaces(scalar)
+    nearest = nearest_on_triangle(scalar)
+    find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
+    zero, one = scalar(0.0), scalar(1.0)
+    tangential, tangential_damping = scalar(TANGENTIAL), scalar(2.0 * TANGENTIAL**0.5)
+
+    @wp.func
+    def corner_of(data: Data, facet: int, k: int) -> V:
+        return data.x[data.corner[facet][k]]
+
+    @wp.func
+    def normal_of(data: Data, facet: int) -> V:
+        """Return the unit normal out of a facet; 0 of one that has none."""
+        a = corner_of(data, facet, 0)
+        return wp.normalize(wp.cross(corner_of(data, facet, 1) - a, corner_of(data, facet, 2) - a))
+
+    @wp.func
+    def place_on(data: Data, facet: int, w: V) -> V:
+        return (
+            w[0] * corner_of(data, facet, 0) + w[1] * corner_of(data, facet, 1) + w[2] * corner_of(data, facet, 2)
+        )
+
+    @wp.func
+    def add_to(data: Data, vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
+        wp.atomic_add(data.force, vertex, 0, a)
+        wp.atomic_add(data.force, vertex, 1, b)
+        wp.atomic_add(data.force, vertex, 2, c)
+
+    @wp.func
+    def part(total: wp.int64, share: scalar) -> wp.int64:
+        return wp.int64(wp.float64(total) * wp.float64(share))
+
+    @wp.func
+    def exert(data: Data, ends: wp.vec2i, s: scalar, facet: int, w: V, f: V, unit: wp.float64):
+        """Add force f to a point, and the opposite to a facet."""
+        a = wp.int64(wp.float64(f[0]) / unit)
+        b = wp.int64(wp.float64(f[1]) / unit)
+        c = wp.int64(wp.float64(f[2]) / unit)
+        if ends[0] == ends[1]:
+            add_to(data, ends[0], a, b, c)
+        else:
+            a_1 = part(a, s)
+            b_1 = part(b, s)
+            c_1 = part(c, s)
+            add_to(data, ends[1], a_1, b_1, c_1)
+            add_to(data, ends[0], a - a_1, b - b_1, c - c_1)
+        a_1 = part(a, w[1])
+        b_1 = part(b, w[1])
+        c_1 = part(c, w[1])
+        a_2 = part(a, w[2])
+        b_2 = part(b, w[2])
+        c_2 = part(c, w[2])
+        corner = data.corner[facet]
+        add_to(data, corner[1], -a_1, -b_1, -c_1)
+        add_to(data, corner[2], -a_2, -b_2, -c_2)
+        add_to(data, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
+
+    @kernel
+    def touch_points(
+        data: Data,
+        h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
+        unit: wp.float64,  # of forces [N]
+        flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
+        heated: wp.array(dtype=wp.float64),  # [W]
+    ):
+        p = wp.tid()
+        energy = wp.float64(0.0)
+        power = wp.float64(0.0)
+        n = data.length[p]
+        if n > 0:
+            ends = data.ends[p]
+            s = data.share[p]
+            x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
+            v = data.v[ends[0]] + s * (data.v[ends[1]] - data.v[ends[0]])
+            own = data.mobility[ends[0]]
+            if ends[0] != ends[1]:
+                own = (one - s) * (one - s) * own + s * s * data.mobility[ends[1]]
+            mine = data.body[p]
+            new_partner_0 = int(-1)
+            new_partner_1 = int(-1)
+            new_slip_0 = V()
+            new_slip_1 = V()
+            r = int(0)
+            while r < n:
+                # The facets of one body: the nearest counts.
+                other = data.owner[data.row[r, p]]
+                rule = find_rule(data, mine, other)
+                reach = reach_of(data, rule, mine, other)
+                best = scalar(reach * reach)
+                facet = int(-1)
+                w = V()
+                e = int(r)
+                while e < n:
+                    f = data.row[e, p]
+                    if data.owner[f] != other:
+                        break
+                    w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
+                    away = x - place_on(data, f, w_f)
+                    if wp.dot(away, away) < best:
+                        best = wp.dot(away, away)
+                        facet = f
+                        w = w_f
+                    e += 1
+                if facet >= 0:
+                    thickness = thickness_of(data, rule, mine, other)
+                    normal = normal_of(data, facet)
+                    q = place_on(data, facet, w)
+                    side = wp.dot(x - q, normal)
+                    closed = data.closed[other] != 0 and mine != other
+                    within = w[0] > zero and w[1] > zero and w[2] > zero
+                    if closed and not within:
+                        # Of the triangles around an edge or a corner, the one that is seen most steeply tells the side.
+                        tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
+                            corner_of(data, facet, 1) - corner_of(data, facet, 0)
+                        )
+                        for k in range(r, e):
+                            f = data.row[k, p]
+                            w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
+                            away = x - place_on(data, f, w_f)
+                            if wp.dot(away, away) <= tie:
+                                seen = wp.dot(away, normal_of(data, f))
+                                if wp.abs(seen) > wp.abs(side):
+                                    side = seen
+                    gap = wp.sqrt(best)
+                    if within and wp.length_sq(normal) > zero:
+                        gap = wp.abs(side)
+                        if side < zero:
+                            normal = -normal
+                    elif best > zero:
+                        normal = (x - q) / gap
+                    if closed and side < zero:
+                        gap = -gap
+                        normal = -normal
+                    overlap = thickness - gap
+                    mobility = own
+                    for k in range(3):
+                        mobility += w[k] * w[k] * data.mobility[data.corner[facet][k]]
+                    if overlap > zero and mobility > zero:
+                        k_n = stiffness_of(data, rule, mine, other)
+                        speed = data.v[data.corner[facet][0]] * w[0]
+                        speed += data.v[data.corner[facet][1]] * w[1]
+                        speed += data.v[data.corner[facet][2]] * w[2]
+                        u = v - speed
+                        u_n = wp.dot(u, normal)
+                        u_t = u - u_n * normal
+                        root = wp.sqrt(k_n / mobility)
+                        f_n = wp.max(zero, k_n * overlap - scalar(2.0) * data.damping[rule] * root * u_n)
+                        # A point that was touching this body before may stick to it.
+                        slip = V()
+                        if data.partner[0, p] == other:
+                            slip = data.slip[0, p]
+                        elif data.partner[1, p] == other:
+                            slip = data.slip[1, p]
+                        slip = slip - wp.dot(slip, normal) * normal + h * u_t
+                        k_t = tangential * k_n
+                        most = data.friction[rule] * f_n
+                        stretched = k_t * wp.length(slip)
+                        if stretched > most:
+                            slip = slip * (most / stretched)
+                        f_t = -k_t * slip - tangential_damping * root * u_t
+                        pull = wp.length(f_t)
+                        slides = pull > most
+                        if slides:
+                            f_t = f_t * (most / pull)
+                        if wp.static(measuring):
+                            energy += wp.float64(
+                                scalar(0.5) * (k_n * overlap * overlap + k_t * wp.dot(slip, slip))
+                            )
+                            lost = (k_n * overlap - f_n) * u_n - wp.dot(f_t, u_t)
+                            if not slides:
+                                lost -= k_t * wp.dot(slip, u_t)
+                            power += wp.float64(lost)
+                        else:
+                            exert(data, ends, s, facet, w, f_n * normal + f_t, unit)
+                            if float(overlap) > flags[wp.static(DEEPEST)]:
+                                wp.atomic_max(flags, wp.static(DEEPEST), float(overlap))
+                        if new_partner_0 < 0:
+                            new_partner_0 = other
+                            new_slip_0 = slip
+                        elif new_partner_1 < 0:
+                            new_partner_1 = other
+                            new_slip_1 = slip
+                r = e
+            if wp.static(not measuring):
+                if h > zero:
+                    data.partner[0, p] = new_partner_0
+                    data.partner[1, p] = new_partner_1
+                    data.slip[0, p] = new_slip_0
+                    data.slip[1, p] = new_slip_1
+        if wp.static(measuring):
+            stored[p] = energy
+            heated[p] = power
+
+    return touch_points

@@ -1,0 +1,50 @@
+"""What holds between two bodies: by which rule they touch, from how far, and how stiffly."""
+
+import functools
+
+import warp as wp
+
+from .surfaces import Surfaces
+
+
+@functools.cache
+def pairs(scalar: type):
+    """Compose (find_rule, thickness_of, reach_of, stiffness_of) for a point of body `mine` and a facet of body `other`."""
+    Data = Surfaces(scalar)
+
+    @wp.func
+    def find_rule(data: Data, mine: int, other: int) -> int:
+        """Return the rule by which they touch; −1 if they do not."""
+        rule = data.rule[data.kind[mine], data.kind[other]]
+        if mine == other and rule >= 0:
+            if data.among[rule] == 0:
+                rule = -1
+        return rule
+
+    @wp.func
+    def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return at which distance they touch [m]."""
+        given = data.thickness[rule]
+        if given >= scalar(0.0):
+            return given
+        return data.radius[mine] + data.radius[other]
+
+    @wp.func
+    def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return how far off a facet can push a point [m]: out of what is closed, from so deep."""
+        reach = thickness_of(data, rule, mine, other)
+        if data.closed[other] != 0 and mine != other:
+            reach = wp.max(reach, data.depth[other])
+        return reach
+
+    @wp.func
+    def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both bodies', by its share."""
+        k = data.given[rule]
+        if k < scalar(0.0):
+            a = data.stiffness[mine]
+            b = data.stiffness[other]
+            k = scalar(2.0) * a * b / (a + b)
+        return data.density[mine] * k
+
+    return find_rule, thickness_of, reach_of, stiffness_of

@@ -1,0 +1,95 @@
+"""Which facets are near a point: lists that hold until something has moved by half of their skin."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from .nearest import nearest_on_triangle
+from .pairs import pairs
+from .surfaces import HISTORY, LONGEST_ROW, Surfaces
+
+
+@functools.cache
+def box_facets(scalar: type):
+    """Compose the kernel, over facets, that writes the box around each."""
+    Data = Surfaces(scalar)
+
+    @kernel
+    def write_boxes(data: Data, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3)):
+        t = wp.tid()
+        c = data.corner[t]
+        a = wp.vec3(data.x[c[0]])
+        b = wp.vec3(data.x[c[1]])
+        d = wp.vec3(data.x[c[2]])
+        lower[t] = wp.min(wp.min(a, b), d)
+        upper[t] = wp.max(wp.max(a, b), d)
+
+    return write_boxes
+
+
+@functools.cache
+def find_rows(scalar: type):
+    """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
+
+    Rows rise by the numbers of facets, so that those of one body stand side by side. What is too far off is left
+    out by its exact distance; what is left in and is never touched changes nothing, so that neither the skin nor
+    the order in which facets are found does.
+    """
+    V, Data = vector(3, scalar), Surfaces(scalar)
+    nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
+
+    @kernel
+    def find(
+        data: Data,
+        tree: wp.uint64,
+        farthest: scalar,  # how far off a point may touch anything [m]
+        skin: wp.array(dtype=scalar),  # [m], shape [1]
+        flags: wp.array(dtype=float),
+    ):
+        p = wp.tid()
+        ends = data.ends[p]
+        s = data.share[p]
+        x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
+        start = data.start[ends[0]] + s * (data.start[ends[1]] - data.start[ends[0]])
+        mine = data.body[p]
+        around = farthest + skin[0]
+        # Boxes are of float32: their rounding counts too.
+        margin = wp.float32(around) + wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + wp.float32(around))
+        middle = wp.vec3(x)
+        corner = wp.vec3(margin, margin, margin)
+        count = int(0)
+        room = data.row.shape[0]
+        query = wp.bvh_query_aabb(tree, middle - corner, middle + corner)
+        facet = int(0)
+        while wp.bvh_query_next(query, facet):
+            other = data.owner[facet]
+            rule = find_rule(data, mine, other)
+            if rule >= 0:
+                c = data.corner[facet]
+                reach = reach_of(data, rule, mine, other)
+                near = bool(True)
+                if mine == other:
+                    # What is as near as that at the start, such as its own neighbours, it never touches.
+                    w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
+                    q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
+                    near = wp.length(start - q) > scalar(1.5) * reach
+                if near:
+                    w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
+                    q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
+                    if wp.length(x - q) < reach + skin[0]:
+                        if count < room:
+                            place = count
+                            while place > 0 and data.row[wp.max(place - 1, 0), p] > facet:
+                                data.row[place, p] = data.row[place - 1, p]
+                                place -= 1
+                            data.row[place, p] = facet
+                        count += 1
+        data.length[p] = wp.min(count, room)
+        if count == 0:
+            for k in range(wp.static(HISTORY)):
+                data.partner[k, p] = -1
+        if count > int(flags[wp.static(LONGEST_ROW)]):
+            wp.atomic_max(flags, wp.static(LONGEST_ROW), float(count))
+
+    return find

@@ -1,0 +1,98 @@
+"""What touches, on a device: vertices, points, facets, and what has been found of them."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..effect import Piece
+
+MOVED, LONGEST_ROW, DEEPEST = range(3)
+"""Flags: the furthest way of a vertex since rows were found [m], the longest row, the deepest overlap [m]."""
+FLAGS = 3
+HISTORY = 2
+"""Bodies with which a point may stick at a time; with more it only slides."""
+
+
+@functools.cache
+def Surfaces(scalar: type):
+    """Compose the struct of the surfaces that may touch.
+
+    Vertices are mixtures of particles; points and facets are made of vertices. A point is a vertex (both of its
+    vertices are the same) or lies on an edge. A facet is a triangle; that of a rope is a segment, of a grain a point.
+    """
+    V = vector(3, scalar)
+
+    @wp.struct
+    class SurfacesThatTouch:
+        # Vertices:
+        first: wp.array(dtype=int)  # where the particles of each begin, shape [vertex_count + 1]
+        particle: wp.array(dtype=int)  # shape [any]
+        weight: wp.array(dtype=scalar)  # the share of each, shape [any]
+        mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
+        start: wp.array(dtype=V)  # where it is at the start [m]
+        x: wp.array(dtype=V)  # where it is [m]
+        v: wp.array(dtype=V)  # how fast [m/s]
+        x_found: wp.array(dtype=V)  # where it was as rows were found [m]
+        force: wp.array2d(dtype=wp.int64)  # on it, in units, shape [vertex_count, 3]
+        # Points:
+        ends: wp.array(dtype=wp.vec2i)  # the two vertices of each, shape [point_count]
+        share: wp.array(dtype=scalar)  # that of the second one
+        body: wp.array(dtype=int)  # its body
+        row: wp.array2d(dtype=int)  # facets near it, rising, shape [room, point_count]
+        length: wp.array(dtype=int)  # how many
+        slip: wp.array2d(
+            dtype=V
+        )  # how far it has been moved along what it sticks to [m], shape [HISTORY, point_count]
+        partner: wp.array2d(dtype=int)  # which body that is, −1: none
+        # Facets:
+        corner: wp.array(dtype=wp.vec3i)  # the vertices of each, shape [facet_count]
+        owner: wp.array(dtype=int)  # its body
+        # Bodies:
+        kind: wp.array(dtype=int)  # which rules hold for it, shape [body_count]
+        closed: wp.array(dtype=int)  # whether its surface has an inside
+        depth: wp.array(dtype=scalar)  # how deep a point may be in it and still be pushed out [m]
+        stiffness: wp.array(dtype=scalar)  # of a contact with a body alike [N/m]
+        density: wp.array(dtype=scalar)  # vertices by points: a point has this share of the stiffness
+        radius: wp.array(dtype=scalar)  # half of its thickness [m]
+        # Rules, by the kinds of both bodies, shape [kind_count, kind_count]:
+        rule: wp.array2d(dtype=int)  # −1: they pass through each other
+        among: wp.array(dtype=int)  # by rule, as all below: whether a body touches itself
+        friction: wp.array(dtype=scalar)
+        damping: wp.array(dtype=scalar)  # damping ratio of a contact, from its restitution
+        thickness: wp.array(dtype=scalar)  # [m], below 0: of each body its own
+        given: wp.array(dtype=scalar)  # stiffness [N/m], below 0: of each body its own
+
+    return SurfacesThatTouch
+
+
+@functools.cache
+def touching_piece(dim: int, scalar: type, compensated: bool) -> Piece:
+    """Return what contact between bodies adds to kernels: the forces of the vertices on their particles."""
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+
+    @wp.struct
+    class Touched:
+        first: wp.array(dtype=int)  # where the vertices of each particle begin, shape [particle_count + 1]
+        vertex: wp.array(dtype=int)  # shape [any]
+        weight: wp.array(dtype=scalar)  # its share in each, shape [any]
+        force: wp.array2d(dtype=wp.int64)  # on vertices, in units, shape [vertex_count, 3]
+        unit: wp.float64  # [N]
+
+    def force(World: Any):
+        @wp.func
+        def push(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            total = V()
+            for s in range(world.touched.first[i], world.touched.first[i + 1]):
+                vertex = world.touched.vertex[s]
+                for k in range(wp.static(dim)):
+                    f = wp.float64(world.touched.force[vertex, k]) * world.touched.unit
+                    total[k] = total[k] + world.touched.weight[s] * scalar(f)
+            return total
+
+        return push
+
+    return Piece("touched", Touched, force=force, selective=True)

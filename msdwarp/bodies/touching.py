@@ -1,0 +1,141 @@
+"""What of a system can touch: vertices, points and facets of its bodies, by the numbers of their particles."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .connectivity import pieces
+from .surface import Surface
+from .system import System
+
+SAMPLES = 1
+"""Points on each edge of a surface, beside those at its ends."""
+ROPE = 2.5
+"""What has no surface, and fewer connections than this a particle, is a rope; else a heap of spheres."""
+SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
+"""Half the thickness of a sheet, and of a rope or a sphere, by the mean length of its edges or connections."""
+
+
+class TouchingSurfaces(NamedTuple):
+    """The surfaces of all bodies of a system. What hangs together by connections is a body."""
+
+    particle: NDArray[np.int64]
+    """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
+    weight: NDArray[np.float64]
+    """Their shares."""
+    ends: NDArray[np.int32]
+    """The two vertices that each point lies between, shape [point_count, 2]; the same twice of one that is a vertex."""
+    share: NDArray[np.float64]
+    """The second one's share in it."""
+    corner: NDArray[np.int32]
+    """The vertices of each facet, shape [facet_count, 3]; of segments and points some are the same. Body by body."""
+    body: NDArray[np.int32]
+    """The body of each vertex, shape [vertex_count]."""
+    body_of_particle: NDArray[np.int32]
+    """The body of each particle, shape [particle_count]."""
+    closed: NDArray[np.bool_]
+    """Whether the surface of each body has an inside, shape [body_count]."""
+    spacing: NDArray[np.float64]
+    """Mean length of its edges at the start, else of its connections [m]; 0 of a single particle."""
+    radius: NDArray[np.float64]
+    """Half its thickness [m]."""
+    stiffness: NDArray[np.float64]
+    """Mean stiffness of its connections [N/m]; 0 where it has none."""
+
+
+def touching_surfaces(system: System) -> TouchingSurfaces:
+    """Return what of a system can touch."""
+    lowest = pieces(system.particle_count, system.connections)
+    _, body_of = np.unique(lowest, return_inverse=True)
+    bodies = int(body_of.max()) + 1
+    particle, weight, triangles = _vertices(system)
+    body = body_of[particle[:, 0]]
+    drawn = np.zeros(bodies, dtype=bool)
+    drawn[body] = True
+    # What has no surface touches by its particles.
+    bare = np.flatnonzero(~drawn[body_of])
+    first = len(particle)
+    vertex_of = np.full(system.particle_count, -1)
+    vertex_of[bare] = first + np.arange(len(bare))
+    alone = np.zeros((len(bare), particle.shape[1]))
+    alone[:, 0] = 1.0
+    particle = np.concatenate([particle, np.repeat(bare[:, None], particle.shape[1], axis=1)])
+    weight = np.concatenate([weight, alone])
+    body = body_of[particle[:, 0]]
+    pairs = system.connections
+    between_bare = ~drawn[body_of[pairs[:, 0]]]
+    count = np.bincount(body_of, minlength=bodies)
+    joined = np.bincount(body_of[pairs[:, 0]], minlength=bodies)
+    rope = ~drawn & (joined > 0) & (2 * joined < ROPE * count)
+    segments = vertex_of[pairs[between_bare & rope[body_of[pairs[:, 0]]]]]
+    spheres = vertex_of[bare[~rope[body_of[bare]]]]
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
+    edges = np.concatenate([edges, segments]).astype(np.int32)
+    corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
+    corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
+    vertices = np.arange(len(particle))
+    shares = [(k + 1) / (SAMPLES + 1) for k in range(SAMPLES)]
+    ends = np.concatenate([np.stack([vertices, vertices], axis=1), *[edges] * SAMPLES])
+    share = np.concatenate([np.zeros(len(vertices)), *[np.full(len(edges), one) for one in shares]])
+
+    places = np.einsum("vk,vkd->vd", weight, system.position[particle])
+    lengths = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
+    spacing = _means(lengths, body[edges[:, 0]], bodies)
+    of_connections = body_of[pairs[:, 0]]
+    spacing = np.where(spacing > 0, spacing, _means(system.rest_length, of_connections, bodies))
+    closed = drawn & ~_open(triangles, body, bodies)
+    share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
+    return TouchingSurfaces(
+        particle,
+        weight,
+        ends.astype(np.int32),
+        share,
+        corner.astype(np.int32),
+        body.astype(np.int32),
+        body_of.astype(np.int32),
+        closed,
+        spacing,
+        share_of_spacing * spacing,
+        _means(system.stiffness, of_connections, bodies),
+    )
+
+
+def _vertices(system: System) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the different vertices of the surface, as particles and weights, and its triangles by their numbers."""
+    surface: Surface | None = system.surface
+    if surface is None:
+        return np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 3), dtype=np.int64)
+    particle = surface.particle.astype(np.int64)
+    if surface.weights is None:
+        particle, weight = particle[:, None], np.ones((len(particle), 1))
+        different, number = np.unique(particle, axis=0, return_inverse=True)
+        weights = np.ones((len(different), 1))
+    else:
+        weight = surface.weights
+        rows = np.hstack([particle, np.round(1e9 * weight).astype(np.int64)])
+        _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        different, weights = particle[chosen], weight[chosen]
+    triangles = number.reshape(-1)[surface.triangles]
+    whole = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])
+    return different, weights, triangles[whole & (triangles[:, 2] != triangles[:, 0])]
+
+
+def _open(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[np.bool_]:
+    """Return which bodies have an edge that is not run through once in either direction, shape [body_count]."""
+    found = np.zeros(bodies, dtype=bool)
+    if len(triangles):
+        runs = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+        most = int(triangles.max()) + 1
+        there, back = runs[:, 0] * most + runs[:, 1], runs[:, 1] * most + runs[:, 0]
+        different, counts = np.unique(there, return_counts=True)
+        place = np.minimum(np.searchsorted(different, back), len(different) - 1)
+        once = (different[place] == back) & (counts[np.searchsorted(different, there)] == 1)
+        found[body[runs[~once, 0]]] = True
+    return found
+
+
+def _means(values: NDArray[np.float64], of: NDArray, bodies: int) -> NDArray[np.float64]:
+    """Return the mean over what belongs to each body; 0 of nothing."""
+    count = np.bincount(of, minlength=bodies)
+    return np.bincount(of, weights=values, minlength=bodies) / np.maximum(count, 1)

@@ -1,0 +1,332 @@
+"""Touching: contact between the bodies of a system on a device."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import TouchingSurfaces, touching_surfaces
+from ..kernels.compensation import compensation
+from ..kernels.touch import (
+    DEEPEST,
+    FLAGS,
+    HISTORY,
+    LONGEST_ROW,
+    MOVED,
+    Surfaces,
+    box_facets,
+    energy_of_touch,
+    find_rows,
+    place_vertices,
+    touch,
+    touching_piece,
+)
+from ..world import Load, Touch
+from .effect import Effect
+from .rows import rows
+
+if TYPE_CHECKING:
+    from .model import Model
+
+ROOM = 32
+"""Facets that a row has room for at first."""
+MOST_ROOM = 2**30
+"""Numbers in all rows, at most."""
+LEAST_SKIN = 0.25
+"""The skin at first, and at least, by how far off bodies touch."""
+SKIN_BY_WAY = 3.0
+"""The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+FARTHEST_WAY = 16.0
+"""What has moved further between two searches, by how far off bodies touch, is flying apart."""
+UNITS = 2.0**-40
+"""The unit in which forces are summed, by the largest force that a contact is meant to bear."""
+CONTACTS_OF_A_SPHERE = 4.0
+"""With how many others a sphere is taken to be in contact at a time, in the bound of the rates."""
+EDGE_FACTOR = 2.0
+"""Mass that a point on an edge may stand for, by that of a vertex."""
+
+
+def touching(model: "Model", loads: Sequence[Load]) -> Effect | None:
+    """Return the effect of contact between the bodies of a scene, if they touch."""
+    rules = [one for one in loads if isinstance(one, Touch)]
+    if not any(one.between != "none" for one in rules):
+        return None
+    return Touching(model, rules)
+
+
+class Touching(Effect):
+    """Keeps bodies out of each other: points of their surfaces against facets.
+
+    Facets near a point are listed. A list holds until something has moved by half of its skin: lists are made anew
+    before every few substeps, and a frame in which that was not often enough is repeated with a larger skin. What is
+    listed and not touched changes nothing, so that results do not depend on the skin.
+    """
+
+    def __init__(self, model: "Model", rules: Sequence[Touch]) -> None:
+        self._model, self._rules, self._dt = model, rules, 0.0
+        surfaces = self._surfaces = touching_surfaces(model.system)
+        scalar, device, dtype = model.scalar, model.device, model.dtype
+        kind, rule = _rules_by_kind(model, surfaces, rules)
+        self._check_stiffness(kind, rule)
+
+        def array(values: Any, kind: Any) -> wp.array:
+            return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
+
+        vertices, points, bodies = len(surfaces.particle), len(surfaces.share), len(surfaces.closed)
+        data = self._touch = Surfaces(scalar)()
+        each, width = surfaces.weight != 0, surfaces.particle.shape[1]
+        data.first = array(np.append(0, np.cumsum(each.sum(axis=1))), int)
+        data.particle, data.weight = array(surfaces.particle[each], int), array(surfaces.weight[each], scalar)
+        inverse = np.broadcast_to(1.0 / model.mass, model.particle_count)
+        mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
+        data.mobility = array(mobility, scalar)
+        start = np.einsum("vk,vkd->vd", surfaces.weight, model.system.position[surfaces.particle])
+        data.start = array(start.astype(dtype), model.vector)
+        for name in ("x", "v", "x_found"):
+            setattr(data, name, wp.zeros(vertices, dtype=model.vector, device=device))
+        data.force = wp.zeros((vertices, 3), dtype=wp.int64, device=device)
+        data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
+        data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
+        data.row = wp.zeros((ROOM, points), dtype=int, device=device)
+        data.length = wp.zeros(points, dtype=int, device=device)
+        data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
+        data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
+        data.corner = array(surfaces.corner, wp.vec3i)
+        data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
+        data.kind, data.closed = array(kind, int), array(surfaces.closed.astype(np.int32), int)
+        # A body must not be pushed through: what is found past its middle has come from the other side.
+        low, high = np.full((bodies, 3), np.inf), np.full((bodies, 3), -np.inf)
+        np.minimum.at(low, surfaces.body, start)
+        np.maximum.at(high, surfaces.body, start)
+        with np.errstate(invalid="ignore"):
+            thinnest = np.nan_to_num((high - low).min(axis=1), posinf=0.0, neginf=0.0)
+        depth = np.where(surfaces.closed, np.minimum(surfaces.spacing, 0.5 * thinnest), 0.0)
+        on_vertices = np.bincount(surfaces.body, minlength=bodies)
+        on_points = np.bincount(surfaces.body[surfaces.ends[:, 0]], minlength=bodies)
+        density = on_vertices / np.maximum(on_points, 1)
+        for name, values in (
+            ("depth", depth),
+            ("stiffness", surfaces.stiffness),
+            ("density", density),
+            ("radius", surfaces.radius),
+        ):
+            setattr(data, name, array(values, scalar))
+        data.rule = array(rule, int)
+        data.among = array([one.between == "all" for one in rules], int)
+        for name, values in (
+            ("friction", [one.friction for one in rules]),
+            ("damping", [one.damping_ratio for one in rules]),
+            ("thickness", [-1.0 if one.thickness is None else one.thickness for one in rules]),
+            ("given", [-1.0 if one.stiffness is None else one.stiffness for one in rules]),
+        ):
+            setattr(data, name, array(values, scalar))
+        given = [one.thickness for one in rules if one.thickness is not None]
+        own = 2.0 * float(surfaces.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0
+        self._farthest = max(own, float(depth.max(initial=0.0)), *given, 0.0)
+        self._least_skin = LEAST_SKIN * self._farthest
+        self._blocks = self._bounds(kind, rule, density)
+
+        self.piece = touching_piece(model.dim, scalar, model.compensated)
+        self.data = self.piece.Data()
+        owner = surfaces.particle[each]
+        order, first = rows(owner, model.particle_count)
+        self.members = np.diff(first) > 0
+        self.data.first = array(first, int)
+        self.data.vertex = array(np.repeat(np.arange(vertices), each.sum(axis=1))[order], int)
+        self.data.weight = array(surfaces.weight[each][order], scalar)
+        self.data.force = data.force
+        stiffest = max(float(surfaces.stiffness.max(initial=0.0)), *(one.stiffness or 0.0 for one in rules))
+        self.data.unit = stiffest * max(self._farthest, 1e-30) * UNITS
+        self._start = start.astype(dtype)
+        data.x.assign(self._start)
+        self._lower, self._upper = (wp.zeros(len(surfaces.corner), dtype=wp.vec3, device=device) for _ in "lu")
+        wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
+        self._tree = wp.Bvh(self._lower, self._upper)
+        self._flags = wp.zeros(FLAGS, dtype=float, device=device)
+        self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
+        self._skin_now = self._least_skin
+        self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
+        self._unread = wp.zeros_like(self._flags)
+        self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
+        self.deepest = 0.0
+        """The deepest overlap in the frame looked at last [m]."""
+
+    def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
+        """Raise ValueError for bodies that have no stiffness where none is given."""
+        soft = self._surfaces.stiffness <= 0
+        for number, one in enumerate(self._rules):
+            meant = (rule == number).any(axis=1)[kind]
+            if one.stiffness is None and (soft & meant).any():
+                raise ValueError(
+                    f"touch has no stiffness, but {int((soft & meant).sum())} of the bodies have no connections to "
+                    "take it from; it must be given [N/m]"
+                )
+
+    def _bounds(self, kind: NDArray, rule: NDArray, density: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what contacts add to the blocks of K [N/m] and B [N s/m] of each particle, as numbers."""
+        surfaces, model = self._surfaces, self._model
+        bodies = len(surfaces.closed)
+        own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, 1e-30)
+        stiff, reaction, ratio = (np.zeros(bodies) for _ in range(3))
+        # Bodies of the same kind that are alike count once.
+        table = np.stack([kind, own, spacing, surfaces.closed], axis=1)
+        alike, number = np.unique(table, axis=0, return_inverse=True)
+        number = number.reshape(-1)
+        for a, (kind_a, k_a, s_a, _) in enumerate(alike):
+            most = opposite = zeta = 0.0
+            for kind_b, k_b, s_b, _ in alike:
+                which = rule[int(kind_a), int(kind_b)]
+                if which < 0:
+                    continue
+                one = self._rules[which]
+                k = one.stiffness if one.stiffness is not None else 2 * k_a * k_b / (k_a + k_b)
+                most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / s_b) ** 2))
+                zeta = max(zeta, 2 * one.damping_ratio, 2 * (2 / 7) ** 0.5)
+            mine = number == a
+            stiff[mine], reaction[mine], ratio[mine] = most, opposite, zeta
+        body, ends, share = surfaces.body, surfaces.ends, surfaces.share
+        vertices = len(surfaces.particle)
+        weights = np.zeros(vertices)
+        np.add.at(weights, ends[:, 0], 1 - share)
+        np.add.at(weights, ends[:, 1], share)
+        bare = np.bincount(body[surfaces.corner[:, 0]], minlength=bodies) > 0
+        bare &= ~surfaces.closed & (surfaces.radius > 0.2 * spacing)
+        contacts = np.where(bare | (surfaces.spacing == 0), CONTACTS_OF_A_SPHERE, 1.0)
+        each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
+        mass = np.where(np.isfinite(model.mass), model.mass, 0.0)
+        mass = np.broadcast_to(mass, model.particle_count)
+        heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
+        k_point = np.maximum(stiff, reaction)[body] * density[body]
+        damped = contacts[body] * ratio[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
+        stiffness, damping = np.zeros(model.particle_count), np.zeros(model.particle_count)
+        for total, values in ((stiffness, each), (damping, damped)):
+            np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
+        return stiffness, damping
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Take the length of substeps."""
+        self._dt = dt
+
+    def search(self, x: wp.array, v: wp.array, lost: Any) -> None:
+        """Launch what lists the facets near each point."""
+        data, device, scalar = self._touch, self._model.device, self._model.scalar
+        self._place(x, v, lost, self._unread)
+        wp.launch(box_facets(scalar), len(data.corner), [data], [self._lower, self._upper], device=device)
+        self._tree.refit()
+        wp.copy(data.x_found, data.x)
+        inputs = [data, self._tree.id, self._farthest, self._skin]
+        wp.launch(find_rows(scalar), len(data.share), inputs, [self._flags], device=device)
+
+    def _place(self, x: wp.array, v: wp.array, lost: Any, flags: wp.array) -> None:
+        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
+        model = self._model
+        compensated = model.compensated and lost is not None
+        if lost is None:
+            lost = compensation(model.dim, model.scalar, False)[0]()
+        kernel = place_vertices(model.dim, model.scalar, compensated)
+        wp.launch(kernel, len(self._touch.x), [self._touch, lost, x, v], [flags], device=model.device)
+
+    def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
+        """Launch the contacts of particles at x that move at v."""
+        model, data = self._model, self._touch
+        self._place(x, v, lost, self._flags)
+        inputs = [data, self._dt if begins else 0.0, self.data.unit]
+        outputs = [self._flags, self._nowhere, self._nowhere]
+        wp.launch(touch(model.scalar), len(data.share), inputs, outputs, device=model.device)
+
+    def look(self) -> None:
+        """Launch what tells whether lists held."""
+        if self._found is not self._flags:
+            wp.copy(self._found, self._flags)
+            self._flags.zero_()
+
+    def is_void(self) -> bool:
+        """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
+        flags = self._found.numpy()
+        moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
+        if self._found is self._flags:
+            self._flags.zero_()
+        if not moved < FARTHEST_WAY * self._farthest:
+            return False  # it flies apart, which the watch sees
+        held = moved <= 0.5 * self._skin_now
+        wanted = max(self._least_skin, SKIN_BY_WAY * moved)
+        if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
+            self._skin_now = wanted
+            self._skin.fill_(wanted)
+        room, points = self._touch.row.shape
+        if longest > room:
+            more = 1 << (int(1.25 * longest) - 1).bit_length()
+            if more * points > MOST_ROOM:
+                raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
+            self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
+        return not held or longest > room
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """How points stick."""
+        return [self._touch.slip, self._touch.partner]
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return how points stick."""
+        return {
+            "touch.slip": self._touch.slip.numpy().copy(),
+            "touch.partner": self._touch.partner.numpy().copy(),
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self._touch.slip.assign(arrays["touch.slip"])
+        self._touch.partner.assign(arrays["touch.partner"])
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
+        for blocks, each in zip((stiffness, damping), self._blocks, strict=True):
+            blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
+
+    def energy(self, x: wp.array) -> float:
+        """Return what contacts store [J]."""
+        return self._measured(x, self._model.vectors())[0]
+
+    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
+        """Return what contacts turn to heat [W]."""
+        return self._measured(x, v)[1]
+
+    def _measured(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        model, data = self._model, self._touch
+        self.search(x, v, None)
+        sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
+        inputs = [data, 0.0, self.data.unit]
+        wp.launch(
+            energy_of_touch(model.scalar), len(data.share), inputs, [self._flags, *sums], device=model.device
+        )
+        return float(sums[0].numpy().sum()), float(sums[1].numpy().sum())
+
+
+def _rules_by_kind(
+    model: "Model", surfaces: TouchingSurfaces, rules: Sequence[Touch]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the kind of each body, and by kinds the number of the rule that holds, −1 where none does.
+
+    Bodies in the same groups of those that rules name are of one kind.
+    """
+    bodies, body = len(surfaces.closed), surfaces.body_of_particle
+    names = sorted({name for one in rules for name in one.groups or ()})
+    within = np.zeros((bodies, len(names)), dtype=bool)
+    count = np.bincount(body, minlength=bodies)
+    for k, name in enumerate(names):
+        held = np.bincount(body[model.system.group(name)], minlength=bodies)
+        if ((held > 0) & (held < count)).any():
+            raise ValueError(f"touch.groups names {name!r}, which holds a part of a body; it must hold whole ones")
+        within[:, k] = held > 0
+    kinds, kind = np.unique(within, axis=0, return_inverse=True)
+    rule = np.full((len(kinds), len(kinds)), -1, dtype=np.int32)
+    for number, one in enumerate(rules):
+        value = -1 if one.between == "none" else number
+        if one.groups is None:
+            rule[:] = value
+            continue
+        a, b = (kinds[:, names.index(name)] for name in one.groups)
+        rule[np.outer(a, b) | np.outer(b, a)] = value
+    return kind.reshape(-1).astype(np.int32), rule

@@ -1,0 +1,116 @@
+"""Touch: bodies that keep each other out."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .. import checks
+from ..bodies import System
+from .loads import Load
+
+BODIES, ALL, NONE = "bodies", "all", "none"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Touch(Load):
+    """Contact between bodies, and of bodies with themselves.
+
+    What hangs together by connections is a body. Bodies with a surface touch by it, points on it against
+    triangles; closed ones push out what is found inside, sheets have two sides. Ropes touch by their connections,
+    grains as spheres. See docs/contact.md for the law.
+
+    Parameters
+    ----------
+    friction
+        Coulomb's coefficient μ between bodies.
+    restitution
+        Speed after a collision over that before, of two single particles, above 0 and at most 1. Bodies of many
+        lose more, which goes to their vibrations.
+    between
+        "bodies": different bodies touch; "all": also bodies with themselves; "none": they pass through each other.
+    groups
+        Names of two groups of whole bodies that this is about (see `System.named`); by default all. Of several
+        that name a pair the last one counts.
+    thickness
+        Distance at which surfaces touch [m]. By default closed surfaces touch as they are drawn; a sheet is a
+        quarter as thick as its particles are apart, a rope and a heap of grains half as thick.
+    stiffness
+        Stiffness of a contact [N/m]; by default what one more layer of connections would have: the harmonic mean
+        of both bodies' mean stiffness. Single particles have none: there it must be given.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
+    """
+
+    friction: float = 0.5
+    restitution: float = 0.3
+    between: str = BODIES
+    groups: Any = None
+    thickness: float | None = None
+    stiffness: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if self.on is not None:
+            raise ValueError(f"on is {checks.said(self.on)}; which bodies are meant is said by groups")
+        checks.non_negative("friction", self.friction)
+        if not 0 < checks.non_negative("restitution", self.restitution) <= 1:
+            raise ValueError(f"restitution is {self.restitution:g}; it must be above 0 and at most 1")
+        checks.one_of("between", self.between, (BODIES, ALL, NONE))
+        if self.thickness is not None:
+            checks.non_negative("thickness", self.thickness)
+        if self.stiffness is not None:
+            checks.positive("stiffness", self.stiffness)
+        if self.groups is not None:
+            names = tuple(self.groups) if not isinstance(self.groups, str) else ()
+            if len(names) != 2 or not all(isinstance(name, str) for name in names):
+                raise ValueError(f"groups is {checks.said(self.groups)}; it must be two names of groups")
+            object.__setattr__(self, "groups", names)
+
+    @property
+    def damping_ratio(self) -> float:
+        """The damping ratio ζ that gives this restitution.
+
+        Two particles that touch are a damped oscillator which is let go when its force, that never pulls, is 0:
+        restitution = |v| there over the speed of the impact.
+        Reference: Schwager and Pöschel, Granular Matter 9 (2007) 465.
+        """
+        low, high = 0.0, 10.0  # restitution falls from 1 as damping rises
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if restitution_of(middle) > self.restitution else (low, middle)
+        return 0.5 * (low + high)
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if bodies of this system cannot touch."""
+        if system.dim != 3:
+            raise ValueError(f"touch is asked for in {system.dim} dimensions; bodies touch in three only")
+        for name in self.groups or ():
+            checks.one_of("a name in groups", name, system.groups)
+
+
+def restitution_of(damping_ratio: float) -> float:
+    """Return the speed after a collision of two particles over that before, for a contact of this damping ratio."""
+    z = damping_ratio
+    if z == 0:
+        return 1.0
+    # x'' + 2 z x' + x = 0 from x = 0, x' = 1; it ends where x'' = 0.
+    if abs(z - 1) < 1e-9:
+        z = 1 + 1e-9
+    if z < 1:
+        w = math.sqrt(1 - z * z)
+        t = math.atan2(2 * z * w, 2 * z * z - 1) / w
+        return math.exp(-z * t) * abs(math.cos(w * t) - z / w * math.sin(w * t))
+    w = math.sqrt(z * z - 1)
+    t = math.log((2 * z * (z + w) - 1) / (2 * z * (z - w) - 1)) / (2 * w)
+    return math.exp(-z * t) * abs(math.cosh(w * t) - z / w * math.sinh(w * t))
+
+
+def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> tuple[Load, ...]:
+    """Return loads with what says how bodies touch behind them, in place of what said it before."""
+    given = () if touch is None else (touch,) if isinstance(touch, Touch) else touch
+    rules = checks.sequence("touch", given, Touch, "Touch(friction=0.5)")
+    return (*(one for one in loads if not isinstance(one, Touch)), *rules)
