@@ -131,6 +131,7 @@ def _each_point(scalar: type, measuring: bool):
     def touch_points(
         data: Data,
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
+        behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
@@ -217,7 +218,13 @@ def _each_point(scalar: type, measuring: bool):
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         root = wp.sqrt(k_n / mobility)
-                        f_n = wp.max(zero, k_n * overlap - scalar(2.0) * data.damping[rule] * root * u_n)
+                        # A pair touches twice, as a point and as a facet of each: both have half of the damping.
+                        b_n = scalar(2.0**0.5) * data.damping[rule] * root
+                        b_t = tangential_damping * root
+                        # Where velocities lag, the mean of those before and after a substep counts: it is solved for.
+                        late = one / (one + behind * b_n * mobility)
+                        b_t = b_t / (one + behind * b_t * mobility)
+                        f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
                         # A point that was touching this body before may stick to it.
                         slip = V()
                         if data.partner[0, p] == other:
@@ -230,7 +237,7 @@ def _each_point(scalar: type, measuring: bool):
                         stretched = k_t * wp.length(slip)
                         if stretched > most:
                             slip = slip * (most / stretched)
-                        f_t = -k_t * slip - tangential_damping * root * u_t
+                        f_t = -k_t * slip - b_t * u_t
                         pull = wp.length(f_t)
                         slides = pull > most
                         if slides:

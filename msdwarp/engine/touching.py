@@ -42,7 +42,7 @@ FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
-CONTACTS_OF_A_SPHERE = 4.0
+CONTACTS_OF_A_SPHERE = 6.0
 """With how many others a sphere is taken to be in contact at a time, in the bound of the rates."""
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
@@ -232,7 +232,7 @@ class Touching(Effect):
         """Launch the contacts of particles at x that move at v."""
         model, data = self._model, self._touch
         self._place(x, v, lost, self._flags)
-        inputs = [data, self._dt if begins else 0.0, self.data.unit]
+        inputs = [data, self._dt if begins else 0.0, self._dt if self.steps.lagging else 0.0, self.data.unit]
         outputs = [self._flags, self._nowhere, self._nowhere]
         wp.launch(touch(model.scalar), len(data.share), inputs, outputs, device=model.device)
 
@@ -297,7 +297,7 @@ class Touching(Effect):
         model, data = self._model, self._touch
         self.search(x, v, None)
         sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
-        inputs = [data, 0.0, self.data.unit]
+        inputs = [data, 0.0, 0.0, self.data.unit]
         wp.launch(
             energy_of_touch(model.scalar), len(data.share), inputs, [self._flags, *sums], device=model.device
         )
