@@ -74,7 +74,7 @@ def _each_point(scalar: type, measuring: bool):
     nearest = nearest_on_triangle(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
     zero, one = scalar(0.0), scalar(1.0)
-    tangential, tangential_damping = scalar(TANGENTIAL), scalar(2.0 * TANGENTIAL**0.5)
+    tangential = scalar(TANGENTIAL)
 
     @wp.func
     def corner_of(data: Data, facet: int, k: int) -> V:
@@ -217,10 +217,11 @@ def _each_point(scalar: type, measuring: bool):
                         u = v - speed
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
-                        root = wp.sqrt(k_n / mobility)
+                        # As it has a share of the stiffness, a point has one of the mass.
+                        root = wp.sqrt(data.density[mine] * k_n / mobility)
                         # A pair touches twice, as a point and as a facet of each: both have half of the damping.
                         b_n = scalar(2.0**0.5) * data.damping[rule] * root
-                        b_t = tangential_damping * root
+                        b_t = wp.sqrt(tangential) * b_n
                         # Where velocities lag, the mean of those before and after a substep counts: it is solved for.
                         late = one / (one + behind * b_n * mobility)
                         b_t = b_t / (one + behind * b_t * mobility)

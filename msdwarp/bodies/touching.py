@@ -40,6 +40,8 @@ class TouchingSurfaces(NamedTuple):
     """Mean length of its edges at the start, else of its connections [m]; 0 of a single particle."""
     radius: NDArray[np.float64]
     """Half its thickness [m]."""
+    rest_length: NDArray[np.float64]
+    """Mean rest length of its connections [m]; 0 where it has none."""
     stiffness: NDArray[np.float64]
     """Mean stiffness of its connections [N/m]; 0 where it has none."""
 
@@ -97,6 +99,7 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
         closed,
         spacing,
         share_of_spacing * spacing,
+        _means(system.rest_length, of_connections, bodies),
         _means(system.stiffness, of_connections, bodies),
     )
 

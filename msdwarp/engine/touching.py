@@ -42,8 +42,12 @@ FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
-CONTACTS_OF_A_SPHERE = 6.0
-"""With how many others a sphere is taken to be in contact at a time, in the bound of the rates."""
+CONTACTS_OF_A_SPHERE = 24.0
+"""With how many others a sphere is taken to be in contact at a time, in the bound of the rates.
+
+About 6 would do for stability. Twice the substeps that these ask for keep the restitution of a pair within 2 % of what
+was asked for.
+"""
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
 
@@ -102,10 +106,12 @@ class Touching(Effect):
         np.maximum.at(high, surfaces.body, start)
         with np.errstate(invalid="ignore"):
             thinnest = np.nan_to_num((high - low).min(axis=1), posinf=0.0, neginf=0.0)
-        depth = np.where(surfaces.closed, np.minimum(surfaces.spacing, 0.5 * thinnest), 0.0)
+        depth = np.where(surfaces.closed, np.minimum(surfaces.rest_length, 0.5 * thinnest), 0.0)
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
+        carriers = np.unique(surfaces.particle[surfaces.weight != 0])
+        carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
         on_points = np.bincount(surfaces.body[surfaces.ends[:, 0]], minlength=bodies)
-        density = on_vertices / np.maximum(on_points, 1)
+        density = np.minimum(carrying, on_vertices) / np.maximum(on_points, 1)
         for name, values in (
             ("depth", depth),
             ("stiffness", surfaces.stiffness),
@@ -183,7 +189,7 @@ class Touching(Effect):
                 one = self._rules[which]
                 k = one.stiffness if one.stiffness is not None else 2 * k_a * k_b / (k_a + k_b)
                 most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / s_b) ** 2))
-                zeta = max(zeta, 2 * one.damping_ratio, 2 * (2 / 7) ** 0.5)
+                zeta = max(zeta, 2**0.5 * one.damping_ratio)
             mine = number == a
             stiff[mine], reaction[mine], ratio[mine] = most, opposite, zeta
         body, ends, share = surfaces.body, surfaces.ends, surfaces.share
@@ -198,8 +204,8 @@ class Touching(Effect):
         mass = np.where(np.isfinite(model.mass), model.mass, 0.0)
         mass = np.broadcast_to(mass, model.particle_count)
         heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
-        k_point = np.maximum(stiff, reaction)[body] * density[body]
-        damped = contacts[body] * ratio[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
+        k_point = np.maximum(stiff, reaction)[body]
+        damped = contacts[body] * ratio[body] * density[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
         stiffness, damping = np.zeros(model.particle_count), np.zeros(model.particle_count)
         for total, values in ((stiffness, each), (damping, damped)):
             np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
