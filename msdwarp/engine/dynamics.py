@@ -28,8 +28,6 @@ from .tearing import Tearing
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
-SEARCH_EVERY = 8
-"""Substeps from one search for what is near what to the next."""
 LEAST_IN_COLUMNS = 30_000
 """Fewer particles are too few columns to keep a GPU busy."""
 MOST_APART = 0.25
@@ -138,8 +136,8 @@ class Dynamics:
             inputs = [self.world, state.here.lost, state.here.x]
             kernel, threads = begin_each_connection(self.composition), self.model.connection_count
             wp.launch(kernel, threads, inputs, device=self.model.device)
-        if substep % SEARCH_EVERY == 0:
-            for effect in self._searching:
+        for effect in self._searching:
+            if substep % effect.search_every == 0:
                 effect.search(state.here.x, state.here.v, state.here.lost)
         self._in_frame = self._begins = True
         self.go_to(substep)

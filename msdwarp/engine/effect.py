@@ -58,6 +58,11 @@ class Effect:
     works: bool = False
     """Whether it may do work on the bodies, so that energy that grows is no sign of divergence."""
 
+    search_every: int = 8
+    """Substeps from one `search` to the next."""
+    is_stale: bool = False
+    """Whether what is launched has changed, so that what has been recorded must be recorded anew."""
+
     steps: Steps = Steps(1.0, 1)
     """The substeps of the frames to come; known when `begin` is called."""
 

@@ -40,6 +40,8 @@ SKIN_BY_WAY = 3.0
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
 FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
+MOST_BETWEEN = 32
+"""Substeps from one search to the next, at most."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 CONTACTS_OF_A_SPHERE = 24.0
@@ -205,7 +207,9 @@ class Touching(Effect):
         mass = np.broadcast_to(mass, model.particle_count)
         heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
         k_point = np.maximum(stiff, reaction)[body]
-        damped = contacts[body] * ratio[body] * density[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
+        damped = (
+            contacts[body] * ratio[body] * density[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
+        )
         stiffness, damping = np.zeros(model.particle_count), np.zeros(model.particle_count)
         for total, values in ((stiffness, each), (damping, damped)):
             np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
@@ -261,6 +265,11 @@ class Touching(Effect):
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)
+        # Where all moves fast, lists are made more often before they grow long.
+        if wanted > self._farthest and self.search_every > 1:
+            self.search_every, self.is_stale = self.search_every // 2, True
+        elif 2 * SKIN_BY_WAY * moved < self._least_skin and self.search_every < MOST_BETWEEN:
+            self.search_every, self.is_stale = 2 * self.search_every, True
         room, points = self._touch.row.shape
         if longest > room:
             more = 1 << (int(1.25 * longest) - 1).bit_length()

@@ -188,7 +188,11 @@ class Stepping:
 
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
-        return any([effect.is_void() for effect in self.model.effects])
+        void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
+        for effect in self.model.effects:
+            if effect.is_stale:
+                self.graph, effect.is_stale = None, False
+        return any(void)
 
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
