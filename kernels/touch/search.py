@@ -29,6 +29,31 @@ def box_facets(scalar: type):
 
 
 @functools.cache
+def box_bodies():
+    """Compose the kernel, over chunks of facets of one body, that extends the box around the body."""
+
+    @kernel
+    def extend_boxes(
+        chunk: wp.array(dtype=wp.vec3i),  # body, first facet, and the one behind the last, shape [chunk_count]
+        lower: wp.array(dtype=wp.vec3),  # of facets
+        upper: wp.array(dtype=wp.vec3),
+        # In and out, shape [body_count]:
+        low: wp.array(dtype=wp.vec3),
+        high: wp.array(dtype=wp.vec3),
+    ):
+        c = chunk[wp.tid()]
+        least = lower[c[1]]
+        most = upper[c[1]]
+        for t in range(c[1] + 1, c[2]):
+            least = wp.min(least, lower[t])
+            most = wp.max(most, upper[t])
+        wp.atomic_min(low, c[0], least)
+        wp.atomic_max(high, c[0], most)
+
+    return extend_boxes
+
+
+@functools.cache
 def find_rows(scalar: type):
     """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
 
@@ -36,13 +61,22 @@ def find_rows(scalar: type):
     out by its exact distance; what is left in and is never touched changes nothing, so that neither the skin nor
     the order in which facets are found does.
     """
-    V, Data = vector(3, scalar), Surfaces(scalar)
+    Data = Surfaces(scalar)
     nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
+
+    @wp.func
+    def box_around(x: vector(3, scalar), around: scalar):
+        """Return the corners of a box of float32 that holds all that is so near to x, whatever was rounded."""
+        reach = wp.float32(around)
+        reach += wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + reach)
+        corner = wp.vec3(reach, reach, reach)
+        return wp.vec3(x) - corner, wp.vec3(x) + corner
 
     @kernel
     def find(
         data: Data,
-        tree: wp.uint64,
+        bodies: wp.uint64,  # tree of the boxes around bodies
+        facets: wp.uint64,  # tree of those around facets, body by body
         farthest: scalar,  # how far off a point may touch anything [m]
         skin: wp.array(dtype=scalar),  # [m], shape [1]
         flags: wp.array(dtype=float),
@@ -53,38 +87,37 @@ def find_rows(scalar: type):
         x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
         start = data.start[ends[0]] + s * (data.start[ends[1]] - data.start[ends[0]])
         mine = data.body[p]
-        around = farthest + skin[0]
-        # Boxes are of float32: their rounding counts too.
-        margin = wp.float32(around) + wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + wp.float32(around))
-        middle = wp.vec3(x)
-        corner = wp.vec3(margin, margin, margin)
         count = int(0)
         room = data.row.shape[0]
-        query = wp.bvh_query_aabb(tree, middle - corner, middle + corner)
-        facet = int(0)
-        while wp.bvh_query_next(query, facet):
-            other = data.owner[facet]
+        low, high = box_around(x, farthest + skin[0])
+        near_bodies = wp.bvh_query_aabb(bodies, low, high)
+        other = int(0)
+        while wp.bvh_query_next(near_bodies, other):
             rule = find_rule(data, mine, other)
             if rule >= 0:
-                c = data.corner[facet]
                 reach = reach_of(data, rule, mine, other)
-                near = bool(True)
-                if mine == other:
-                    # What is as near as that at the start, such as its own neighbours, it never touches.
-                    w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
-                    q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
-                    near = wp.length(start - q) > scalar(1.5) * reach
-                if near:
-                    w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
-                    q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
-                    if wp.length(x - q) < reach + skin[0]:
-                        if count < room:
-                            place = count
-                            while place > 0 and data.row[wp.max(place - 1, 0), p] > facet:
-                                data.row[place, p] = data.row[place - 1, p]
-                                place -= 1
-                            data.row[place, p] = facet
-                        count += 1
+                low, high = box_around(x, reach + skin[0])
+                near_facets = wp.bvh_query_aabb(facets, low, high, wp.bvh_get_group_root(facets, other))
+                facet = int(0)
+                while wp.bvh_query_next(near_facets, facet):
+                    c = data.corner[facet]
+                    may = bool(True)
+                    if mine == other:
+                        # What is as near as that at the start, such as its own neighbours, it never touches.
+                        w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
+                        q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
+                        may = wp.length(start - q) > scalar(1.5) * reach
+                    if may:
+                        w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
+                        q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
+                        if wp.length(x - q) < reach + skin[0]:
+                            if count < room:
+                                place = count
+                                while place > 0 and data.row[wp.max(place - 1, 0), p] > facet:
+                                    data.row[place, p] = data.row[place - 1, p]
+                                    place -= 1
+                                data.row[place, p] = facet
+                            count += 1
         data.length[p] = wp.min(count, room)
         if count == 0:
             for k in range(wp.static(HISTORY)):

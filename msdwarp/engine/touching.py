@@ -16,6 +16,7 @@ from ..kernels.touch import (
     LONGEST_ROW,
     MOVED,
     Surfaces,
+    box_bodies,
     box_facets,
     energy_of_touch,
     find_rows,
@@ -40,6 +41,10 @@ SKIN_BY_WAY = 3.0
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
 FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
+PATIENCE = 5
+"""Frames in which little moves after which searches are made less often."""
+CHUNK = 64
+"""Facets that a thread boxes together."""
 MOST_BETWEEN = 32
 """Substeps from one search to the next, at most."""
 UNITS = 2.0**-40
@@ -151,10 +156,15 @@ class Touching(Effect):
         data.x.assign(self._start)
         self._lower, self._upper = (wp.zeros(len(surfaces.corner), dtype=wp.vec3, device=device) for _ in "lu")
         wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
-        self._tree = wp.Bvh(self._lower, self._upper)
+        owner = surfaces.body[surfaces.corner[:, 0]]
+        self._tree = wp.Bvh(self._lower, self._upper, groups=array(owner, int))
+        self._chunk = array(_chunks(owner), wp.vec3i)
+        self._low, self._high = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lh")
+        self._box_bodies()
+        self._bodies = wp.Bvh(self._low, self._high)
         self._flags = wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
-        self._skin_now = self._least_skin
+        self._skin_now, self._calm = self._least_skin, 0
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         self._unread = wp.zeros_like(self._flags)
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
@@ -225,9 +235,18 @@ class Touching(Effect):
         self._place(x, v, lost, self._unread)
         wp.launch(box_facets(scalar), len(data.corner), [data], [self._lower, self._upper], device=device)
         self._tree.refit()
+        self._box_bodies()
+        self._bodies.refit()
         wp.copy(data.x_found, data.x)
-        inputs = [data, self._tree.id, self._farthest, self._skin]
+        inputs = [data, self._bodies.id, self._tree.id, self._farthest, self._skin]
         wp.launch(find_rows(scalar), len(data.share), inputs, [self._flags], device=device)
+
+    def _box_bodies(self) -> None:
+        """Launch what finds the boxes around bodies."""
+        self._low.fill_(wp.vec3(1e30, 1e30, 1e30))
+        self._high.fill_(wp.vec3(-1e30, -1e30, -1e30))
+        inputs, outputs = [self._chunk, self._lower, self._upper], [self._low, self._high]
+        wp.launch(box_bodies(), len(self._chunk), inputs, outputs, device=self._model.device)
 
     def _place(self, x: wp.array, v: wp.array, lost: Any, flags: wp.array) -> None:
         """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
@@ -265,11 +284,14 @@ class Touching(Effect):
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)
-        # Where all moves fast, lists are made more often before they grow long.
-        if wanted > self._farthest and self.search_every > 1:
-            self.search_every, self.is_stale = self.search_every // 2, True
-        elif 2 * SKIN_BY_WAY * moved < self._least_skin and self.search_every < MOST_BETWEEN:
-            self.search_every, self.is_stale = 2 * self.search_every, True
+        # Where all moves fast lists are made more often, before they grow long.
+        best = self._farthest * self.search_every / (2 * SKIN_BY_WAY * max(moved, 1e-30))
+        self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
+        if (best < self.search_every and self.search_every > 1) or (
+            self._calm >= PATIENCE and self.search_every < MOST_BETWEEN
+        ):
+            self.search_every = 1 << min(max(int(best), 1).bit_length() - 1, MOST_BETWEEN.bit_length() - 1)
+            self.is_stale, self._calm = True, 0
         room, points = self._touch.row.shape
         if longest > room:
             more = 1 << (int(1.25 * longest) - 1).bit_length()
@@ -345,3 +367,12 @@ def _rules_by_kind(
         a, b = (kinds[:, names.index(name)] for name in one.groups)
         rule[np.outer(a, b) | np.outer(b, a)] = value
     return kind.reshape(-1).astype(np.int32), rule
+
+
+def _chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return pieces of at most CHUNK facets of one body each: its body, the first, and the one behind the last."""
+    begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+    ends = np.append(begins[1:], len(owner))
+    firsts = np.concatenate([np.arange(a, b, CHUNK) for a, b in zip(begins, ends, strict=True)])
+    lasts = np.minimum(firsts + CHUNK, ends[np.searchsorted(begins, firsts, side="right") - 1])
+    return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
