@@ -76,7 +76,7 @@ def find_rows(scalar: type):
     def find(
         data: Data,
         bodies: wp.uint64,  # tree of the boxes around bodies
-        facets: wp.uint64,  # tree of those around facets, body by body
+        facets: wp.uint64,  # tree of those around facets
         farthest: scalar,  # how far off a point may touch anything [m]
         skin: wp.array(dtype=scalar),  # [m], shape [1]
         flags: wp.array(dtype=float),
@@ -92,25 +92,28 @@ def find_rows(scalar: type):
         low, high = box_around(x, farthest + skin[0])
         near_bodies = wp.bvh_query_aabb(bodies, low, high)
         other = int(0)
-        while wp.bvh_query_next(near_bodies, other):
-            rule = find_rule(data, mine, other)
-            if rule >= 0:
-                reach = reach_of(data, rule, mine, other)
-                low, high = box_around(x, reach + skin[0])
-                near_facets = wp.bvh_query_aabb(facets, low, high, wp.bvh_get_group_root(facets, other))
-                facet = int(0)
-                while wp.bvh_query_next(near_facets, facet):
+        alone = bool(True)
+        while alone and wp.bvh_query_next(near_bodies, other):
+            alone = find_rule(data, mine, other) < 0
+        if not alone:
+            near_facets = wp.bvh_query_aabb(facets, low, high)
+            facet = int(0)
+            while wp.bvh_query_next(near_facets, facet):
+                other = data.owner[facet]
+                rule = find_rule(data, mine, other)
+                if rule >= 0:
                     c = data.corner[facet]
-                    may = bool(True)
-                    if mine == other:
-                        # What is as near as that at the start, such as its own neighbours, it never touches.
-                        w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
-                        q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
-                        may = wp.length(start - q) > scalar(1.5) * reach
-                    if may:
-                        w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
-                        q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
-                        if wp.length(x - q) < reach + skin[0]:
+                    reach = reach_of(data, rule, mine, other)
+                    w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
+                    q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
+                    if wp.length(x - q) < reach + skin[0]:
+                        may = bool(True)
+                        if mine == other:
+                            # What is as near as that at the start, such as its own neighbours, it never touches.
+                            w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
+                            q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
+                            may = wp.length(start - q) > scalar(1.5) * reach
+                        if may:
                             if count < room:
                                 place = count
                                 while place > 0 and data.row[wp.max(place - 1, 0), p] > facet:

@@ -157,7 +157,7 @@ class Touching(Effect):
         self._lower, self._upper = (wp.zeros(len(surfaces.corner), dtype=wp.vec3, device=device) for _ in "lu")
         wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
         owner = surfaces.body[surfaces.corner[:, 0]]
-        self._tree = wp.Bvh(self._lower, self._upper, groups=array(owner, int))
+        self._tree = wp.Bvh(self._lower, self._upper)
         self._chunk = array(_chunks(owner), wp.vec3i)
         self._low, self._high = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lh")
         self._box_bodies()
@@ -280,18 +280,18 @@ class Touching(Effect):
         if not moved < FARTHEST_WAY * self._farthest:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
-        wanted = max(self._least_skin, SKIN_BY_WAY * moved)
+        # Where all moves fast lists are made more often, before they grow long: before each substep they need no skin.
+        per_substep = moved / max(self.search_every - 1, 1)
+        best = 1 + self._farthest / (2 * SKIN_BY_WAY * max(per_substep, 1e-30))
+        self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
+        if best < self.search_every:
+            self.search_every, self.is_stale = 1 << (int(best).bit_length() - 1), True
+        elif self._calm >= PATIENCE and self.search_every < MOST_BETWEEN:
+            self.search_every, self.is_stale, self._calm = 2 * self.search_every, True, 0
+        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * (self.search_every - 1))
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)
-        # Where all moves fast lists are made more often, before they grow long.
-        best = self._farthest * self.search_every / (2 * SKIN_BY_WAY * max(moved, 1e-30))
-        self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
-        if (best < self.search_every and self.search_every > 1) or (
-            self._calm >= PATIENCE and self.search_every < MOST_BETWEEN
-        ):
-            self.search_every = 1 << min(max(int(best), 1).bit_length() - 1, MOST_BETWEEN.bit_length() - 1)
-            self.is_stale, self._calm = True, 0
         room, points = self._touch.row.shape
         if longest > room:
             more = 1 << (int(1.25 * longest) - 1).bit_length()
