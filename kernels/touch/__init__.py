@@ -2,7 +2,7 @@
 
 from .evaluate import energy_of_touch, place_vertices, touch
 from .nearest import nearest_on_triangle
-from .search import box_bodies, box_facets, find_rows
+from .search import box_bodies, box_facets, find_rows, forget_boxes
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "box_facets",
     "energy_of_touch",
     "find_rows",
+    "forget_boxes",
     "nearest_on_triangle",
     "place_vertices",
     "touch",

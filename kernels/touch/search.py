@@ -29,6 +29,19 @@ def box_facets(scalar: type):
 
 
 @functools.cache
+def forget_boxes():
+    """Compose the kernel, over bodies, that makes boxes hold nothing."""
+
+    @kernel
+    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3)):
+        i = wp.tid()
+        low[i] = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        high[i] = -low[i]
+
+    return forget
+
+
+@functools.cache
 def box_bodies():
     """Compose the kernel, over chunks of facets of one body, that extends the box around the body."""
 

@@ -20,6 +20,7 @@ from ..kernels.touch import (
     box_facets,
     energy_of_touch,
     find_rows,
+    forget_boxes,
     place_vertices,
     touch,
     touching_piece,
@@ -243,8 +244,8 @@ class Touching(Effect):
 
     def _box_bodies(self) -> None:
         """Launch what finds the boxes around bodies."""
-        self._low.fill_(wp.vec3(1e30, 1e30, 1e30))
-        self._high.fill_(wp.vec3(-1e30, -1e30, -1e30))
+        both = [self._low, self._high]
+        wp.launch(forget_boxes(), len(self._low), outputs=both, device=self._model.device)
         inputs, outputs = [self._chunk, self._lower, self._upper], [self._low, self._high]
         wp.launch(box_bodies(), len(self._chunk), inputs, outputs, device=self._model.device)
 
