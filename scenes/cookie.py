@@ -31,7 +31,11 @@ def build(
     """
     spacing = 0.06 / (layers - 1)
     cookie = box(
-        (10 * (layers - 1) + 1, 7 * (layers - 1), layers), spacing, mass=0.002, stiffness=stiffness, damping=damping
+        (10 * (layers - 1) + 1, 7 * (layers - 1), layers),
+        spacing,
+        mass=0.002,
+        stiffness=stiffness,
+        damping=damping,
     )
     # The line wanders across the middle, and is no more even through the thickness: dough is nowhere the same.
     x, y, z = cookie.position.T

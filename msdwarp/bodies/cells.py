@@ -19,7 +19,7 @@ class Bare(NamedTuple):
     """What of a torn solid is seen, and when."""
 
     parted_at: NDArray[np.float64]
-    """When each triangle of its surface goes with its cell [s], nan of no torn cell's, shape [triangle_count]."""
+    """When each triangle of its surface goes with its cell [s], nan where none is near, shape [triangle_count]."""
     triangles: NDArray[np.int32]
     """Particles of the triangles that are laid bare inside, shape [any, 3]."""
     since: NDArray[np.float64]
@@ -56,10 +56,8 @@ def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.floa
     Connections count that lie within the cell. Two corners are joined until the path between them that lasts
     longest breaks: Floyd and Warshall's scheme for widest paths.
     """
-    torn = np.zeros(system.particle_count, dtype=bool)
-    torn[system.connections[np.isfinite(system.broken_at)]] = True
     parted_at = np.full(len(cells), np.inf)
-    touched = torn[cells].any(axis=1)
+    touched = _at_broken(system)[cells].any(axis=1)
     first, second = np.triu_indices(8, 1)
     between = connection_between(system, cells[touched][:, np.stack([first, second], axis=-1)])
     until = np.full((len(between), 8, 8), np.inf)
@@ -81,7 +79,7 @@ def laid_bare(system: System) -> Bare:
     corners = system.surface.particle[system.surface.triangles].astype(np.int64)
     cells = cells_of(system)
     parted_at = cells_parted_at(system, cells)
-    beside = np.zeros(system.particle_count, dtype=bool)  # at what has parted, where faces are laid bare
+    beside = _at_broken(system)  # where triangles have lost edges, or faces are laid bare
     beside[cells[np.isfinite(parted_at)]] = True
     near = np.flatnonzero(beside[cells].any(axis=1))
     faces = cells[near][:, _FACES].reshape(-1, 4)
@@ -103,6 +101,13 @@ def laid_bare(system: System) -> Bare:
     goes_at = np.full(len(corners), np.nan)
     goes_at[triangle] = own[outside].repeat(4)[face]
     return Bare(goes_at, triangles.astype(np.int32), other[bare].repeat(2), own[bare].repeat(2))
+
+
+def _at_broken(system: System) -> NDArray[np.bool_]:
+    """Return which particles have a connection that has broken, shape [particle_count]."""
+    found = np.zeros(system.particle_count, dtype=bool)
+    found[system.connections[np.isfinite(system.broken_at)]] = True
+    return found
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
