@@ -33,7 +33,7 @@ def build(*, count: int = 13, weak: int = 3, strength: float = 2.4, stiffness: f
     weight = ball(RADIUS, RADIUS / 2, mass=1.0, stiffness=8e3, damping=12.0)
     weight = weight.replace(mass=weight.mass / weight.particle_count).named("weight")
     weight = weight.translate((RADIUS + 0.5 * link, 0, 1.0))
-    nearest = np.argmin(np.linalg.norm(weight.position - row.position[-1], axis=1))
+    nearest = int(np.linalg.norm(weight.position - row.position[-1], axis=1).argmin())
     system = join(row, weight, pairs=[(count - 1, nearest)], stiffness=stiffness, damping=8.0)
     look = Look(gloss=0.6, azimuth=90, elevation=8)
     looks = {
