@@ -244,7 +244,7 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
     substeps = msd.Simulation.of(scene, device="cpu").substeps
-    duration = 0.3 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
+    duration = 0.25 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
     exact = simulate(scene, duration, precision="float64", substeps=substeps)
     rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):
@@ -260,9 +260,10 @@ def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
         simulation.step()
         assert simulation.time < 1.0
     assert np.flatnonzero(simulation.snapshot().broken).tolist() == [3]
-    across, _, down = simulation.frame().position[-1] - simulation.frame().position[0]
-    # Waves on a chain that weighs 1.4 % of the weight change the pull by some of the root of that, 12 %.
-    assert -down / np.hypot(across, down) == pytest.approx(0.8, rel=2 * 0.12)
+    position = simulation.frame().position
+    across, _, down = position[scene.system.groups["weight"]].mean(axis=0) - position[0]
+    # Waves on a chain that weighs 4 % of the weight change the pull by up to the root of that, 20 %.
+    assert -down / np.hypot(across, down) == pytest.approx(0.8, rel=0.2)
 
 
 @pytest.mark.slow

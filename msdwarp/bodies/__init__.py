@@ -1,5 +1,6 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
+from .cells import Bare, laid_bare
 from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
@@ -25,6 +26,7 @@ __all__ = [
     "RUBBER",
     "STEEL_WIRE",
     "TEARING_FIELDS",
+    "Bare",
     "CoulombDamper",
     "Damper",
     "Edges",
@@ -39,6 +41,7 @@ __all__ = [
     "in_space",
     "is_uniform",
     "joined",
+    "laid_bare",
     "pieces",
     "rotation",
     "rotations",
