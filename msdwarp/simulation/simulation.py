@@ -96,7 +96,7 @@ class Simulation(Changing):
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
     probes
-        What is measured where each frame ends, by name; see `msdwarp.Probe`. What they told is in `readings`.
+        What is measured, by name; see `msdwarp.Probe`. What they told is in `readings`.
 
     Raises
     ------
@@ -235,7 +235,7 @@ class Simulation(Changing):
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
             if self.readings:
-                self.readings.add(self.time, self.stepping.readings())
+                self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""

@@ -10,6 +10,7 @@ from msdwarp import Plane, Probe, Scene, box
 def build(*, size: int = 2):
     system = box((size, 2, 2), 0.1, stiffness=200.0, damping=1.0).named("block")
     probes = {"foot": Probe("block", "contact force"), "body": Probe("block", "strain")}
+    probes |= {"top": Probe("block", "velocity", every="substep")}
     return Scene(system=system, colliders=[Plane(offset=-0.06)], probes=probes, duration=0.4)
 """
 
@@ -25,7 +26,7 @@ def probed(tmp_path):
 def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     options = UNDRAWN
     code, out, _ = msdwarp("run", "own.py", *options, "--out", "whole")
-    assert (code, "wrote whole/probes.csv" in out) == (0, True)
+    assert (code, "wrote whole/probes.csv and whole/probes_by_substep.csv" in out) == (0, True)
     table = np.genfromtxt(probed.parent / "whole" / "probes.csv", delimiter=",", names=True)
     assert table.dtype.names == (
         "time_s",
@@ -38,8 +39,13 @@ def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     assert table["foot_contact_force_z_N"].max() > 0
     assert msdwarp("run", "own.py", *options, "--out", "parts", "--duration", "0.2")[0] == 0
     assert msdwarp("resume", "parts", "--duration", "0.4")[0] == 0
-    whole, parts = ((probed.parent / name / "probes.csv").read_text() for name in ("whole", "parts"))
-    assert parts == whole
+    for name in ("probes.csv", "probes_by_substep.csv"):
+        whole, parts = ((probed.parent / folder / name).read_text() for folder in ("whole", "parts"))
+        assert parts == whole
+    steps = np.genfromtxt(probed.parent / "whole" / "probes_by_substep.csv", delimiter=",", names=True)
+    assert steps.dtype.names == ("time_s", *(f"top_velocity_{axis}_m_s" for axis in "xyz"))
+    assert len(steps) >= 2 * len(table)
+    np.testing.assert_allclose(steps["time_s"][-1], 0.4, rtol=1e-8)
 
 
 @pytest.mark.slow
