@@ -5,10 +5,24 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..simulation import Simulation
 from ..studies import GrowingTable
 from ..world import FRAME, SUBSTEP, Probe, probe_columns, probes_by
 from .results import PROBES, PROBES_BY_SUBSTEP
+
+
+def described(probes: Mapping[str, Probe], dim: int) -> dict[str, tuple[str, list[str]]]:
+    """Return how often each probe is read, and what its numbers are called, as a trajectory's writer wants it."""
+    return {name: (one.every, one.columns(dim)) for name, one in probes.items()}
+
+
+def told_last(simulation: Simulation) -> dict[str, NDArray[np.float64]]:
+    """Return what probes told of the last frame, as a trajectory's writer wants it."""
+    rows = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP)}
+    return {every: values for every, values in rows.items() if values.size}
 
 
 class ProbeTables:

@@ -20,7 +20,7 @@ from ..studies import EnergyLog, cheapest, tune
 from ..world import Scene, Stored, scene_as_stored
 from .draw import draw
 from .options import Options
-from .probe_tables import ProbeTables
+from .probe_tables import ProbeTables, described, told_last
 from .process import progress_on, stop_asked_for
 from .provenance import about
 from .results import (
@@ -226,6 +226,7 @@ class Run:
             every=self.options.every,
             strain=self._strain,
             attributes=self.made_by,
+            readings=described(self.scene.probes, self.scene.system.dim),
             scene=None if behind else self._scene_as_stored(last),
             behind=behind,
         )
@@ -251,7 +252,8 @@ class Run:
             if k:
                 self._step(writer)
             if writer is not None:
-                writer.write_pending(readback.take() if writer.wants_next() else None)
+                rows = told_last(simulation) if k else {}
+                writer.write_pending(readback.take() if writer.wants_next() else None, rows)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
             if self._tables is not None and k:

@@ -1,22 +1,13 @@
 """Readings: what probes have told so far, as time series."""
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
+from ..bodies import Series
 from ..world import FRAME, SUBSTEP, Probe, probes_by
-
-
-class Series(NamedTuple):
-    """What one probe has told, frame by frame or substep by substep."""
-
-    times: NDArray[np.float64]
-    """When frames, or substeps, ended [s], shape [reading_count]."""
-    values: NDArray[np.float64]
-    """What it told then, in SI units, shape [reading_count, d]; of strain two columns, mean and largest."""
 
 
 class Readings(Mapping[str, Series]):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from runs import UNDRAWN
 
+from msdwarp import Trajectory
+
 SCENE = """
 from msdwarp import Plane, Probe, Scene, box
 
@@ -42,6 +44,16 @@ def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     for name in ("probes.csv", "probes_by_substep.csv"):
         whole, parts = ((probed.parent / folder / name).read_text() for folder in ("whole", "parts"))
         assert parts == whole
+    series = []
+    for folder in ("whole", "parts"):  # the trajectory has them too
+        with Trajectory(probed.parent / folder / "trajectory.vtkhdf") as found:
+            series.append(found.readings)
+    for name in ("foot", "body", "top"):
+        np.testing.assert_array_equal(series[1][name].times, series[0][name].times)
+        np.testing.assert_array_equal(series[1][name].values, series[0][name].values)
+    np.testing.assert_allclose(series[0]["foot"].values[:, 2], table["foot_contact_force_z_N"], rtol=1e-8)
+    code, out, _ = msdwarp("info", "parts/trajectory.vtkhdf")
+    assert "probe body: strain_mean, strain_largest, 24 readings by frame" in out
     steps = np.genfromtxt(probed.parent / "whole" / "probes_by_substep.csv", delimiter=",", names=True)
     assert steps.dtype.names == ("time_s", *(f"top_velocity_{axis}_m_s" for axis in "xyz"))
     assert len(steps) >= 2 * len(table)
