@@ -56,6 +56,12 @@ class Work(Effect):
             setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
             setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
 
+    def settle(self, x: wp.array, v: wp.array) -> None:
+        """Count what the last force still counts, before velocities change that are not its doing."""
+        done = self.total(x, v)
+        self._last.zero_()
+        self.before += done - self.total(x, v)
+
     def shares(self) -> wp.array:
         """Return room for the sums of many threads."""
         threads = max(1, min(self._model.particle_count // 8, MOST_SHARES)) if self._device.is_cuda else 1

@@ -320,6 +320,7 @@ class Simulation(Changing):
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
         pace = self._pace and Pace.restored(numbers)
+        baseline = checkpoint.restored_baseline(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
@@ -333,5 +334,7 @@ class Simulation(Changing):
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
         self.chosen = chosen or [(0.0, self.substeps)]
+        if baseline is not None:
+            self.stepping.watch.compare_with(baseline)
         if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
             self._pace = pace

@@ -22,6 +22,7 @@ from ..engine import (
     Stepper,
     Steps,
     Watch,
+    measure,
     potential,
     sensors_of,
     size,
@@ -141,6 +142,20 @@ class Stepping:
         energy, scale = self.watch.baseline
         scale += max(0.0, weight(self.model) - heavy) * size(self.state)
         self.watch.compare_with(Baseline(energy + added, scale))
+
+    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
+        before = self._kinetic_energy()
+        if self.model.work is not None:
+            self.model.work.settle(self.state.x, self.state.v)
+        with self._between():
+            self.state.throw(velocity, chosen)
+        added = self._kinetic_energy() - before
+        energy, scale = self.watch.baseline
+        self.watch.compare_with(Baseline(energy + added, scale + max(0.0, added)))
+
+    def _kinetic_energy(self) -> float:
+        return measure(self.model, self.state, self.velocity(), self.state.lost.x).kinetic_energy
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Go on with other values of the same loads, in place of each key what stands for it."""
