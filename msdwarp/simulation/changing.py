@@ -44,9 +44,9 @@ class Changing(Present):
         """Change gravity, loads, velocity, mass, stiffness, damping or rest_length between frames.
 
         Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
-        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it for
-        other velocities, but energies and the stability limit are found again, which takes as long as a few passes
-        over the body. What is thrown goes on as from a start with its velocity, and the energy that it gets is no
+        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it
+        for other velocities, but energies and the stability limit are found again: a few passes over the body.
+        What is thrown goes on as from a start with its velocity, and the energy that it gets is no
         sign of divergence. A mass of inf pins a particle where it is.
         Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
         kinds. The route is chosen anew where that was left open, and so are the substeps.
