@@ -9,6 +9,7 @@ from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .parting import Edges, broken_before
 from .selection import selected
+from .series import Series
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
@@ -33,6 +34,7 @@ __all__ = [
     "Frame",
     "Material",
     "QuadraticDamper",
+    "Series",
     "Surface",
     "System",
     "broken_before",

@@ -24,11 +24,14 @@ class Work(Effect):
     def __init__(self, model: "Model", *, summed: bool, steady: Steady | None) -> None:
         self._model, self._device, count = model, model.device, model.particle_count if summed else 0
         self.piece = work(model.dim, model.scalar) if summed else NOTHING
-        self.data = self.piece.Data()
+        self.field = self.piece.field
+        self.data, self.idle = self.piece.Data(), self.piece.Data()
+        """What kernels read, and the same where forces are only looked at: nothing counts."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)
         if summed:
-            self.data.done, self.data.last = self._done, self._last
+            for data in (self.data, self.idle):
+                data.done, data.last = self._done, self._last
         self._combination = wp.zeros(0, dtype=int, device=model.device)
         self._steady = wp.zeros(0, dtype=model.vector, device=model.device)
         self._sum = sum_work(model.dim, model.scalar)
@@ -51,6 +54,13 @@ class Work(Effect):
                 break
             rows = np.append(np.tile(share * each, substeps), 0.0)
             setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
+            setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
+
+    def settle(self, x: wp.array, v: wp.array) -> None:
+        """Count what the last force still counts, before velocities change that are not its doing."""
+        done = self.total(x, v)
+        self._last.zero_()
+        self.before += done - self.total(x, v)
 
     def shares(self) -> wp.array:
         """Return room for the sums of many threads."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
-from ..engine import Model, Rates
+from ..engine import Baseline, Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
 from ..world import Change, Driven, Load, driven_particles
 from .stepping import Stepping
@@ -30,6 +30,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
     numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
     numbers["refinement"] = choice.refinement
+    numbers["baseline"] = list(stepping.watch.baseline)
     return arrays, numbers
 
 
@@ -121,6 +122,16 @@ def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tup
     if (kept & ~driven_particles(loads, system)).any():
         raise ValueError("checkpoint is of other drives: it holds particles that none moves here")
     return tuple(one.keeping(kept) if isinstance(one, Driven) else one for one in loads)
+
+
+def restored_baseline(numbers: Numbers) -> Baseline | None:
+    """Return what energies are compared with; None if the checkpoint, of before, does not hold it."""
+    if "baseline" not in numbers:
+        return None
+    found = numbers["baseline"]
+    if not isinstance(found, list) or len(found) != 2 or not all(isinstance(one, int | float) for one in found):
+        raise ValueError(f"baseline of the checkpoint is {checks.said(found)}; it must be two numbers")
+    return Baseline(*map(float, found))
 
 
 def _size(numbers: Numbers, name: str) -> float:

@@ -14,13 +14,16 @@ from .pressure import Gas, Pressure, volume
 from .probes import (
     CONTACT_FORCE,
     FORCE,
+    FRAME,
     POSITION,
     QUANTITIES,
     STRAIN,
+    SUBSTEP,
     VELOCITY,
     Probe,
     checked_probes,
     probe_columns,
+    probes_by,
 )
 from .scene import Scene
 from .schedule import Change, at
@@ -30,9 +33,11 @@ from .wind import Wind
 __all__ = [
     "CONTACT_FORCE",
     "FORCE",
+    "FRAME",
     "POSITION",
     "QUANTITIES",
     "STRAIN",
+    "SUBSTEP",
     "VELOCITY",
     "Actuator",
     "Attachment",
@@ -70,6 +75,7 @@ __all__ = [
     "pose",
     "poses",
     "probe_columns",
+    "probes_by",
     "released",
     "sampled",
     "scene_as_stored",
