@@ -129,7 +129,7 @@ def particle_acceleration(composition: Composition):
         if wp.static(pinned):
             if w == scalar(0.0):
                 if wp.static(driven is not None):
-                    return driven(world, i)
+                    return driven(world, force, i)
                 return V()
         return w * force + world.gravity
 
