@@ -1,4 +1,4 @@
-"""The work of what moves particles from outside: what a body has more of, or has turned to heat."""
+"""Work: of what moves particles from outside: what a body has more of, or has turned to heat."""
 
 import math
 
@@ -13,6 +13,7 @@ from msdwarp import (
     Leapfrog,
     Simulation,
     SimulationDiverged,
+    Sphere,
     SymplecticEuler,
     System,
     at,
@@ -102,6 +103,41 @@ def test_what_else_pulls_at_the_driven_is_counted_once(plain_device):
     now, work = balance(simulation)
     assert abs(work) > 0.1
     assert now == pytest.approx(start, abs=1e-7 * abs(work))  # of order 4, as above
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+def test_what_carries_attachments_along_does_the_same(device, method, order, blocks):
+    # Beside a point that stands still, along an axis and in all directions, and turning too. How fast a carrier is
+    # at the very start is that of h/100 later: of RK4's work a share that falls with less than its order.
+    def make(substeps: int) -> Simulation:
+        arm = Sphere((0, 0, 1), 0.1, motion=lambda t: (shake(t), (0 * t, 0 * t, 2 * t)))
+        loads = [
+            Attachment([0, 1], (0.3, 0.4, 0.5), carried_by=arm, stiffness=50.0, rest_length="now"),
+            Attachment([1, 3], arm, stiffness=20.0),
+            Attachment([3], stiffness=9.0),
+        ]
+        how = options(device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
+        return Simulation(rope(), loads=loads, **how)
+
+    coarse, fine = drifts(20, make)
+    if order < 4:
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.1)
+    assert fine < {1: 0.01, 2: 1e-4, 4: 1e-8}[order]  # as above
+
+
+def test_with_their_dampers_the_rest_is_heat(device):
+    # b |v − u|² by Simpson's rule, as above.
+    load = Attachment([0], Sphere((0, 0, 1), 0.1, motion=shake), stiffness=50.0, damping=3.0)
+    how = options(device, fps=200.0, substeps=8, integrator=RK4())
+    simulation = Simulation(rope(), loads=[load], **how)
+    (start, _), power = balance(simulation), [simulation.measure().dissipated_power]
+    for _ in range(100):
+        simulation.step()
+        power.append(simulation.measure().dissipated_power)
+    heat = (power[0] + 4 * sum(power[1::2]) + 2 * sum(power[2:-1:2]) + power[-1]) / 600
+    assert heat > 0.02
+    assert start - balance(simulation)[0] == pytest.approx(heat, rel=1e-5)
 
 
 @pytest.mark.slow
