@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..kernels.effect import Piece
 from ..kernels.loads import NOTHING, add_work, sum_work, work
 from .effect import Effect
 from .forcing import Steady
@@ -19,7 +20,7 @@ MOST_SHARES = 4096
 
 
 class Work(Effect):
-    """Keeps what loads have done on each particle of a model [J], float64, and adds up what other effects have.
+    """Keeps what loads have done on each particle of a model [J], float64, and adds to it what other effects have.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class Work(Effect):
     ) -> None:
         self._model, self._device, count = model, model.device, model.particle_count if summed else 0
         self._others = {f"work.{type(one).__name__.lower()}": one.done for one in others if one.done is not None}
-        self._counts = summed or bool(others)
+        self._counts = summed or any(isinstance(one.piece, Piece) for one in others)
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
         self.data = self.piece.Data()
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
