@@ -194,8 +194,8 @@ def test_a_floor_that_lifts_does_m_g_z(device, method, blocks):
 
 
 def test_a_wall_that_gathers_speed_does_what_moves_the_block(device):
-    # From rest, and on a smooth floor, so that nothing is lost: m v²/2. The jerk of a = 0.6 m/s² at the start sends
-    # a wave through the block, m (a/ω)²/2 or 1e-4 of that, and its energy is known to h/t, 4e-4.
+    # From rest, and on a smooth floor, so that nothing is lost: m v²/2. The jerk of a = 0.6 m/s² at the start
+    # sends a wave through the block, m (a/ω)²/2 or 1e-4 of that, and its energy is known to h/t, 4e-4.
     body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.2).translate((0.1, 0, 0.1))
     wall = Box((-0.1, 0, 0), (0.2, 2, 2), motion=lambda t: (0.3 * t * t, 0 * t, 0 * t), restitution=0.0)
     floor = Plane(restitution=0.0, friction=0.0)
@@ -232,8 +232,8 @@ def test_a_turning_bat_does_what_a_ball_gets(device):
 @pytest.mark.parametrize("rule", ["coulomb", "report"])
 def test_no_obstacle_is_a_source_of_energy(plain_device, method, rule):
     # Thrown by a shaken tray, hit by a fast ball, swept by a thin rod: energy less work only falls. What is put
-    # back on a surface is moved against its springs, by no more than it goes in a substep: a share of first order in
-    # h, less than the 2 % that the pace of automatic substeps lets pass.
+    # back on a surface is moved against its springs, by no more than it goes in a substep: a share of first order
+    # in h, less than the 2 % that the pace of automatic substeps lets pass.
     def shaken(t):
         return 0.05 * np.sin(20 * t), 0 * t, 0.1 * np.sin(25 * t)
 
