@@ -1,5 +1,6 @@
 """Work: of what moves particles from outside: what a body has more of, or has turned to heat."""
 
+import importlib
 import math
 
 import numpy as np
@@ -307,3 +308,23 @@ def test_what_heats_is_found_though_something_shakes_it(device, method, what):
         simulation.step(100)
     unwatched.step(simulation.frame_index + 1)
     assert np.isfinite(unwatched.measure().energy)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seconds", "smaller"),
+    [
+        ("jelly", 6.0, {"across": 9}),
+        ("mattress", 3.3, {}),
+        ("walker", 2.0, {}),
+        ("crawl", 2.0, {}),
+        ("bridge", 2.0, {}),
+    ],
+)
+def test_scenes_that_are_driven_hard_raise_no_alarm(plain_device, name, seconds, smaller):
+    # With fixed substeps, a third more than small motions need, as the mattress is pressed to half its height.
+    scene = importlib.import_module(f"msdwarp.scenes.{name}").build(**smaller)
+    few = Simulation.of(scene, device=plain_device).substeps
+    simulation = Simulation.of(scene, device=plain_device, substeps=math.ceil(1.33 * few))
+    simulation.step(round(60 * seconds))
+    assert abs(simulation.measure().external_work) > 0.1
