@@ -19,7 +19,9 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
     stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
 
     The work of a drive is −f·v, f being the force on what it moves at v, which it holds out against. Over a
-    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after.
+    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. The
+    force is what a method asks for: at the long steps of an implicit one springs pull less than that, and the work
+    is too much, at order 1.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Lost, _ = compensation(dim, scalar, compensated)
