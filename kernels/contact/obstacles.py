@@ -107,6 +107,10 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
     When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
     the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
     is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
+
+    To somebody who moves with the surface an obstacle does no work. To others it does m Δv·u on what it meets, u
+    being the mean of the surface's velocities in this substep and in the one before: as the work of other forces,
+    half with the velocity before and half with that after.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
     Turn = wp.types.matrix((dim, dim), scalar)
@@ -125,6 +129,8 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         speed: wp.array2d(dtype=V)  # [m/s]
         substep: int  # n, from 0 on
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
+        done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
+        particle: int  # the one that is looked at
         if swept:
             inradius: scalar  # of the largest ball inside the thinnest [m]
         if felt:
@@ -147,6 +153,13 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         return obstacles.turn[n + 1, p] * y_old + obstacles.shift[n + 1, p]
 
     @wp.func
+    def add_work(obstacles: MovingObstacles, twice: wp.float64):
+        i = obstacles.particle
+        if twice != wp.float64(0.0):
+            mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
+            obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
+
+    @wp.func
     def answer(
         obstacles: MovingObstacles,
         p: int,
@@ -162,7 +175,9 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
         u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
         u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
-        x, v = put_back(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
+        v_free = v - u
+        x, v = put_back(obstacles.surface, p, distance, normal, x, v_free, start, v_old - u_old)
+        add_work(obstacles, wp.float64(wp.dot(v - v_free, u + u_old)))
         return x, v + u
 
     sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
@@ -170,6 +185,7 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
     @wp.func
     def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
         n = obstacles.substep
+        twice = wp.float64(0.0)  # the work by mass
         if wp.static(swept):
             x_free = x
             v_free = v
@@ -190,11 +206,15 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
             start = turn * y_old + shift
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
-            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
+            seen = v - u
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, seen, start, v_old - u_old)
+            twice += wp.float64(wp.dot(v - seen, u + u_old))
             v = v + u
         if wp.static(swept):
             if passed:
+                twice = wp.float64(0.0)
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
+        add_work(obstacles, twice)
         return x, v
 
     return MovingObstacles, collide

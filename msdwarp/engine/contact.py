@@ -54,13 +54,15 @@ class Contact(Effect):
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
-        self.works = any(collider.motion is not None for collider in colliders)
+        self._moves = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
-        compose = moving_contact if self.works else fixed_contact
+        compose = moving_contact if self._moves else fixed_contact
         self.piece = ContactPiece(
-            *compose(model.dim, model.scalar, rule, kinds, felt), moving=self.works, felt=felt
+            *compose(model.dim, model.scalar, rule, kinds, felt), moving=self._moves, felt=felt
         )
         data = self.data = self.piece.Colliders()
+        if self._moves:
+            self.done = data.done = wp.zeros(model.particle_count, dtype=wp.float64, device=self._device)
         data.count = len(colliders)
         if felt:
             wide = vector(model.dim, wp.float64)
@@ -93,7 +95,7 @@ class Contact(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame of so many substeps of `dt` seconds."""
-        if not self.works:
+        if not self._moves:
             return
         shape = (substeps + 1, len(self._colliders))
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
@@ -107,12 +109,12 @@ class Contact(Effect):
 
     def begin_frame(self, time: float) -> None:
         """Put what moves where it is in the frame that begins at `time` [s]."""
-        if self.works:
+        if self._moves:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Find out where what moves is in the frame that begins at `time` [s], while another is running."""
-        if self.works:
+        if self._moves:
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
@@ -136,9 +138,9 @@ class Contact(Effect):
 
     def begin_substep(self, substep: int) -> bool:
         """Have what is launched next find colliders where they are in this substep, where any move."""
-        if self.works:
+        if self._moves:
             self.data.substep = substep
-        return self.works
+        return self._moves
 
 
 def _with_a_past(poses: NDArray) -> NDArray:

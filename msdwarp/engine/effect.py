@@ -55,8 +55,11 @@ class Effect:
     """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
     members: NDArray[np.bool_] | None = None
     """The particles that its force acts on, shape [particle_count], where its piece is selective."""
-    works: bool = False
-    """Whether it may do work on the bodies, so that energy that grows is no sign of divergence."""
+    done: wp.array | None = None
+    """Work that it has done from outside, as numbers to be added up [J], float64; None where it does none.
+
+    That of a piece that `works` is summed without it.
+    """
 
     steps: Steps = Steps(1.0, 1)
     """The substeps of the frames to come; known when `begin` is called."""

@@ -199,6 +199,10 @@ class Stepping:
         self._begun, self._time = time, (round(time * fps) + 1) / fps
         return not self.watch.finds_trouble()
 
+    def begin_anew(self) -> None:
+        """Compare energies with those of the present state from now on."""
+        self.watch.compare_with(Baseline.of(self.model, self.state))
+
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
         self.backup.restore()

@@ -275,7 +275,7 @@ def pieces(system: System, **options) -> set[str]:
 
 DAMPED = chain(3, damping=1.0)
 TOUCH = {"Surface", "Solids", "collide", "put_back", "respond", "result"}
-FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
+FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles", "add_work"}
 # A plane cannot be passed; what can be is swept.
 SWEPT = {"passes", "sweep_way", "first_on_way", "enter", "look", "carried", "answer"}
 AT = (0, 0, -9)
