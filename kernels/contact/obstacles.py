@@ -39,13 +39,17 @@ NO_CONTACT = Contact(NoColliders, None, False)
 
 
 @functools.cache
-def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
+def fixed_contact(
+    dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False, bounces: bool = True
+):
     """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other.
 
-    Where they are to be felt, there is room for by how much they have changed each particle's velocity.
+    Where they are to be felt, there is room for by how much they have changed each particle's velocity. Unless one
+    has a restitution, and the rule is "coulomb", nothing of bounces is compiled.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, bounces)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, bounces, bounces)
+    put_on = touch(dim, scalar, rule, bounces, False)
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -74,7 +78,7 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fel
     def answer(
         obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
     ):
-        return put_back(obstacles.surface, p, distance, normal, x, v, start, v_old)
+        return put_on(obstacles.surface, p, distance, normal, x, v, start, v_old)
 
     sweep_way = sweep(dim, scalar, Obstacles, look, carried, answer) if swept else None
 
@@ -92,6 +96,12 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fel
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
+        if wp.static(swept and bounces):
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
+                for p in range(obstacles.count):
+                    distance, normal = look(obstacles, p, x)
+                    way = x - carried(obstacles, p, x_old)
+                    passed = passed or passes(obstacles.inradius, distance, normal, way)
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
@@ -101,16 +111,19 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fel
 
 
 @functools.cache
-def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
+def moving_contact(
+    dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False, bounces: bool = True
+):
     """Compose the same for obstacles that move, which a particle meets as if they stood still.
 
     When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
     the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
     is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, bounces)
     Turn = wp.types.matrix((dim, dim), scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, bounces, bounces)
+    put_on = touch(dim, scalar, rule, bounces, False)
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -162,7 +175,7 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
         u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
         u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
-        x, v = put_back(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
+        x, v = put_on(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
         return x, v + u
 
     sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
@@ -192,6 +205,12 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
             v = v + u
+        if wp.static(swept and bounces):
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
+                for p in range(obstacles.count):
+                    distance, normal = look(obstacles, p, x)
+                    way = x - carried(obstacles, p, x_old)
+                    passed = passed or passes(obstacles.inradius, distance, normal, way)
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)

@@ -56,9 +56,10 @@ class Contact(Effect):
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
         self.works = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
+        self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
         compose = moving_contact if self.works else fixed_contact
         self.piece = ContactPiece(
-            *compose(model.dim, model.scalar, rule, kinds, felt), moving=self.works, felt=felt
+            *compose(model.dim, model.scalar, rule, kinds, felt, self._bounces), moving=self.works, felt=felt
         )
         data = self.data = self.piece.Colliders()
         data.count = len(colliders)
@@ -93,6 +94,8 @@ class Contact(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame of so many substeps of `dt` seconds."""
+        if self._bounces:  # velocities half a substep behind are those of the ways
+            self.data.surface.onward = 2.0 * self.steps.lag
         if not self.works:
             return
         shape = (substeps + 1, len(self._colliders))
