@@ -11,9 +11,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
+from .corner import corner
 from .distance import signed_distance, solids
-from .rule import surface, touch
+from .rule import Needed, surface, touch
 from .sweep import passing, sweep
+
+NEEDED = Needed()
 
 
 @wp.struct
@@ -40,16 +43,21 @@ NO_CONTACT = Contact(NoColliders, None, False)
 
 @functools.cache
 def fixed_contact(
-    dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False, bounces: bool = True
+    dim: int,
+    scalar: type,
+    rule: str,
+    kinds: tuple[str, ...],
+    felt: bool = False,
+    needed: Needed = NEEDED,
 ):
     """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other.
 
-    Where they are to be felt, there is room for by how much they have changed each particle's velocity. Unless one
-    has a restitution, and the rule is "coulomb", nothing of bounces is compiled.
+    Where they are to be felt, there is room for by how much they have changed each particle's velocity.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, bounces)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, bounces, bounces)
-    put_on = touch(dim, scalar, rule, bounces, False)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
+    put_on = touch(dim, scalar, rule, needed, False)
+    bounces, several, sunk = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -80,12 +88,18 @@ def fixed_contact(
     ):
         return put_on(obstacles.surface, p, distance, normal, x, v, start, v_old)
 
+    @wp.func
+    def speed(obstacles: Obstacles, p: int, x_old: V) -> V:
+        return V()
+
     sweep_way = sweep(dim, scalar, Obstacles, look, carried, answer) if swept else None
+    settle = corner(dim, scalar, Obstacles, look, carried, speed, sunk) if several else None
 
     @wp.func
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
-        if wp.static(swept):
+        if wp.static(swept or several):
             x_free = x
+        if wp.static(swept):
             v_free = v
             passed = bool(False)
         for p in range(obstacles.count):
@@ -105,6 +119,8 @@ def fixed_contact(
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
+        if wp.static(several):
+            x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return Obstacles, collide
@@ -112,7 +128,12 @@ def fixed_contact(
 
 @functools.cache
 def moving_contact(
-    dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False, bounces: bool = True
+    dim: int,
+    scalar: type,
+    rule: str,
+    kinds: tuple[str, ...],
+    felt: bool = False,
+    needed: Needed = NEEDED,
 ):
     """Compose the same for obstacles that move, which a particle meets as if they stood still.
 
@@ -120,10 +141,11 @@ def moving_contact(
     the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
     is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, bounces)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
     Turn = wp.types.matrix((dim, dim), scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, bounces, bounces)
-    put_on = touch(dim, scalar, rule, bounces, False)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
+    put_on = touch(dim, scalar, rule, needed, False)
+    bounces, several, sunk = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -178,13 +200,21 @@ def moving_contact(
         x, v = put_on(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
         return x, v + u
 
+    @wp.func
+    def speed(obstacles: MovingObstacles, p: int, x_old: V) -> V:
+        n = obstacles.substep
+        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+        return obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+
     sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
+    settle = corner(dim, scalar, MovingObstacles, look, carried, speed, sunk) if several else None
 
     @wp.func
     def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
         n = obstacles.substep
-        if wp.static(swept):
+        if wp.static(swept or several):
             x_free = x
+        if wp.static(swept):
             v_free = v
             passed = bool(False)
         for p in range(obstacles.count):
@@ -214,6 +244,8 @@ def moving_contact(
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
+        if wp.static(several):
+            x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return MovingObstacles, collide

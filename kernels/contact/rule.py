@@ -1,10 +1,22 @@
 """Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
 import functools
+from typing import NamedTuple
 
 import warp as wp
 
 from ..basis import vector
+
+
+class Needed(NamedTuple):
+    """What the obstacles of a scene need beside the rule; what they do not is not compiled."""
+
+    bounces: bool = True
+    """Whether anything bounces, by rule "coulomb"."""
+    several: bool = False
+    """Whether there are several, and so corners between them."""
+    sunk: bool = False
+    """Whether anything starts inside one."""
 
 
 @functools.cache
@@ -59,7 +71,7 @@ def contact_response(dim: int, scalar: type, rule: str):
 
 
 @functools.cache
-def touch(dim: int, scalar: type, rule: str, bounces: bool, flies: bool):
+def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
 
     A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
@@ -76,13 +88,22 @@ def touch(dim: int, scalar: type, rule: str, bounces: bool, flies: bool):
 
     whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
     force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
+
+    Where anything has `sunk` into an obstacle before the run, it is led out at a steady pace and gets no speed
+    from that: put onto the surface at once it would strain its connections by the way.
     """
-    V, Surface = vector(dim, scalar), surface(scalar, bounces)
-    coulomb = rule == "coulomb"
+    V, Surface = vector(dim, scalar), surface(scalar, needed)
+    coulomb, sunk = rule == "coulomb", needed.sunk
     respond = contact_response(dim, scalar, rule)
 
     @wp.func
     def put_back(s: Surface, p: int, distance: scalar, normal: V, x: V, v: V, x_old: V, v_old: V):
+        if wp.static(sunk):
+            began = distance - wp.dot(x - x_old, normal)
+            approach = wp.dot(v, normal)
+            if distance < scalar(0.0) and approach <= scalar(0.0) and began < -s.slack:
+                x += wp.max(wp.min(began + s.outwards, scalar(0.0)) - distance, scalar(0.0)) * normal
+                return x, v - approach * normal
         if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
             if wp.static(flies):
                 v_n = wp.dot(v, normal)
@@ -111,7 +132,7 @@ def touch(dim: int, scalar: type, rule: str, bounces: bool, flies: bool):
 
 
 @functools.cache
-def surface(scalar: type, bounces: bool):
+def surface(scalar: type, needed: Needed):
     """Compose the struct of what all obstacles have."""
 
     @wp.struct
@@ -121,7 +142,10 @@ def surface(scalar: type, bounces: bool):
         friction: wp.array(dtype=scalar)  # μ
         tangential_factor: wp.array(dtype=scalar)  # f
         rest_speed: wp.array(dtype=scalar)  # what approaches more slowly does not bounce [m/s]
-        if bounces:
+        if needed.bounces:
             onward: scalar  # the share of a substep that a particle flies on for after a bounce
+        if needed.sunk:
+            slack: scalar  # what began a substep no deeper than this is on the surface [m]
+            outwards: scalar  # by how much what began it deeper is led out in a substep [m]
 
     return Surface

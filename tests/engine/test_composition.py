@@ -278,6 +278,8 @@ TOUCH = {"Surface", "Solids", "collide", "put_back", "respond", "result"}
 FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
 # A plane cannot be passed; what can be is swept.
 SWEPT = {"passes", "sweep_way", "first_on_way", "enter", "look", "carried", "answer"}
+# Between several there are corners.
+CORNER = {"settle", "speed"}
 AT = (0, 0, -9)
 KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
 
@@ -294,7 +296,7 @@ KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
         ({}, [Box(AT)], FIXED | SWEPT | {"box"}),
         ({}, [Capsule(AT, (1, 0, -9))], FIXED | SWEPT | {"capsule", "from_point"}),
         ({}, [Cone(AT, (1, 0, -9))], FIXED | SWEPT | {"cone"}),
-        ({}, [Sphere(AT), Box(AT)], FIXED | SWEPT | {"distance", "plane", "sphere", "from_point", "box"}),
+        ({}, [Sphere(AT), Box(AT)], FIXED | SWEPT | CORNER | {"distance", "plane", "sphere", "from_point", "box"}),
         ({}, [Plane(motion=lambda t: (0, 0, -t))], MOVING | {"plane"}),
         ({}, [Sphere(AT, motion=lambda t: (0, 0, -t))], MOVING | SWEPT | {"sphere", "from_point"}),
     ],
