@@ -105,7 +105,7 @@ def test_statements_are_all_found(sources):
 
 def test_equal_scenes_share_kernels():
     scenes = (
-        (FULL, [Plane()]),
+        (FULL, [Plane(), Plane()]),
         (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
     )
     for route in ROUTES:
