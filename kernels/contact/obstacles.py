@@ -99,6 +99,9 @@ def fixed_contact(
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
         if wp.static(swept or several):
             x_free = x
+        if wp.static(several):
+            entered = int(0)
+            clear = scalar(1.0e30)
         if wp.static(swept):
             v_free = v
             passed = bool(False)
@@ -109,6 +112,11 @@ def fixed_contact(
                 normal[k] = found[k]
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
+            if wp.static(several):
+                if found[wp.static(dim)] < scalar(0.0):
+                    entered += 1
+                else:
+                    clear = wp.min(clear, found[wp.static(dim)])
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         if wp.static(swept and bounces):
             if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
@@ -119,8 +127,9 @@ def fixed_contact(
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
-        if wp.static(several):
-            x, v = settle(obstacles, x, v, x_free, x_old)
+        if wp.static(several):  # nothing is put further than it was from what it had not entered
+            if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
+                x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return Obstacles, collide
@@ -214,6 +223,9 @@ def moving_contact(
         n = obstacles.substep
         if wp.static(swept or several):
             x_free = x
+        if wp.static(several):
+            entered = int(0)
+            clear = scalar(1.0e30)
         if wp.static(swept):
             v_free = v
             passed = bool(False)
@@ -233,6 +245,11 @@ def moving_contact(
             start = turn * y_old + shift
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
+            if wp.static(several):
+                if found[wp.static(dim)] < scalar(0.0):
+                    entered += 1
+                else:
+                    clear = wp.min(clear, found[wp.static(dim)])
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
             v = v + u
         if wp.static(swept and bounces):
@@ -244,8 +261,9 @@ def moving_contact(
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
-        if wp.static(several):
-            x, v = settle(obstacles, x, v, x_free, x_old)
+        if wp.static(several):  # nothing is put further than it was from what it had not entered
+            if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
+                x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return MovingObstacles, collide
