@@ -7,8 +7,8 @@ For a point at x that overlaps a facet by δ, with the unit normal n out of the 
     f_t = −k_t ξ − b_t u_t, shortened to at most μ f_n
 
 The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as whole numbers
-of a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what a pair exerts
-on each other cancels exactly.
+of a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what two exert on
+each other cancels exactly.
 Reference: Cundall and Strack, A discrete numerical model for granular assemblies, Géotechnique 29 (1979).
 """
 
@@ -233,7 +233,7 @@ def _each_point(scalar: type, measuring: bool):
                         # A pair touches twice, as a point and as a facet of each: both have half of the damping.
                         b_n = scalar(2.0**0.5) * data.damping[rule] * root
                         b_t = wp.sqrt(tangential) * b_n
-                        # Where velocities lag, the mean of those before and after a substep counts: it is solved for.
+                        # Where velocities lag the mean of those before and after a substep counts.
                         late = one / (one + behind * b_n * mobility)
                         b_t = b_t / (one + behind * b_t * mobility)
                         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)

@@ -71,8 +71,8 @@ def find_rows(scalar: type):
     """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
 
     In a row the facets of one body stand side by side, the nearest first: who looks for the nearest later need not
-    look at those that cannot have come that near. What is left in and never touched changes nothing, so that neither
-    the skin nor the order in which facets are found does.
+    look at those that cannot have come that near. What is left in and never touched changes nothing: neither the
+    skin nor the order in which facets are found does.
     """
     Data = Surfaces(scalar)
     nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)

@@ -21,7 +21,7 @@ def Surfaces(scalar: type):
     """Compose the struct of the surfaces that may touch.
 
     Vertices are mixtures of particles; points and facets are made of vertices. A point is a vertex (both of its
-    vertices are the same) or lies on an edge. A facet is a triangle; of a rope it is a segment, of a grain a point.
+    vertices are the same) or lies on an edge. A facet is a triangle, of a rope a segment, of a grain a point.
     """
     V = vector(3, scalar)
 

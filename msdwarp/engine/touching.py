@@ -55,8 +55,8 @@ UNITS = 2.0**-40
 CONTACTS_OF_A_SPHERE = 24.0
 """With how many others a sphere is taken to be in contact at a time, in the bound of the rates.
 
-About 6 would do for stability. Twice the substeps that these ask for keep the restitution of a pair within 2 % of what
-was asked for.
+About 6 would do for stability. With twice the substeps that these ask for, the restitution of a pair is within 2 %
+of what was asked for.
 """
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
@@ -182,8 +182,8 @@ class Touching(Effect):
             meant = (rule == number).any(axis=1)[kind]
             if one.stiffness is None and (soft & meant).any():
                 raise ValueError(
-                    f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections to "
-                    "take it from; it must be a number [N/m]"
+                    f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
+                    "to take it from; it must be a number [N/m]"
                 )
 
     def _bounds(self, kind: NDArray, rule: NDArray, density: NDArray) -> tuple[NDArray, NDArray]:
@@ -285,7 +285,7 @@ class Touching(Effect):
         if not moved < FARTHEST_WAY * self._farthest:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
-        # Where all moves fast lists are made more often, before they grow long: before each substep they need no skin.
+        # Where all moves fast lists are made more often, before they grow long; made each time they need no skin.
         per_substep = moved / max(self.search_every - 1, 1)
         best = 1 + self._farthest / (2 * SKIN_BY_WAY * max(per_substep, 1e-30))
         self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
