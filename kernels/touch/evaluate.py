@@ -58,18 +58,22 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def touch(scalar: type):
-    """Compose the kernel, over points, that adds up the forces of their contacts."""
-    return _each_point(scalar, False)
+def touch(scalar: type, sunk: bool):
+    """Compose the kernel, over points, that adds up the forces of their contacts.
+
+    Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
+    shrinks to nothing: they are led apart, not thrown.
+    """
+    return _each_point(scalar, sunk, False)
 
 
 @functools.cache
-def energy_of_touch(scalar: type):
+def energy_of_touch(scalar: type, sunk: bool):
     """Compose the kernel, over points, of what their contacts store [J] and turn to heat [W]."""
-    return _each_point(scalar, True)
+    return _each_point(scalar, sunk, True)
 
 
-def _each_point(scalar: type, measuring: bool):
+def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
     nearest = nearest_on_triangle(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
@@ -217,6 +221,8 @@ def _each_point(scalar: type, measuring: bool):
                         gap = -gap
                         normal = -normal
                     overlap = thickness - gap
+                    if wp.static(sunk):
+                        overlap = overlap - data.allowed[p]
                     mobility = own
                     for k in range(3):
                         mobility += w[k] * w[k] * data.mobility[data.corner[facet][k]]
@@ -264,6 +270,9 @@ def _each_point(scalar: type, measuring: bool):
                             power += wp.float64(lost)
                         else:
                             exert(data, ends, s, facet, w, f_n * normal + f_t, unit)
+                            if wp.static(sunk):
+                                led = wp.min(data.allowed[p], h * data.outwards)
+                                data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
                             if float(overlap) > flags[wp.static(DEEPEST)]:
                                 wp.atomic_max(flags, wp.static(DEEPEST), float(overlap))
                         if new_partner_0 < 0:
@@ -279,6 +288,8 @@ def _each_point(scalar: type, measuring: bool):
                     data.partner[1, p] = new_partner_1
                     data.slip[0, p] = new_slip_0
                     data.slip[1, p] = new_slip_1
+        if wp.static(sunk and not measuring):
+            data.allowed[p] = wp.max(zero, data.allowed[p] - h * data.outwards)
         if wp.static(measuring):
             stored[p] = energy
             heated[p] = power

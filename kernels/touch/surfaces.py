@@ -48,6 +48,9 @@ def Surfaces(scalar: type):
             dtype=V
         )  # how far it has been moved along what it sticks to [m], shape [HISTORY, point_count]
         partner: wp.array2d(dtype=int)  # which body that is, −1: none
+        allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]
+        outwards: scalar  # how fast that shrinks [m/s]
+        done: wp.array(dtype=wp.float64)  # the work of what shrinks it [J]
         # Facets:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each, shape [facet_count]
         owner: wp.array(dtype=int)  # its body
