@@ -1,5 +1,7 @@
 """What is said of bodies that touch: restitution against an integrator of its own, refusals, which rule holds."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -43,7 +45,7 @@ def test_no_damping_ratio_is_above_ten():
 def test_restitution_falls_with_damping():
     found = [restitution_of(ratio) for ratio in np.linspace(0, 10, 400)]
     assert found[0] == 1
-    assert all(a > b for a, b in zip(found, found[1:], strict=False))
+    assert all(a > b for a, b in itertools.pairwise(found))
 
 
 @pytest.mark.parametrize(
