@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from problems import EPS64
+from surfaces import nearest_distances
 
 from msdwarp import Surface, System, ball, box, chain, icosphere, sheet, shell
 from msdwarp.bodies import touching_surfaces
@@ -157,25 +158,6 @@ def weights_of(p: np.ndarray, corners: np.ndarray, device: str) -> np.ndarray:
     return found.numpy()
 
 
-def nearest_distance(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the distances from triangles by the least over their inside and their three sides.
-
-    Inside: the foot on the plane, by least squares, where all weights are positive. Sides: the foot on the line,
-    clamped to it. No region of the plane around the triangle is told from another.
-    """
-    best = np.full(len(p), np.inf)
-    for i, j in itertools.combinations(range(3), 2):
-        a, way = corners[:, i], corners[:, j] - corners[:, i]
-        length = (way**2).sum(axis=1)
-        t = np.clip(((p - a) * way).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
-        best = np.minimum(best, np.linalg.norm(p - a - t[:, None] * way, axis=1))
-    for n, (one, (a, b, c)) in enumerate(zip(p, corners, strict=True)):
-        u, v = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), one - a, rcond=None)[0]
-        if u > 0 and v > 0 and u + v < 1:
-            best[n] = min(best[n], np.linalg.norm(one - a - u * (b - a) - v * (c - a)))
-    return best
-
-
 def triangles(kind: str, count: int) -> np.ndarray:
     random = np.random.default_rng(5)
     corners = random.normal(size=(count, 3, 3))
@@ -205,7 +187,7 @@ def test_the_nearest_point_of_a_triangle(plain_device, kind):
     found = np.linalg.norm(p - np.einsum("nk,nkd->nd", weight, corners), axis=1)
     # Of squares of numbers of about 5; those of slivers lose their width of 1e-3 twice to cancellation, 1e-6.
     tolerance = 1e-14 / (1e-6 if kind == "slivers" else 1e-2)
-    np.testing.assert_allclose(found, nearest_distance(p, corners), rtol=0, atol=tolerance)
+    np.testing.assert_allclose(found, nearest_distances(p, corners), rtol=0, atol=tolerance)
     # No point of a fine grid on the triangle is nearer.
     for u, v in itertools.product(np.linspace(0, 1, 12), repeat=2):
         if u + v <= 1:
