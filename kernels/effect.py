@@ -10,7 +10,10 @@ class Driving(NamedTuple):
     holds: Any = None
     """wp.func (world, i) -> whether particle i is driven."""
     acceleration: Any = None
-    """wp.func (world, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned."""
+    """wp.func (world, force, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned.
+
+    Of what the force on a driven one does, its drive's work is summed.
+    """
     at_stage: Any = None
     """wp.func (world, lost, x, v, i) -> (x, v) as the next stage of a substep takes them."""
     at_end: Any = None

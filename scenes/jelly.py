@@ -33,7 +33,7 @@ def shake(time: float) -> tuple[float, float, float]:
     return 0.1 * np.sin(2 * np.pi * time) ** 3 * (time < 3), 0.0, 0.0
 
 
-def build(*, across: int = 18, stiffness: float = 50.0, damping: float = 0.05, mass: float = 0.004) -> Scene:
+def build(*, across: int = 16, stiffness: float = 60.0, damping: float = 0.06, mass: float = 0.0055) -> Scene:
     """Turn out a jelly, one metre wide, hardly damped.
 
     Parameters
@@ -48,10 +48,11 @@ def build(*, across: int = 18, stiffness: float = 50.0, damping: float = 0.05, m
         Mass of each particle [kg].
     """
     body = from_mesh(mould(), across=across, mass=mass, stiffness=stiffness, damping=damping)
-    body = body.translate((0, 0, 0.125 - body.position[:, 2].min()))  # the lattice reaches below the mould
+    # The lattice, which stands on the tray, reaches below the mould: with 16 cells across by 3 mm, with 18 by 29.
+    body = body.translate((0, 0, 0.12 - body.position[:, 2].min()))
     tray = Box((0, 0, 0.06), (1.9, 1.9, 0.12), restitution=0.0, friction=5.0, motion=shake)
     look = Look(texture=jelly("#b3123f", "#ff6a7a"), gloss=0.9, obstacle="#e9e4da", elevation=20)
-    warm = at(4.0, stiffness=lambda k: 0.15 * k, damping=lambda b: 2 * b)
+    warm = at(4.0, stiffness=lambda k: 0.16 * k, damping=lambda b: 2 * b)
     return Scene(system=body, colliders=[Plane(), tray], duration=6.0, look=look, schedule=[warm])
 
 

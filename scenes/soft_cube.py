@@ -1,11 +1,11 @@
-"""An overdamped cube is thrown against a sticky wall, flattens, and slides down."""
+"""An overdamped cube is thrown against a wall that leans back, flattens, and slides down."""
 
 from msdwarp import Box, Look, Plane, Scene, box, checks
 from msdwarp.cli import scene_main
 from msdwarp.textures import tiles
 
 
-def build(*, size: int = 7, stiffness: float = 18.0, damping: float = 1.0, mass: float = 0.01) -> Scene:
+def build(*, size: int = 7, stiffness: float = 24.0, damping: float = 2.0, mass: float = 0.01) -> Scene:
     """Throw a cube, 60 cm wide, whose dampers dominate.
 
     Parameters
@@ -23,7 +23,8 @@ def build(*, size: int = 7, stiffness: float = 18.0, damping: float = 1.0, mass:
     cube = box((size, size, size), 0.6 / (size - 1), mass=mass, stiffness=stiffness, damping=damping)
     cube = cube.rotate(0.5, axis=(1, 1, 0.3)).translate((-1.1, 0, 1.0))
     cube = cube.with_velocity((6.5, 0, 1.6)).spin((0.0, 3.0, 1.0))
-    wall = Box((0.6, 0, 0.7), (0.2, 1.8, 2.2), restitution=0.0, friction=1e3)
+    # Nothing sticks to a wall that is upright: this one leans back by 34°, so that weight presses the cube on.
+    wall = Box((0.6, 0, 0.7), (0.2, 1.8, 2.4), (0, 0.6, 0), restitution=0.0, friction=0.4)
     floor = Plane(restitution=0.0, friction=0.9)
     look = Look(
         texture=tiles("#5aa469", "#d9efc2", count=3), gloss=0.3, obstacle="#e8dcc8", azimuth=-115, elevation=14

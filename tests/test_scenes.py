@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import importlib
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from statics import equilibrium
 
 import msdwarp as msd
+from msdwarp.engine.start import start_inside
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
@@ -179,7 +181,14 @@ def test_the_jelly_wobbles_and_sags_when_it_is_warm():
     top, bottom = start[:, 2] > start[:, 2].max() - 0.1, start[:, 2] < start[:, 2].min() + 0.1
     sway = position[:, top, 0].mean(axis=1) - position[:, bottom, 0].mean(axis=1)
     assert np.ptp(sway[:180]) > 0.03
-    assert np.ptp(position[-1, :, 2]) < 0.8 * np.ptp(position[235, :, 2])
+    assert np.ptp(position[-1, :, 2]) < 0.9 * np.ptp(position[235, :, 2])
+    # Nothing starts inside its tray, or so far above it that it falls: no energy comes from the start.
+    assert start_inside(scene.system, scene.colliders) is None
+    assert 0 <= start[:, 2].min() - 0.12 < 1e-9
+    # Where connections are shorter than half of what they are at rest, cells are turned inside out.
+    ends = position[-1][scene.system.connections]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert (length / scene.system.rest_length).min() > 0.5
 
 
 @pytest.mark.slow
@@ -202,9 +211,17 @@ def test_the_spinner_turns_over_and_over():
 def test_the_soft_cube_flattens_at_the_wall():
     scene = build("soft_cube")
     frames = simulate(scene, scene.duration)
-    deep = np.array([np.ptp(frame.position[:, 0]) for frame in frames])
+    wall = scene.colliders[1]
+    out = np.array([-math.cos(wall.turn[1]), 0.0, math.sin(wall.turn[1])])
+    deep = np.array([np.ptp(frame.position @ out) for frame in frames])
     assert deep.min() < 0.75 * deep[0]
-    assert max(frame.position[:, 0].max() for frame in frames) < 0.501  # the wall's face
+    away = np.array([((frame.position - wall.position) @ out).min() for frame in frames]) - wall.size[0] / 2
+    assert away.min() > -1e-3
+    # It slides: from the hit on it stays at the wall till it is down.
+    down = next(k for k, frame in enumerate(frames) if frame.position[:, 2].min() < 1e-3)
+    hit = int(np.argmax(away < 1e-3))
+    assert (away[hit:down] < 0.03).all()
+    assert frames[hit].position[:, 2].mean() - frames[down].position[:, 2].mean() > 0.4
 
 
 def test_the_waffle_keeps_its_bend():
@@ -244,7 +261,7 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
     substeps = msd.Simulation.of(scene, device="cpu").substeps
-    duration = 0.3 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
+    duration = 0.25 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
     exact = simulate(scene, duration, precision="float64", substeps=substeps)
     rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):
@@ -260,9 +277,10 @@ def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
         simulation.step()
         assert simulation.time < 1.0
     assert np.flatnonzero(simulation.snapshot().broken).tolist() == [3]
-    across, _, down = simulation.frame().position[-1] - simulation.frame().position[0]
-    # Waves on a chain that weighs 1.4 % of the weight change the pull by some of the root of that, 12 %.
-    assert -down / np.hypot(across, down) == pytest.approx(0.8, rel=2 * 0.12)
+    position = simulation.frame().position
+    across, _, down = position[scene.system.groups["weight"]].mean(axis=0) - position[0]
+    # Waves on a chain that weighs 4 % of the weight change the pull by up to the root of that, 20 %.
+    assert -down / np.hypot(across, down) == pytest.approx(0.8, rel=0.2)
 
 
 @pytest.mark.slow

@@ -2,11 +2,11 @@
 
     python -m benchmarks.speed.contact [--device D] [--quick]
 
-Two blocks of 100³ particles, one on the other; 27 blocks of 10³ in a pile; a cloth of 256² particles that has fallen
-over a ball onto itself; five dice; and 1000 blocks of 10³ poured into a box. Each is simulated until it has come
-together, at automatic substeps and 60 frames a second; then a few frames are timed in turn with the same bodies side by
-side (what contact costs where nothing touches) and with bodies that do not feel each other, all at as many substeps.
-Ratios are medians over rounds. `real time` is how many simulated seconds a second of work gives.
+Two blocks of 100³ particles, one on the other; 27 blocks of 10³ in a pile; a cloth of 256² particles that has
+fallen over a ball onto itself; five dice; and 1000 blocks of 10³ poured into a box. Each is simulated until it has
+come together, at automatic substeps and 60 frames a second; then a few frames are timed in turn with the same
+bodies side by side (what contact costs where nothing touches) and with bodies that do not feel each other, all at
+as many substeps. Ratios are medians over rounds. `real time` is how many simulated seconds a second of work gives.
 """
 
 import gc
@@ -38,7 +38,7 @@ class Case(NamedTuple):
 
 
 def stacked(many: int, count: int, spread: float) -> System:
-    """Return blocks of many³ particles in layers of 9, or on each other where there are two; spread apart or not."""
+    """Return blocks of many³ particles in layers, or on each other where there are two; or side by side."""
     spacing = 0.02
     width = spacing * (many - 1)
     random = np.random.default_rng(0)
@@ -81,9 +81,9 @@ def cases(quick: bool) -> dict[str, Callable[[], Case]]:
 
     def pour() -> Case:
         width = 0.45 * round(poured ** (1 / 3)) + 0.3
-        walls = [
-            Box((s * (width / 2 + 0.5), 0, 2.0), (1.0, width + 2, 8.0), restitution=0.0) for s in (-1, 1)
-        ] + [Box((0, s * (width / 2 + 0.5), 2.0), (width + 2, 1.0, 8.0), restitution=0.0) for s in (-1, 1)]
+        walls = [Box((s * (width / 2 + 0.5), 0, 2.0), (1.0, width + 2, 8.0), restitution=0.0) for s in (-1, 1)] + [
+            Box((0, s * (width / 2 + 0.5), 2.0), (width + 2, 1.0, 8.0), restitution=0.0) for s in (-1, 1)
+        ]
         random = np.random.default_rng(1)
         side = round(poured ** (1 / 3))
         one = box((10, 10, 10), 0.03, mass=1e-3, stiffness=400.0, damping=0.2)

@@ -1,7 +1,18 @@
 """Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
 from .depths import distances
-from .distance import KINDS
+from .distance import KINDS, solids
 from .obstacles import NO_CONTACT, Contact, NoColliders, fixed_contact, moving_contact
+from .rule import Needed
 
-__all__ = ["KINDS", "NO_CONTACT", "Contact", "NoColliders", "distances", "fixed_contact", "moving_contact"]
+__all__ = [
+    "KINDS",
+    "NO_CONTACT",
+    "Contact",
+    "Needed",
+    "NoColliders",
+    "distances",
+    "fixed_contact",
+    "moving_contact",
+    "solids",
+]

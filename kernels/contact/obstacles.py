@@ -11,9 +11,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
+from .corner import corner
 from .distance import signed_distance, solids
-from .rule import surface, touch
+from .rule import Needed, surface, touch
 from .sweep import passing, sweep
+
+NEEDED = Needed()
 
 
 @wp.struct
@@ -39,13 +42,22 @@ NO_CONTACT = Contact(NoColliders, None, False)
 
 
 @functools.cache
-def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
+def fixed_contact(
+    dim: int,
+    scalar: type,
+    rule: str,
+    kinds: tuple[str, ...],
+    felt: bool = False,
+    needed: Needed = NEEDED,
+):
     """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other.
 
     Where they are to be felt, there is room for by how much they have changed each particle's velocity.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
+    put_on = touch(dim, scalar, rule, needed, False)
+    bounces, several, sunk = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -74,14 +86,23 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fel
     def answer(
         obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
     ):
-        return put_back(obstacles.surface, p, distance, normal, x, v, start, v_old)
+        return put_on(obstacles.surface, p, distance, normal, x, v, start, v_old)
+
+    @wp.func
+    def speed(obstacles: Obstacles, p: int, x_old: V) -> V:
+        return V()
 
     sweep_way = sweep(dim, scalar, Obstacles, look, carried, answer) if swept else None
+    settle = corner(dim, scalar, Obstacles, look, carried, speed, sunk) if several else None
 
     @wp.func
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
-        if wp.static(swept):
+        if wp.static(swept or several):
             x_free = x
+        if wp.static(several):
+            entered = int(0)
+            clear = scalar(1.0e30)
+        if wp.static(swept):
             v_free = v
             passed = bool(False)
         for p in range(obstacles.count):
@@ -91,26 +112,53 @@ def fixed_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fel
                 normal[k] = found[k]
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
+            if wp.static(several):
+                if found[wp.static(dim)] < scalar(0.0):
+                    entered += 1
+                else:
+                    clear = wp.min(clear, found[wp.static(dim)])
             x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
+        if wp.static(swept and bounces):
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
+                for p in range(obstacles.count):
+                    distance, normal = look(obstacles, p, x)
+                    way = x - carried(obstacles, p, x_old)
+                    passed = passed or passes(obstacles.inradius, distance, normal, way)
         if wp.static(swept):
             if passed:
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
+        if wp.static(several):  # nothing is put further than it was from what it had not entered
+            if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
+                x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return Obstacles, collide
 
 
 @functools.cache
-def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], felt: bool = False):
+def moving_contact(
+    dim: int,
+    scalar: type,
+    rule: str,
+    kinds: tuple[str, ...],
+    felt: bool = False,
+    needed: Needed = NEEDED,
+):
     """Compose the same for obstacles that move, which a particle meets as if they stood still.
 
     When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
     the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
     is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
+
+    To somebody who moves with the surface an obstacle does no work. To others it does m Δv·u on what it meets, u
+    being the mean of the surface's velocities in this substep and in the one before: as the work of other forces,
+    half with the velocity before and half with that after.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
     Turn = wp.types.matrix((dim, dim), scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule)
+    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
+    put_on = touch(dim, scalar, rule, needed, False)
+    bounces, several, sunk = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     @wp.struct
@@ -125,6 +173,8 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         speed: wp.array2d(dtype=V)  # [m/s]
         substep: int  # n, from 0 on
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
+        done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
+        particle: int  # the one that is looked at
         if swept:
             inradius: scalar  # of the largest ball inside the thinnest [m]
         if felt:
@@ -147,6 +197,13 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         return obstacles.turn[n + 1, p] * y_old + obstacles.shift[n + 1, p]
 
     @wp.func
+    def add_work(obstacles: MovingObstacles, twice: wp.float64):
+        i = obstacles.particle
+        if twice != wp.float64(0.0):
+            mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
+            obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
+
+    @wp.func
     def answer(
         obstacles: MovingObstacles,
         p: int,
@@ -162,16 +219,30 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
         y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
         u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
         u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
-        x, v = put_back(obstacles.surface, p, distance, normal, x, v - u, start, v_old - u_old)
+        v_free = v - u
+        x, v = put_on(obstacles.surface, p, distance, normal, x, v_free, start, v_old - u_old)
+        add_work(obstacles, wp.float64(wp.dot(v - v_free, u + u_old)))
         return x, v + u
 
+    @wp.func
+    def speed(obstacles: MovingObstacles, p: int, x_old: V) -> V:
+        n = obstacles.substep
+        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+        return obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+
     sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
+    settle = corner(dim, scalar, MovingObstacles, look, carried, speed, sunk) if several else None
 
     @wp.func
     def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
         n = obstacles.substep
-        if wp.static(swept):
+        twice = wp.float64(0.0)  # the work by mass
+        if wp.static(swept or several):
             x_free = x
+        if wp.static(several):
+            entered = int(0)
+            clear = scalar(1.0e30)
+        if wp.static(swept):
             v_free = v
             passed = bool(False)
         for p in range(obstacles.count):
@@ -190,11 +261,29 @@ def moving_contact(dim: int, scalar: type, rule: str, kinds: tuple[str, ...], fe
             start = turn * y_old + shift
             if wp.static(swept):
                 passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
-            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v - u, start, v_old - u_old)
+            if wp.static(several):
+                if found[wp.static(dim)] < scalar(0.0):
+                    entered += 1
+                else:
+                    clear = wp.min(clear, found[wp.static(dim)])
+            seen = v - u
+            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, seen, start, v_old - u_old)
+            twice += wp.float64(wp.dot(v - seen, u + u_old))
             v = v + u
+        if wp.static(swept and bounces):
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
+                for p in range(obstacles.count):
+                    distance, normal = look(obstacles, p, x)
+                    way = x - carried(obstacles, p, x_old)
+                    passed = passed or passes(obstacles.inradius, distance, normal, way)
         if wp.static(swept):
             if passed:
+                twice = wp.float64(0.0)
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
+        add_work(obstacles, twice)
+        if wp.static(several):  # nothing is put further than it was from what it had not entered
+            if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
+                x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return MovingObstacles, collide

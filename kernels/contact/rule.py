@@ -1,10 +1,22 @@
 """Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
 import functools
+from typing import NamedTuple
 
 import warp as wp
 
 from ..basis import vector
+
+
+class Needed(NamedTuple):
+    """What the obstacles of a scene need beside the rule; what they do not is not compiled."""
+
+    bounces: bool = True
+    """Whether anything bounces, by rule "coulomb"."""
+    several: bool = False
+    """Whether there are several, and so corners between them."""
+    sunk: bool = False
+    """Whether anything starts inside one."""
 
 
 @functools.cache
@@ -59,20 +71,42 @@ def contact_response(dim: int, scalar: type, rule: str):
 
 
 @functools.cache
-def touch(dim: int, scalar: type, rule: str):
+def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
 
     A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
     this substep's way along the surface, so that what sticks does not creep. A particle already on its way out is
     left alone. Velocities and ways are those relative to the surface. Returns (x, v).
+
+    Where it `flies`, a particle that bounces does so where the substep began, and is never lifted through the
+    forces of its neighbours: they would do work that comes from nothing, which a restitution near 1 gathers hit
+    after hit. With velocities half a substep behind positions (leapfrog, symplectic Euler) it goes on from there
+    at its new speed. Of the energy that leapfrog conserves, ½ m v_(n−½)·v_(n+½) + U(x_n), where v_old is the
+    normal speed before the substep and v the one that its force makes of it, a hit then takes
+
+        ½ m (1 − e)|v_old| (e|v_old| + |v|)
+
+    whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
+    force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
+
+    Where anything has `sunk` into an obstacle before the run, it is led out at a steady pace and gets no speed
+    from that: put onto the surface at once it would strain its connections by the way.
     """
-    V, Surface = vector(dim, scalar), surface(scalar)
-    coulomb = rule == "coulomb"
+    V, Surface = vector(dim, scalar), surface(scalar, needed)
+    coulomb, sunk = rule == "coulomb", needed.sunk
     respond = contact_response(dim, scalar, rule)
 
     @wp.func
     def put_back(s: Surface, p: int, distance: scalar, normal: V, x: V, v: V, x_old: V, v_old: V):
+        if wp.static(sunk):
+            began = distance - wp.dot(x - x_old, normal)
+            approach = wp.dot(v, normal)
+            if distance < scalar(0.0) and approach <= scalar(0.0) and began < -s.slack:
+                x += wp.max(wp.min(began + s.outwards, scalar(0.0)) - distance, scalar(0.0)) * normal
+                return x, v - approach * normal
         if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
+            if wp.static(flies):
+                v_n = wp.dot(v, normal)
             v, share = respond(
                 v,
                 v_old,
@@ -82,6 +116,11 @@ def touch(dim: int, scalar: type, rule: str):
                 s.tangential_factor[p],
                 s.rest_speed[p],
             )
+            if wp.static(flies):
+                v_n_after = -s.restitution[p] * wp.dot(v_old, normal)
+                if v_n_after > s.restitution[p] * s.rest_speed[p]:
+                    back = scalar(1.0) - s.onward * v_n_after / v_n
+                    distance = wp.min(distance, back * wp.dot(x - x_old, normal))
             x = x - distance * normal
             if wp.static(coulomb):
                 way = x - x_old
@@ -93,7 +132,7 @@ def touch(dim: int, scalar: type, rule: str):
 
 
 @functools.cache
-def surface(scalar: type):
+def surface(scalar: type, needed: Needed):
     """Compose the struct of what all obstacles have."""
 
     @wp.struct
@@ -103,5 +142,10 @@ def surface(scalar: type):
         friction: wp.array(dtype=scalar)  # μ
         tangential_factor: wp.array(dtype=scalar)  # f
         rest_speed: wp.array(dtype=scalar)  # what approaches more slowly does not bounce [m/s]
+        if needed.bounces:
+            onward: scalar  # the share of a substep that a particle flies on for after a bounce
+        if needed.sunk:
+            slack: scalar  # what began a substep no deeper than this is on the surface [m]
+            outwards: scalar  # by how much what began it deeper is led out in a substep [m]
 
     return Surface

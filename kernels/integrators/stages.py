@@ -129,7 +129,7 @@ def particle_acceleration(composition: Composition):
         if wp.static(pinned):
             if w == scalar(0.0):
                 if wp.static(driven is not None):
-                    return driven(world, i)
+                    return driven(world, force, i)
                 return V()
         return w * force + world.gravity
 
@@ -155,6 +155,8 @@ def finish(composition: Composition):
         if wp.static(pinned_among_moving):
             if colliders.inverse_mass[i] == scalar(0.0):
                 return x_new, v_new  # what moves passes through it
+        if wp.static(moving):
+            colliders.particle = i
         if wp.static(has_colliders):
             x_free = x_new
             if wp.static(felt):

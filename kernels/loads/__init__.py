@@ -7,12 +7,13 @@ from .forces import function_force, steady_force, varying_force, weight_force
 from .pressure import gas_law, gas_pressure, given_pressure
 from .ties import tie_force
 from .wind import wind_on_faces, wind_on_particles
-from .work import NOTHING, measured, sum_work, work
+from .work import NOTHING, add_work, measured, sum_work, work
 
 __all__ = [
     "NOTHING",
     "actuated_springs",
     "add_tension",
+    "add_work",
     "attachments",
     "driven",
     "function_force",

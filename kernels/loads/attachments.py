@@ -31,6 +31,8 @@ def attachments(
     An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
     that moves at u. One with a rest length acts along its axis alone, as a connection does, and exerts nothing
     where it has none.
+
+    What carries a point along at u does the work F·u. Over a substep it is summed as that of drives is.
     """
     V, Turn = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
@@ -52,6 +54,11 @@ def attachments(
         shift: wp.array2d(dtype=V)  # o [m]
         turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
+        if moving:
+            ahead: int  # the velocity after a stage stands so many rows behind that before it
+            # Work by each [J], shape [2, attachment_count]: what is done, and by the force to come with the
+            # velocity so far, that force taken as the last one
+            done: wp.array2d(dtype=wp.float64)
 
     @wp.func
     def place(attached: Attached, row: int, e: int) -> V:
@@ -89,6 +96,17 @@ def attachments(
 
     def force(World: Any):
         @wp.func
+        def add_work(world: World, row: int, e: int, f: V):
+            if world.attached.carrier[e] >= 0:
+                before = world.worked.weight[row]
+                after = world.worked.weight_of_last[row]
+                if before + after > wp.float64(0.0):  # not where a frame ends
+                    now = before * wp.float64(wp.dot(f, velocity(world.attached, row, e)))
+                    half = after * wp.float64(wp.dot(f, velocity(world.attached, row + world.attached.ahead, e)))
+                    world.attached.done[0, e] = world.attached.done[0, e] + now + half
+                    world.attached.done[1, e] = half
+
+        @wp.func
         def attachment(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
             row = int(0)
             if wp.static(moving):
@@ -101,7 +119,10 @@ def attachments(
                 v_i = load(v, i)
             total = V()
             for e in range(world.attached.first[i], world.attached.first[i + 1]):
-                total += pull(world.attached, row, e, x_i, v_i)
+                f = pull(world.attached, row, e, x_i, v_i)
+                if wp.static(moving):
+                    add_work(world, row, e, f)
+                total += f
             return total
 
         return attachment

@@ -17,6 +17,11 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
 
     What started at y is at turn y + shift, in float64: rounded once, a pose is as exact as a place can be. What a
     stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
+
+    The work of a drive is −f·v, f being the force on what it moves at v, which it holds out against. Over a
+    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. The
+    force is what a method asks for: at the long steps of an implicit one springs pull less than that, and the work
+    is too much, at order 1.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Lost, _ = compensation(dim, scalar, compensated)
@@ -35,6 +40,10 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
         # The second derivatives where the frame ends, one for each drive:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
+        ahead: int  # the velocity after a stage stands so many rows behind that before it
+        # Work on what each drives [J], shape [2, driven count]: what is done, and by the
+        # force to come with the velocity so far, that force taken as the last one
+        done: wp.array2d(dtype=wp.float64)
 
     def drive(World: Any) -> Driving:
         @wp.func
@@ -42,10 +51,24 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
             return world.drives.entry[i] >= 0
 
         @wp.func
-        def acceleration(world: World, i: int) -> V:
+        def velocity(world: World, e: int, row: int) -> Wide:
+            d = world.drives.drive[e]
+            return world.drives.turning[row, d] * world.drives.start[e] + world.drives.speed[row, d]
+
+        @wp.func
+        def acceleration(world: World, force: V, i: int) -> V:
             e = world.drives.entry[i]
             if e < 0:
                 return V()
+            row = world.stage
+            before = world.worked.weight[row]
+            after = world.worked.weight_of_last[row]
+            if before + after > wp.float64(0.0):  # not where a frame ends
+                f = Wide(force)
+                half = after * wp.dot(f, velocity(world, e, row + world.drives.ahead))
+                now = before * wp.dot(f, velocity(world, e, row)) + half
+                world.drives.done[0, e] = world.drives.done[0, e] - now
+                world.drives.done[1, e] = -half
             d = world.drives.drive[e]
             return V(world.drives.bending[d] * world.drives.start[e] + world.drives.push[d])
 
@@ -56,12 +79,6 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
             return world.drives.turn[row, d] * world.drives.start[e] + world.drives.shift[row, d]
 
         @wp.func
-        def velocity(world: World, e: int) -> Wide:
-            row = world.stage + 1
-            d = world.drives.drive[e]
-            return world.drives.turning[row, d] * world.drives.start[e] + world.drives.speed[row, d]
-
-        @wp.func
         def at_stage(world: World, lost: Lost, x: V, v: V, i: int):
             e = world.drives.entry[i]
             if e >= 0:
@@ -69,7 +86,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
                 if wp.static(compensated):  # of which readers take what the start of the substep had lost
                     exact += Wide(load(lost.x, i))
                 x = V(exact)
-                v = V(velocity(world, e))
+                v = V(velocity(world, e, world.stage + 1))
             return x, v
 
         @wp.func
@@ -78,7 +95,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
             if e >= 0:
                 exact = place(world, e)
                 x = V(exact)
-                fast = velocity(world, e)
+                fast = velocity(world, e, world.stage + 1)
                 v = V(fast)
                 if wp.static(compensated):
                     store(lost.x_out, i, V(Wide(x) - exact))

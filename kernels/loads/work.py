@@ -32,7 +32,7 @@ def work(dim: int, scalar: type) -> Piece:
     class Worked:
         done: wp.array(dtype=wp.float64)  # on each particle [J], shape [particle_count]
         last: wp.array(dtype=vector(dim, scalar))  # the force on each in the last substep [N]
-        # By stage of a frame [s]; at its end, which belongs to no substep, 0:
+        # By stage of a frame [s]; at its end, which belongs to no substep, and in stages that do not count, 0:
         weight: wp.array(dtype=wp.float64)  # what the stage counts
         weight_of_last: wp.array(dtype=wp.float64)  # what the last substep's force counts with its velocity
 
@@ -102,3 +102,19 @@ def sum_work(dim: int, scalar: type):
         shares[share] = total
 
     return sum_work_done
+
+
+@kernel
+def add_work(
+    done: wp.array(dtype=wp.float64),  # [J], of any shape
+    # Out:
+    shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
+):
+    """Add to each thread's share of a sum the numbers that it has of others."""
+    share = wp.tid()
+    i = share
+    total = shares[share]
+    while i < done.shape[0]:
+        total += done[i]
+        i += shares.shape[0]
+    shares[share] = total

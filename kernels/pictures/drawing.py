@@ -164,6 +164,21 @@ def collapse(
             points[piece * corners + k] = points[piece * corners]
 
 
+@kernel
+def collapse_until(
+    since: wp.array(dtype=float),  # when each piece is seen first [s], shape [piece_count]
+    time: float,  # [s]
+    corners: int,
+    # In and out:
+    points: wp.array(dtype=wp.vec3),  # [m], so many corners for each piece, shape [piece_count · corners]
+):
+    """Put all corners of pieces that nothing has laid bare yet where their first ones are."""
+    piece = wp.tid()
+    if not is_broken(since[piece], time):
+        for k in range(1, corners):
+            points[piece * corners + k] = points[piece * corners]
+
+
 @wp.func
 def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
     """Return the colour at a share of a scale: linear between its stops, and its ends below 0 and above 1."""

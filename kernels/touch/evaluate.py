@@ -6,8 +6,8 @@ For a point at x that overlaps a facet by δ, with the unit normal n out of the 
     ξ is turned into the plane of contact, ξ += h u_t, and shortened to at most μ f_n / k_t
     f_t = −k_t ξ − b_t u_t, shortened to at most μ f_n
 
-The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as whole numbers of
-a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what a pair exerts on
+The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as whole numbers
+of a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what two exert on
 each other cancels exactly.
 Reference: Cundall and Strack, A discrete numerical model for granular assemblies, Géotechnique 29 (1979).
 """
@@ -73,7 +73,7 @@ def _each_point(scalar: type, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
     nearest = nearest_on_triangle(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
     @wp.func
@@ -133,6 +133,7 @@ def _each_point(scalar: type, measuring: bool):
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
+        skin: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
         heated: wp.array(dtype=wp.float64),  # [W]
@@ -157,25 +158,30 @@ def _each_point(scalar: type, measuring: bool):
             r = int(0)
             while r < n:
                 # The facets of one body: the nearest counts.
-                other = data.owner[data.row[r, p]]
+                facet = data.row[r, p]
+                other = data.owner[facet]
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
-                best = scalar(reach * reach)
-                facet = int(-1)
-                w = V()
-                e = int(r)
+                w = nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
+                away = x - place_on(data, facet, w)
+                best = wp.dot(away, away)
+                near = wp.sqrt(best) + skin[0]
+                e = int(r + 1)
                 while e < n:
-                    f = data.row[e, p]
-                    if data.owner[f] != other:
+                    found = data.away[e, p]
+                    if found < zero:
                         break
-                    w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
-                    away = x - place_on(data, f, w_f)
-                    if wp.dot(away, away) < best:
-                        best = wp.dot(away, away)
-                        facet = f
-                        w = w_f
+                    if almost * found <= near:
+                        f = data.row[e, p]
+                        w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
+                        away = x - place_on(data, f, w_f)
+                        if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
+                            best = wp.dot(away, away)
+                            near = wp.sqrt(best) + skin[0]
+                            facet = f
+                            w = w_f
                     e += 1
-                if facet >= 0:
+                if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
                     normal = normal_of(data, facet)
                     q = place_on(data, facet, w)
@@ -183,18 +189,23 @@ def _each_point(scalar: type, measuring: bool):
                     closed = data.closed[other] != 0 and mine != other
                     within = w[0] > zero and w[1] > zero and w[2] > zero
                     if closed and not within:
-                        # Of the triangles around an edge or a corner, the one that is seen most steeply tells the side.
+                        # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
                         tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
                             corner_of(data, facet, 1) - corner_of(data, facet, 0)
                         )
+                        near = wp.sqrt(tie) + skin[0]
                         for k in range(r, e):
-                            f = data.row[k, p]
-                            w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
-                            away = x - place_on(data, f, w_f)
-                            if wp.dot(away, away) <= tie:
-                                seen = wp.dot(away, normal_of(data, f))
-                                if wp.abs(seen) > wp.abs(side):
-                                    side = seen
+                            found = data.away[k, p]
+                            if almost * wp.max(found, -one - found) <= near:
+                                f = data.row[k, p]
+                                w_f = nearest(
+                                    x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2)
+                                )
+                                away = x - place_on(data, f, w_f)
+                                if wp.dot(away, away) <= tie:
+                                    seen = wp.dot(away, normal_of(data, f))
+                                    if wp.abs(seen) > wp.abs(side):
+                                        side = seen
                     gap = wp.sqrt(best)
                     if within and wp.length_sq(normal) > zero:
                         gap = wp.abs(side)
@@ -222,7 +233,7 @@ def _each_point(scalar: type, measuring: bool):
                         # A pair touches twice, as a point and as a facet of each: both have half of the damping.
                         b_n = scalar(2.0**0.5) * data.damping[rule] * root
                         b_t = wp.sqrt(tangential) * b_n
-                        # Where velocities lag, the mean of those before and after a substep counts: it is solved for.
+                        # Where velocities lag the mean of those before and after a substep counts.
                         late = one / (one + behind * b_n * mobility)
                         b_t = b_t / (one + behind * b_t * mobility)
                         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)

@@ -9,7 +9,10 @@ from .surfaces import Surfaces
 
 @functools.cache
 def pairs(scalar: type):
-    """Compose (find_rule, thickness_of, reach_of, stiffness_of) for a point of body `mine` and a facet of body `other`."""
+    """Compose (find_rule, thickness_of, reach_of, stiffness_of).
+
+    Each is for a point of body `mine` and a facet of body `other`.
+    """
     Data = Surfaces(scalar)
 
     @wp.func
@@ -39,7 +42,7 @@ def pairs(scalar: type):
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both bodies', by its share."""
+        """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both, by its share."""
         k = data.given[rule]
         if k < scalar(0.0):
             a = data.stiffness[mine]

@@ -70,9 +70,9 @@ def box_bodies():
 def find_rows(scalar: type):
     """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
 
-    Rows rise by the numbers of facets, so that those of one body stand side by side. What is too far off is left
-    out by its exact distance; what is left in and is never touched changes nothing, so that neither the skin nor
-    the order in which facets are found does.
+    In a row the facets of one body stand side by side, the nearest first: who looks for the nearest later need not
+    look at those that cannot have come that near. What is left in and never touched changes nothing: neither the
+    skin nor the order in which facets are found does.
     """
     Data = Surfaces(scalar)
     nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
@@ -84,6 +84,12 @@ def find_rows(scalar: type):
         reach += wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + reach)
         corner = wp.vec3(reach, reach, reach)
         return wp.vec3(x) - corner, wp.vec3(x) + corner
+
+    @wp.func
+    def is_behind(data: Data, k: int, p: int, other: int, away: scalar) -> bool:
+        """Tell whether entry k of a row belongs behind a facet of body `other` that is so far off."""
+        owner = data.owner[data.row[k, p]]
+        return owner > other or (owner == other and data.away[k, p] > away)
 
     @kernel
     def find(
@@ -119,7 +125,8 @@ def find_rows(scalar: type):
                     reach = reach_of(data, rule, mine, other)
                     w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
                     q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
-                    if wp.length(x - q) < reach + skin[0]:
+                    away = wp.length(x - q)
+                    if away < reach + skin[0]:
                         may = bool(True)
                         if mine == other:
                             # What is as near as that at the start, such as its own neighbours, it never touches.
@@ -129,11 +136,19 @@ def find_rows(scalar: type):
                         if may:
                             if count < room:
                                 place = count
-                                while place > 0 and data.row[wp.max(place - 1, 0), p] > facet:
+                                while place > 0 and is_behind(data, wp.max(place - 1, 0), p, other, away):
                                     data.row[place, p] = data.row[place - 1, p]
+                                    data.away[place, p] = data.away[place - 1, p]
                                     place -= 1
                                 data.row[place, p] = facet
+                                data.away[place, p] = away
                             count += 1
+        before = int(-1)
+        for k in range(wp.min(count, room)):
+            other = data.owner[data.row[k, p]]
+            if other != before:
+                data.away[k, p] = scalar(-1.0) - data.away[k, p]
+            before = other
         data.length[p] = wp.min(count, room)
         if count == 0:
             for k in range(wp.static(HISTORY)):

@@ -21,7 +21,7 @@ def Surfaces(scalar: type):
     """Compose the struct of the surfaces that may touch.
 
     Vertices are mixtures of particles; points and facets are made of vertices. A point is a vertex (both of its
-    vertices are the same) or lies on an edge. A facet is a triangle; that of a rope is a segment, of a grain a point.
+    vertices are the same) or lies on an edge. A facet is a triangle, of a rope a segment, of a grain a point.
     """
     V = vector(3, scalar)
 
@@ -41,7 +41,8 @@ def Surfaces(scalar: type):
         ends: wp.array(dtype=wp.vec2i)  # the two vertices of each, shape [point_count]
         share: wp.array(dtype=scalar)  # that of the second one
         body: wp.array(dtype=int)  # its body
-        row: wp.array2d(dtype=int)  # facets near it, rising, shape [room, point_count]
+        row: wp.array2d(dtype=int)  # facets near it, body by body, the nearest first, shape [room, point_count]
+        away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m], −1 − that of each body's first
         length: wp.array(dtype=int)  # how many
         slip: wp.array2d(
             dtype=V

@@ -1,5 +1,6 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
+from .cells import Bare, laid_bare
 from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
@@ -8,6 +9,7 @@ from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .parting import Edges, broken_before
 from .selection import selected
+from .series import Series
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
@@ -26,12 +28,14 @@ __all__ = [
     "RUBBER",
     "STEEL_WIRE",
     "TEARING_FIELDS",
+    "Bare",
     "CoulombDamper",
     "Damper",
     "Edges",
     "Frame",
     "Material",
     "QuadraticDamper",
+    "Series",
     "Surface",
     "System",
     "TouchingSurfaces",
@@ -41,6 +45,7 @@ __all__ = [
     "in_space",
     "is_uniform",
     "joined",
+    "laid_bare",
     "pieces",
     "rotation",
     "rotations",

@@ -19,20 +19,15 @@ class Edges:
     """
 
     def __init__(self, system: System) -> None:
-        surface, n = system.surface, system.particle_count
+        surface = system.surface
         self._of: NDArray[np.int64] = np.empty((0, 3), dtype=np.int64)
         if surface is None:
             return
         self._of = np.full((len(surface.triangles), 3), -1)
         if surface.weights is not None or not system.connection_count:
             return
-        pairs = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
-        order = np.argsort(pairs, kind="stable")
-        corners = surface.particle[surface.triangles].astype(np.int64)
-        ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1), axis=-1) @ (n, 1)
-        place = np.minimum(np.searchsorted(pairs, ends, sorter=order), len(pairs) - 1)
-        found = order[place]
-        self._of = np.where(pairs[found] == ends, found, -1)
+        corners = surface.particle[surface.triangles]
+        self._of = connection_between(system, np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1))
 
     def parted_at(self, broken_at: NDArray) -> NDArray:
         """Return when each triangle parted, inf where none has, shape [triangle_count].
@@ -50,6 +45,24 @@ class Edges:
         missing = absent.sum(axis=1)
         parted = np.take_along_axis(times, np.clip(missing, 1, 2)[:, None], axis=1)[:, 0]
         return np.where(missing == 3, np.inf, parted)
+
+
+def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
+    """Return which connection joins each pair of particles, -1 where none does.
+
+    Parameters
+    ----------
+    system
+        What has the connections, at least one.
+    pairs
+        Numbers of particles, shape [..., 2]; the result's is [...].
+    """
+    n = system.particle_count
+    joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
+    order = np.argsort(joined, kind="stable")
+    wanted = np.sort(np.asarray(pairs, dtype=np.int64), axis=-1) @ (n, 1)
+    found = order[np.minimum(np.searchsorted(joined, wanted, sorter=order), len(joined) - 1)]
+    return np.where(joined[found] == wanted, found, -1)
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:

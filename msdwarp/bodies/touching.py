@@ -25,11 +25,11 @@ class TouchingSurfaces(NamedTuple):
     weight: NDArray[np.float64]
     """Their shares."""
     ends: NDArray[np.int32]
-    """The two vertices that each point lies between, shape [point_count, 2]; the same twice of one that is a vertex."""
+    """The two vertices that each point lies between, shape [point_count, 2]; twice the same in a vertex."""
     share: NDArray[np.float64]
     """The second one's share in it."""
     corner: NDArray[np.int32]
-    """The vertices of each facet, shape [facet_count, 3]; of segments and points some are the same. Body by body."""
+    """The vertices of each facet, shape [facet_count, 3]; of segments and points some are equal. Body by body."""
     body: NDArray[np.int32]
     """The body of each vertex, shape [vertex_count]."""
     body_of_particle: NDArray[np.int32]
@@ -105,7 +105,7 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
 
 
 def _vertices(system: System) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different vertices of the surface, as particles and weights, and its triangles by their numbers."""
+    """Return the different vertices of the surface as particles and weights, and its triangles by them."""
     surface: Surface | None = system.surface
     if surface is None:
         return np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 3), dtype=np.int64)

@@ -58,6 +58,9 @@ def _what(trajectory: Trajectory) -> Lines:
         when = f", from {broken_at[broken].min():.4g} to {broken_at[broken].max():.4g} s" if broken.any() else ""
         before = f", beside {at_start} that were from the start" if at_start else ""
         yield "broken", f"{counted(int(broken.sum()), 'connection')}{when}{before}"
+    for name, (every, columns) in (trajectory.probes or {}).items():
+        count = len(trajectory.readings[name].times)
+        yield f"probe {name}", f"{', '.join(columns)}, {counted(count, 'reading')} by {every}"
     interval = f", {1e3 / trajectory.fps:.4g} ms apart" if trajectory.fps else ""
     yield "frames", f"{trajectory.fps:.4g} a second of simulated time{interval}"
 

@@ -10,7 +10,8 @@ from ..disk import is_unfinished
 from ..pictures import FILM_FORMATS
 from .process import alone_in
 
-TRAJECTORY, RESTART, PROBES = "trajectory.vtkhdf", "restart.h5", "probes.csv"
+TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
+PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 
 def result_folder(name: str, out: Path | None, force: bool) -> Path:
@@ -41,7 +42,8 @@ def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Pa
 def remove_results(folder: Path, name: str) -> None:
     """Remove what an earlier run of this name has left in a folder."""
     unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
-    for path in (*pictures_in(folder, name), folder / TRAJECTORY, folder / RESTART, folder / PROBES, *unfinished):
+    written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
+    for path in (*pictures_in(folder, name), *written, *unfinished):
         path.unlink(missing_ok=True)
 
 

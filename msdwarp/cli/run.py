@@ -16,14 +16,14 @@ from rich.progress import Progress
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, GrowingTable, cheapest, tune
-from ..world import Scene, Stored, probe_columns, scene_as_stored
+from ..studies import EnergyLog, cheapest, tune
+from ..world import Scene, Stored, scene_as_stored
 from .draw import draw
 from .options import Options
+from .probe_tables import ProbeTables, described, told_last
 from .process import progress_on, stop_asked_for
 from .provenance import about
 from .results import (
-    PROBES,
     RESTART,
     TRAJECTORY,
     check_names,
@@ -163,7 +163,9 @@ class Run:
         """See what is to be kept."""
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
-        self._measures = bool(self.scene.probes) and self.folder is not None
+        self._tables = None
+        if self.scene.probes and self.folder is not None:
+            self._tables = ProbeTables(self.folder, self.scene.probes, self.simulation)
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
 
     def to(self, last: int, *, behind: int = 0) -> None:
@@ -188,8 +190,9 @@ class Run:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
                         writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
-                        probes = files.enter_context(self._probes(behind)) if self._measures else None
-                        self._simulate(last, behind, writer, log, probes, progress, asked)
+                        if self._tables is not None:
+                            files.enter_context(self._tables)
+                        self._simulate(last, behind, writer, log, progress, asked)
                     if asked:
                         raise Interrupted(self._farewell(asked[0], last), asked[0])
             except SimulationDiverged as error:
@@ -197,8 +200,8 @@ class Run:
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
             if self._keeps:
                 lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
-            if self._measures:
-                lines.append(f"wrote {self.folder}/{PROBES}")
+            if self._tables is not None:
+                lines.append(f"wrote {' and '.join(map(str, self._tables.paths))}")
             if self.log is not None:
                 lines.append(f"wrote {self.log.path} and {self.log.plot_path.name}")
             if self.folder is not None and self.options.pictures.any:
@@ -213,13 +216,6 @@ class Run:
         if trouble is not None:
             raise trouble
 
-    def _probes(self, behind: int) -> GrowingTable:
-        """Return the table of what probes tell, of which frame 0 has no line."""
-        assert self.folder is not None
-        scene = self.scene
-        head = ["time_s", *probe_columns(scene.probes, scene.system.dim)]
-        return GrowingTable(self.folder / PROBES, head, behind=max(behind - 1, 0), word="the file of probes")
-
     def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
         return TrajectoryWriter(
             path,
@@ -230,6 +226,7 @@ class Run:
             every=self.options.every,
             strain=self._strain,
             attributes=self.made_by,
+            readings=described(self.scene.probes, self.scene.system.dim),
             scene=None if behind else self._scene_as_stored(last),
             behind=behind,
         )
@@ -245,7 +242,6 @@ class Run:
         behind: int,
         writer: TrajectoryWriter | None,
         log: EnergyLog | None,
-        probes: GrowingTable | None,
         progress: Progress,
         asked: list[int],
     ) -> None:
@@ -256,11 +252,12 @@ class Run:
             if k:
                 self._step(writer)
             if writer is not None:
-                writer.write_pending(readback.take() if writer.wants_next() else None)
+                rows = told_last(simulation) if k else {}
+                writer.write_pending(readback.take() if writer.wants_next() else None, rows)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
-            if probes is not None and k:
-                probes.write_line(simulation.readings.last)
+            if self._tables is not None and k:
+                self._tables.write()
             if asked:
                 self._save(writer)
                 raise Interrupted(self._farewell(asked[0], last), asked[0])

@@ -6,7 +6,7 @@ implicit Euler launches its own solver.
 
 from .balance import Balance, Ledger, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
-from .effect import Steps
+from .effect import Effect, Steps
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
@@ -23,6 +23,7 @@ __all__ = [
     "Baseline",
     "Blocks",
     "Dynamics",
+    "Effect",
     "Ledger",
     "Measures",
     "Model",

@@ -38,7 +38,7 @@ class Attached(Effect):
             for (name, _), one, moves in zip(named, several, moving, strict=True)
             if moves and one.carried_by is not None
         ]
-        self.works = any(moving)
+        self._moving = any(moving)
         # Of all attachments, load by load.
         chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
         counts = list(map(len, chosen))
@@ -55,7 +55,7 @@ class Attached(Effect):
             model.dim,
             model.scalar,
             model.compensated,
-            moving=self.works,
+            moving=self._moving,
             damped=any(damping),
             stretched=bool(rest_length.any()),
         )
@@ -74,6 +74,8 @@ class Attached(Effect):
         place = np.concatenate(points)[order]
         model.check_range(place, "to")
         data.point = wp.array(place, dtype=model.vector, device=model.device)
+        if self._moving:
+            self.done = data.done = wp.zeros((2, len(order)), dtype=wp.float64, device=model.device)
         numbers = {
             "rest_length": rest_length,
             "stiffness": np.repeat(stiffness, counts),
@@ -85,8 +87,9 @@ class Attached(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of the carriers in a frame."""
-        if not self.works:
+        if not self._moving:
             return
+        self.data.ahead = int(self.steps.lagging)
         shape, model = (len(self.steps.times(0.0)), len(self._carriers)), self._model
         turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         kinds = {"turn": turn, "turning": turn, "shift": model.vector, "speed": model.vector}
@@ -97,17 +100,17 @@ class Attached(Effect):
 
     def begin_frame(self, time: float) -> None:
         """Put the carriers where they are in the frame that begins at `time` [s]."""
-        if self.works:
+        if self._moving:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Find out where the carriers are in the frame that begins at `time` [s], while another is running."""
-        if self.works:
+        if self._moving:
             self._frames.prepare(time)
 
     def hold(self, time: float) -> None:
         """Have all stages see the carriers where they are at `time` [s]."""
-        if self.works:
+        if self._moving:
             self._frames.upload(lambda tables: self._write(tables, np.full(len(tables["shift"]), time)))
 
     def _fill(self, time: float, tables: Tables) -> None:
@@ -154,6 +157,6 @@ class Attached(Effect):
         """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
         count, device = len(self.data.member), self._model.device
         sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
-        row = self.data.shift.shape[0] - 1 if self.works else 0
+        row = self.data.shift.shape[0] - 1 if self._moving else 0
         wp.launch(self._composed.measure, count, [self.data, row, x, v], sums, device=device)
         return float(sums[0].numpy().sum()), float(sums[1].numpy().sum())

@@ -25,11 +25,11 @@ class Balance(NamedTuple):
     kinetic: float
     """Kinetic energy [J]."""
     free: float
-    """Kinetic and gravitational energy, less the work of loads [J]."""
+    """Kinetic and gravitational energy, less work [J]."""
     strain: float
     """Largest |l / l0 − 1|."""
     work: float = 0.0
-    """What loads have done [J], known to first order in the step."""
+    """What loads, drives and moving obstacles have done [J], known to first order in the step."""
 
 
 class Ledger:

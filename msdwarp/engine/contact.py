@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.basis import vector
-from ..kernels.contact import KINDS, fixed_contact, moving_contact
+from ..kernels.contact import KINDS, Needed, fixed_contact, moving_contact
 from ..kernels.contact import Contact as ContactPiece
 from ..world import Capsule, Collider, Cone, Motion, Plane, poses
+from .depths import describe, start_depths, touching
 from .effect import Effect
 from .in_frames import InFrames, Tables
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 LARGEST = 1e30
 """The largest number of a solid [m]: `msdwarp.kernels.contact.distance` takes it for deeper than any place."""
+LED_OUT_IN = 0.5
+"""In how many seconds what starts inside an obstacle is led out of it: slowly enough for what hangs on it."""
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 
 
@@ -54,25 +57,36 @@ class Contact(Effect):
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
-        self.works = any(collider.motion is not None for collider in colliders)
+        self._moves = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
-        compose = moving_contact if self.works else fixed_contact
+        self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
+        self._deepest = _deepest(model, colliders)
+        compose = moving_contact if self._moves else fixed_contact
         self.piece = ContactPiece(
-            *compose(model.dim, model.scalar, rule, kinds, felt), moving=self.works, felt=felt
+            *compose(
+                *(model.dim, model.scalar, rule, kinds, felt),
+                Needed(self._bounces, several=len(colliders) > 1, sunk=self._deepest > 0.0),
+            ),
+            moving=self._moves,
+            felt=felt,
         )
         data = self.data = self.piece.Colliders()
+        if self._moves:
+            self.done = data.done = wp.zeros(model.particle_count, dtype=wp.float64, device=self._device)
         data.count = len(colliders)
         if felt:
             wide = vector(model.dim, wp.float64)
             data.impulse = wp.zeros(model.particle_count, dtype=wide, device=self._device)
         for k, collider in enumerate(colliders):
             _check_range(f"colliders[{k}]", collider, model)
-        self._describe(data.solids, model.scalar)
+        describe(data.solids, self._colliders, model.dim, model.scalar, self._device)
         if kinds != ("Plane",):
             data.inradius = min(collider.inradius() for collider in colliders)
         for name in COEFFICIENTS:
             values = [float(getattr(collider, name)) for collider in colliders]
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
+        if self._deepest > 0.0:
+            data.surface.slack = touching(model.system)
         # What a motion gets wrong is said before anything runs.
         self._moving: list[tuple[int, Motion, NDArray]] = []
         for k, collider in enumerate(colliders):
@@ -80,20 +94,13 @@ class Contact(Effect):
                 collider.pose(0.0, self._dim)
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
-    def _describe(self, solids: Any, scalar: Any) -> None:
-        """Fill in the struct of what `msdwarp.kernels.contact.distance` reads."""
-        nothing = {"a": np.zeros(self._dim), "b": np.zeros(self._dim), "radius": 0.0, "axes": np.eye(self._dim)}
-        geometry = [nothing | collider.geometry(self._dim) for collider in self._colliders]
-        types = {"a": self._vector, "b": self._vector, "radius": scalar, "axes": self._turn}
-        for name, dtype in types.items():
-            values = np.array([one[name] for one in geometry], dtype=np.float64)
-            setattr(solids, name, wp.array(values, dtype=dtype, device=self._device))
-        kind = [KINDS.index(type(collider).__name__) for collider in self._colliders]
-        solids.kind = wp.array(kind, dtype=int, device=self._device)
-
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame of so many substeps of `dt` seconds."""
-        if not self.works:
+        if self._bounces:  # velocities half a substep behind are those of the ways
+            self.data.surface.onward = 2.0 * self.steps.lag
+        if self._deepest > 0.0:
+            self.data.surface.outwards = self._deepest * dt / LED_OUT_IN
+        if not self._moves:
             return
         shape = (substeps + 1, len(self._colliders))
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
@@ -107,12 +114,12 @@ class Contact(Effect):
 
     def begin_frame(self, time: float) -> None:
         """Put what moves where it is in the frame that begins at `time` [s]."""
-        if self.works:
+        if self._moves:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Find out where what moves is in the frame that begins at `time` [s], while another is running."""
-        if self.works:
+        if self._moves:
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
@@ -136,9 +143,16 @@ class Contact(Effect):
 
     def begin_substep(self, substep: int) -> bool:
         """Have what is launched next find colliders where they are in this substep, where any move."""
-        if self.works:
+        if self._moves:
             self.data.substep = substep
-        return self.works
+        return self._moves
+
+
+def _deepest(model: "Model", colliders: Sequence[Collider]) -> float:
+    """Return how deep a free particle starts in an obstacle [m]; 0 where all are outside, or touch one."""
+    places = model.system.position[np.isfinite(model.mass)]
+    deepest = float(start_depths(places, colliders).max(initial=0.0))
+    return deepest if deepest > touching(model.system) else 0.0
 
 
 def _with_a_past(poses: NDArray) -> NDArray:

@@ -38,8 +38,6 @@ class Driving(Effect):
     to the order of its method, which for leapfrog is 2 and for RK4 is 4.
     """
 
-    works = True
-
     def __init__(self, model: "Model", drives: Sequence[tuple[str, Driven]]) -> None:
         self._model, self._drives = model, drives
         self._wide = vector(model.dim, wp.float64)
@@ -57,6 +55,7 @@ class Driving(Effect):
             ("start", self._start, self._wide),
         ):
             setattr(data, name, wp.array(values, dtype=kind, device=model.device))
+        self.done = data.done = wp.zeros((2, len(self.held)), dtype=wp.float64, device=model.device)
         self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]
         self._longest = [_shortest_attached(model, one) for _, one in drives]
         self._furthest = float(np.finfo(model.dtype).max) / 4
@@ -64,13 +63,14 @@ class Driving(Effect):
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame, and find the weights of their differences."""
         rows = np.append(np.add.outer(np.arange(substeps), self.steps.stage_times).ravel(), substeps)
-        at = rows if self.steps.lag else np.append(rows, np.linspace(0, substeps, POINTS))
+        before_or_between = [-1.0] if self.steps.lag else np.linspace(0, substeps, POINTS)
+        at = np.append(before_or_between, rows)
         self._at, pick = np.unique(at, return_inverse=True)
-        self._rows = pick[: len(rows)]
+        self._rows = pick[-len(rows) :]
         each = len(self.steps.stage_times)
-        if self.steps.lag:  # the way of the substep that ends there; of the first row nobody asks
-            weights = np.eye(len(rows)) - np.eye(len(rows), k=-1)
-            weights[0] = 0.0
+        self.data.ahead = int(self.steps.lag > 0.0)
+        if self.steps.lag:  # the way of the substep that ends there; of the first row the work alone asks
+            weights = np.diff(np.eye(len(self._at)), axis=0)
         else:
             weights = np.array([_derivative(self._at, one) for one in rows])
         self._weights, self._substeps = weights / dt, self._rows[::each]
@@ -130,7 +130,7 @@ class Driving(Effect):
     def _fill(self, time: float, tables: Tables) -> None:
         """Write the poses of the frame that begins at `time`, and their rates."""
         steps, dim = self.steps, self._model.dim
-        times = time + steps.dt * self._at
+        times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion need not be defined before 0
         times[-1] = (round(time * steps.fps) + 1) / steps.fps
         for k, (name, one) in enumerate(self._drives):
             turn, shift = self._poses(name, one, times)

@@ -1,6 +1,7 @@
 """Dynamics: the equation of motion x'' = f(x, x')/m + g with contact, as integrators see it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class Dynamics:
         if self.composition.apart:
             self.world.marked = wp.array(np.flatnonzero(marks), dtype=int, device=model.device)
             self.world.handed = model.vectors()
-        self._steps, self._last_stage = Steps(1.0, 1), 0
+        self._steps, self._last_stage, self._looking = Steps(1.0, 1), 0, False
         self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
         self._searching = [one for one in model.effects if type(one).search is not Effect.search]
         self._in_frame = self._begins = False
@@ -130,6 +131,25 @@ class Dynamics:
         if self.composition.timed:
             self.world.stage = self._last_stage
 
+    @contextmanager
+    def looking(self, substep: int) -> Iterator[None]:
+        """Have what is launched meanwhile find effects as they are where substep number `substep` ends.
+
+        Forces are looked at only: they do no work, and no stage of the next substep has been taken.
+        """
+        if self.composition.timed:  # which is where the next one begins
+            self.world.stage = (substep + 1) * len(self._steps.stage_times)
+        work = self.model.work
+        if work is not None:
+            setattr(self.world, work.field, work.idle)
+        self._looking = True
+        try:
+            yield
+        finally:
+            self._looking = False
+            if work is not None:
+                self._place(work)
+
     def begin_substep(self, state: State, substep: int) -> None:
         """Begin substep number `substep` of a frame: launch what effects do to each connection then."""
         if beginning(self.composition) is not None:
@@ -179,8 +199,8 @@ class Dynamics:
             for effect in [] if self._in_frame else self._searching:
                 effect.search(step.x, step.v, step.lost)
             for effect in self._preceding:
-                effect.before_forces(step.x, step.v, step.lost, self._begins)
-            self._begins = False
+                effect.before_forces(step.x, step.v, step.lost, self._begins and not self._looking)
+            self._begins = self._begins and self._looking
         if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
             kernel, threads = each_connection(self.composition), model.connection_count
@@ -193,7 +213,7 @@ class Dynamics:
         if forced and self.composition.apart:
             kernel, threads = each_marked(self.composition, method), len(self.world.marked)
             wp.launch(kernel, threads, [self.world, step], device=model.device)
-        if self.composition.timed and self.world.stage < self._last_stage:
+        if self.composition.timed and not self._looking and self.world.stage < self._last_stage:
             self.world.stage += 1
         self.have_begun()
 

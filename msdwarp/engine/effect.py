@@ -55,8 +55,11 @@ class Effect:
     """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
     members: NDArray[np.bool_] | None = None
     """The particles that its force acts on, shape [particle_count], where its piece is selective."""
-    works: bool = False
-    """Whether it may do work on the bodies, so that energy that grows is no sign of divergence."""
+    done: wp.array | None = None
+    """Work that it has done from outside, as numbers to be added up [J], float64; None where it does none.
+
+    That of a piece that `works` is summed without it.
+    """
 
     search_every: int = 8
     """Substeps from one `search` to the next."""
@@ -100,8 +103,8 @@ class Effect:
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch what the forces on particles at x, which move at v, need before they are taken.
 
-        `lost` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an effect does
-        so, each stage is a launch of its own.
+        `lost` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an effect
+        does so, each stage is a launch of its own.
         """
 
     def look(self) -> None:

@@ -67,6 +67,7 @@ def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
         found += [made] if isinstance(made, Effect) else made or []
     summed = any(isinstance(effect.piece, Piece) and effect.piece.works for effect in found)
     steady = next((effect for effect in found if isinstance(effect, Steady)), None)
-    if summed or steady is not None:
-        found.append(Work(model, summed=summed, steady=steady))
+    others = [effect for effect in found if effect.done is not None]
+    if summed or steady is not None or others:
+        found.append(Work(model, summed=summed, steady=steady, others=others))
     return found

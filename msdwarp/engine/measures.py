@@ -43,7 +43,7 @@ class Measures(NamedTuple):
     effect_energy: float = 0.0
     """What other effects store, such as attachments [J]."""
     external_work: float = 0.0
-    """What loads have done on the system so far [J]."""
+    """What loads, drives and moving obstacles have done on the system so far [J]."""
 
     @property
     def energy(self) -> float:

@@ -1,5 +1,6 @@
-"""Sensing: what probes measure, summed on the device where a frame ends."""
+"""Sensing: what probes measure, summed on the device where a frame ends, or each of its substeps."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..kernels.integrators import force_on_each
 from ..kernels.reductions import fold, probes, sum_of_group, sum_strain
-from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe
+from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
 from .contact import Contact
 from .dynamics import Dynamics
 from .measures import FEW_EACH, MOST_THREADS, ROWS
@@ -17,19 +18,27 @@ from .state import State
 
 
 class Sensors:
-    """Measures what the probes of a model ask for: a few sums a frame, launched behind its substeps.
+    """Measures what probes ask for: a few sums, launched as often as they are read in a frame.
 
     Parameters
     ----------
     dynamics, state
         The equation of motion of the system on its device, and what moves.
+    asked_for
+        The probes, by name.
+    readings
+        How often they are read in a frame.
+    seconds
+        Length of a frame [s].
     """
 
-    def __init__(self, dynamics: Dynamics, state: State) -> None:
+    def __init__(
+        self, dynamics: Dynamics, state: State, asked_for: Mapping[str, Probe], readings: int, seconds: float
+    ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
-        self._model = model
+        self._model, self._readings, self._seconds = model, readings, seconds / readings
         self._sums, first = list[_Sum](), 0
-        for name, probe in model.probes.items():
+        for name, probe in asked_for.items():
             self._sums.append(_Sum(model, name, probe, first))
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
@@ -39,7 +48,8 @@ class Sensors:
         contact = next((effect for effect in model.effects if isinstance(effect, Contact)), None)
         self._impulse = contact.data.impulse if contact is not None and CONTACT_FORCE in asked else None
         on_gpu = model.device.is_cuda
-        self._rows = wp.zeros((ROWS if on_gpu else 1, first), dtype=wp.float64, device=model.device)
+        self._each = ROWS if on_gpu else 1
+        self._rows = wp.zeros((readings * self._each, first), dtype=wp.float64, device=model.device)
         # What the host reads: on a GPU pinned, as what the watch has found is.
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
@@ -48,33 +58,33 @@ class Sensors:
         if self._impulse is not None:
             self._impulse.zero_()
 
-    def launch(self, v: wp.array, seconds: float) -> None:
-        """Launch the sums of a frame that has taken so long; it may be recorded.
+    def launch(self, v: wp.array, k: int = 0) -> None:
+        """Launch the sums of reading number k of a frame; it may be recorded.
 
         Parameters
         ----------
         v
             Velocities at the instant of the positions [m/s]; not read unless `moves`.
-        seconds
-            Length of the frame [s].
+        k
+            Which reading it is, counted from 0.
         """
-        now = self._state.here
+        now, rows = self._state.here, self._rows[k * self._each : (k + 1) * self._each]
+        assert isinstance(rows, wp.array)
         if self._force is not None:
             self._dynamics.launch(force_on_each, lost=now.lost, x=now.x, v=v, force=self._force)
         for one in self._sums:
             if one.what == STRAIN:
-                one.launch_strain(now.x, now.lost.x, self._rows)
+                one.launch_strain(now.x, now.lost.x, rows)
                 continue
             lost = {POSITION: now.lost.x, VELOCITY: now.lost.v}.get(one.what)
             values = {POSITION: now.x, VELOCITY: v, FORCE: self._force, CONTACT_FORCE: self._impulse}[one.what]
-            one.launch(values, lost, self._rows)
-        self._seconds = seconds
-        if self._found is not self._rows:
+            one.launch(values, lost, rows)
+        if k == self._readings - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 
     def read(self) -> dict[str, NDArray[np.float64]]:
-        """Return the readings of the frame that was waited for, by the names of their probes."""
-        rows: Any = self._found.numpy()
+        """Return the readings of the frame that was waited for, shape [readings, d], by the names of probes."""
+        rows: Any = self._found.numpy().reshape(self._readings, self._each, -1)
         return {one.name: one.reading(rows, self._model, self._seconds) for one in self._sums}
 
 
@@ -119,15 +129,16 @@ class _Sum:
         wp.launch(fold, threads, [self._shares, largest, self._first], [rows], device=self._model.device)
 
     def reading(self, rows: NDArray[np.float64], model: Model, seconds: float) -> NDArray[np.float64]:
-        """Return what the probe tells."""
-        own = rows[:, self._first : self._first + self.width]
-        total = own.sum(axis=0)
+        """Return what the probe tells in each reading, `seconds` apart."""
+        own = rows[:, :, self._first : self._first + self.width]
+        total = own.sum(axis=1)
         if self.what == STRAIN:
-            count = total[probes.COUNT]
-            mean = total[probes.SUM] / count if count else np.nan  # of nothing that holds still
-            return np.array([mean, own[:, probes.LARGEST].max() if count else np.nan])
-        if self.what == CONTACT_FORCE:
-            return total / seconds
+            count = total[:, probes.COUNT]
+            known = np.where(count > 0, count, np.nan)  # of nothing that holds still there is none
+            largest = np.where(count > 0, own[:, :, probes.LARGEST].max(axis=1), np.nan)
+            return np.stack([total[:, probes.SUM] / known, largest], axis=1)
+        if self.what == CONTACT_FORCE:  # impulses are summed since the frame began
+            return np.diff(total, axis=0, prepend=0.0) / seconds
         if self.what == FORCE:
             return total + self._mass * np.array(list(model.gravity), dtype=np.float64)
         return total
@@ -145,6 +156,15 @@ def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     return (own / total if free.any() else np.full(len(mass), 1.0 / len(mass))), total
 
 
-def sensors_of(dynamics: Dynamics, state: State) -> Sensors | None:
-    """Return what measures for the probes of a model; None where it has none."""
-    return Sensors(dynamics, state) if dynamics.model.probes else None
+def sensors_of(dynamics: Dynamics, state: State, every: str, readings: int, seconds: float) -> Sensors | None:
+    """Return what measures for the probes of a model that are read every frame, or substep; None if it has none.
+
+    Parameters
+    ----------
+    dynamics, state, readings, seconds
+        See `Sensors`.
+    every
+        "frame" or "substep".
+    """
+    asked_for = probes_by(every, dynamics.model.probes)
+    return Sensors(dynamics, state, asked_for, readings, seconds) if asked_for else None

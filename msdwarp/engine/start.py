@@ -2,26 +2,19 @@
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System, stored
-from ..kernels.basis import vector
-from ..kernels.contact import distances
 from ..world import Collider
-from .contact import Contact
+from .contact import LED_OUT_IN
+from .depths import start_depths, touching
 from .driving import Driving
 from .model import Model
 from .state import State
 
-TOUCHING = 0.01
-"""Depth that counts as touching, over the shortest rest length: the strain that putting back a particle makes."""
-TOUCHING_ALONE = 1e-3
-"""The same without connections [m]: about what a particle falls from rest in a frame."""
 COARSE = 1e-3
 """Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
 
@@ -64,37 +57,21 @@ def start_inside(
     free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not free.any():
         return None
-    position = system.position[free]
-    depths = [_depths(position, colliders, k) for k in range(len(colliders))]
-    k = int(np.argmax([depth.max() for depth in depths]))
-    lengths = stored(system.rest_length)
-    touching = TOUCHING * float(lengths.min()) if len(lengths) else TOUCHING_ALONE
-    # Places far from the origin are not given to much better than this.
-    touching += 4 * float(np.finfo(np.float32).eps) * float(np.abs(position).max())
-    if depths[k].max() <= touching:
+    depths = start_depths(system.position[free], colliders)
+    k = int(np.argmax(depths.max(axis=1)))
+    allowed = touching(system)
+    if depths[k].max() <= allowed:
         return None
     deepest = int(np.argmax(depths[k]))
     particle = int(np.flatnonzero(free)[deepest])
-    count = int((np.max(depths, axis=0) > touching).sum())
+    count = int((depths.max(axis=0) > allowed).sum())
     others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
-    tears = ", which tears at its connections" if system.connection_count else ""
+    tears = ", which may tear at its connections" if system.connection_count else ""
     return (
         f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
-        f"{type(colliders[k]).__name__}{others}: as soon as it moves inwards it is put back onto the surface"
-        f"{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
+        f"{type(colliders[k]).__name__}{others}: unless it moves outwards by itself it is led out the nearest way "
+        f"within {LED_OUT_IN} s{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
     )
-
-
-def _depths(position: NDArray[np.float64], colliders: Sequence[Collider], k: int) -> NDArray[np.float64]:
-    """Return how deep places lie in obstacle k at the start [m], below 0 outside."""
-    dim = position.shape[1]
-    turn, shift = colliders[k].pose(0.0, dim)
-    model = Model(System(position=position[:1]), colliders=[colliders[k]], device="cpu", precision="float64")
-    contact = next(effect for effect in model.effects if isinstance(effect, Contact))
-    places: Any = wp.array((position - shift) @ turn, dtype=vector(dim, wp.float64), device="cpu")
-    found: Any = wp.zeros(len(position), dtype=wp.float64, device="cpu")
-    wp.launch(distances(dim), len(position), [contact.data.solids, 0, places], [found], device="cpu")
-    return -found.numpy()
 
 
 def start_far(model: Model) -> str | None:

@@ -2,7 +2,9 @@
 
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from ..bodies import System
 from ..kernels.compensation import compensation
@@ -60,6 +62,15 @@ class State:
                 for lost in {getattr(instant.lost, name) for instant in (state.here, state.there)}:
                     lost.assign((rounded - exact).astype(model.dtype))
         return state
+
+    def throw(self, exact: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Give chosen particles other velocities [m/s]; `exact` has shape [particle_count, d]."""
+        rounded = exact.astype(self.model.dtype)
+        changes = [(self.here.v, rounded)]
+        if self.model.compensated:
+            changes.append((self.here.lost.v, (rounded - exact).astype(self.model.dtype)))
+        for array, values in changes:
+            array.assign(np.where(chosen[:, None], values, array.numpy()))
 
     @property
     def x(self) -> wp.array:

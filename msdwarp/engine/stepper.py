@@ -34,6 +34,8 @@ class Stepper:
         A method's `step`, for this state.
     one_kernel
         Whether all that a substep launches is stages of one method.
+    behind_each
+        Launches what looks at the state behind each substep, given its number in the frame; None for nothing.
     blocks
         Blocks of threads, and threads in each, that take all substeps in one launch; None for a launch for each
         stage; "auto" for what was faster where it was measured.
@@ -46,12 +48,14 @@ class Stepper:
         take_substep: Callable[[], None],
         *,
         one_kernel: bool = True,
+        behind_each: Callable[[int], None] | None = None,
         blocks: Blocks = "auto",
     ) -> None:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
+        self._behind_each = behind_each
         if blocks == "auto":
             blocks = persistent_blocks(dynamics.model)
-        one_kernel = one_kernel and not dynamics.launches_before_forces
+        one_kernel = one_kernel and behind_each is None and not dynamics.launches_before_forces
         self.blocks: tuple[int, int] | None = blocks if one_kernel else None
         """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
         if self.blocks is None:
@@ -70,6 +74,8 @@ class Stepper:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
                 self._take_substep()
+                if self._behind_each is not None:
+                    self._behind_each(first + k)
         else:
             self._persist(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2:

@@ -44,6 +44,8 @@ FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
 PATIENCE = 5
 """Frames in which little moves after which searches are made less often."""
+MOST_PATIENCE = 80
+"""That doubles when it was too early, up to this."""
 CHUNK = 64
 """Facets that a thread boxes together."""
 MOST_BETWEEN = 32
@@ -53,8 +55,8 @@ UNITS = 2.0**-40
 CONTACTS_OF_A_SPHERE = 24.0
 """With how many others a sphere is taken to be in contact at a time, in the bound of the rates.
 
-About 6 would do for stability. Twice the substeps that these ask for keep the restitution of a pair within 2 % of what
-was asked for.
+About 6 would do for stability. With twice the substeps that these ask for, the restitution of a pair is within 2 %
+of what was asked for.
 """
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
@@ -72,8 +74,8 @@ class Touching(Effect):
     """Keeps bodies out of each other: points of their surfaces against facets.
 
     Facets near a point are listed. A list holds until something has moved by half of its skin: lists are made anew
-    before every few substeps, and a frame in which that was not often enough is repeated with a larger skin. What is
-    listed and not touched changes nothing, so that results do not depend on the skin.
+    before every few substeps, and a frame in which that was not often enough is repeated with a larger skin. What
+    is listed and not touched changes nothing, so that results do not depend on the skin.
     """
 
     def __init__(self, model: "Model", rules: Sequence[Touch]) -> None:
@@ -88,7 +90,7 @@ class Touching(Effect):
 
         vertices, points, bodies = len(surfaces.particle), len(surfaces.share), len(surfaces.closed)
         data = self._touch = Surfaces(scalar)()
-        each, width = surfaces.weight != 0, surfaces.particle.shape[1]
+        each = surfaces.weight != 0
         data.first = array(np.append(0, np.cumsum(each.sum(axis=1))), int)
         data.particle, data.weight = array(surfaces.particle[each], int), array(surfaces.weight[each], scalar)
         inverse = np.broadcast_to(1.0 / model.mass, model.particle_count)
@@ -102,6 +104,7 @@ class Touching(Effect):
         data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
         data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
         data.row = wp.zeros((ROOM, points), dtype=int, device=device)
+        data.away = wp.zeros((ROOM, points), dtype=scalar, device=device)
         data.length = wp.zeros(points, dtype=int, device=device)
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
@@ -165,7 +168,7 @@ class Touching(Effect):
         self._bodies = wp.Bvh(self._low, self._high)
         self._flags = wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
-        self._skin_now, self._calm = self._least_skin, 0
+        self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         self._unread = wp.zeros_like(self._flags)
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
@@ -179,8 +182,8 @@ class Touching(Effect):
             meant = (rule == number).any(axis=1)[kind]
             if one.stiffness is None and (soft & meant).any():
                 raise ValueError(
-                    f"touch has no stiffness, but {int((soft & meant).sum())} of the bodies have no connections to "
-                    "take it from; it must be given [N/m]"
+                    f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
+                    "to take it from; it must be a number [N/m]"
                 )
 
     def _bounds(self, kind: NDArray, rule: NDArray, density: NDArray) -> tuple[NDArray, NDArray]:
@@ -263,6 +266,7 @@ class Touching(Effect):
         model, data = self._model, self._touch
         self._place(x, v, lost, self._flags)
         inputs = [data, self._dt if begins else 0.0, self._dt if self.steps.lagging else 0.0, self.data.unit]
+        inputs += [self._skin]
         outputs = [self._flags, self._nowhere, self._nowhere]
         wp.launch(touch(model.scalar), len(data.share), inputs, outputs, device=model.device)
 
@@ -281,13 +285,14 @@ class Touching(Effect):
         if not moved < FARTHEST_WAY * self._farthest:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
-        # Where all moves fast lists are made more often, before they grow long: before each substep they need no skin.
+        # Where all moves fast lists are made more often, before they grow long; made each time they need no skin.
         per_substep = moved / max(self.search_every - 1, 1)
         best = 1 + self._farthest / (2 * SKIN_BY_WAY * max(per_substep, 1e-30))
         self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
         if best < self.search_every:
             self.search_every, self.is_stale = 1 << (int(best).bit_length() - 1), True
-        elif self._calm >= PATIENCE and self.search_every < MOST_BETWEEN:
+            self._patience = min(2 * self._patience, MOST_PATIENCE)
+        elif self._calm >= self._patience and self.search_every < MOST_BETWEEN:
             self.search_every, self.is_stale, self._calm = 2 * self.search_every, True, 0
         wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * (self.search_every - 1))
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
@@ -299,6 +304,7 @@ class Touching(Effect):
             if more * points > MOST_ROOM:
                 raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
             self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
+            self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
         return not held or longest > room
 
     @property
@@ -335,7 +341,7 @@ class Touching(Effect):
         model, data = self._model, self._touch
         self.search(x, v, None)
         sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
-        inputs = [data, 0.0, 0.0, self.data.unit]
+        inputs = [data, 0.0, 0.0, self.data.unit, self._skin]
         wp.launch(
             energy_of_touch(model.scalar), len(data.share), inputs, [self._flags, *sums], device=model.device
         )

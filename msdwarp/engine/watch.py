@@ -35,7 +35,8 @@ class Watch:
     """Looks at a state from the device, and costs one pass over the particles.
 
     Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
-    and gravitational energy together may never exceed their sum. They are taken to have a source in the
+    and gravitational energy together may never exceed their sum, and the work of what acts from outside: loads,
+    drives, obstacles that move. They are taken to have a source in the
     stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
     weight times the system's size.
     """
@@ -67,8 +68,6 @@ class Watch:
         """The start of the run: it stays, though the number of substeps changes on the way."""
         energy, scale = self.baseline
         self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
-        if any(effect.works for effect in self._model.effects):
-            self._most = np.inf
 
     def look(self) -> None:
         """Launch what finds out about the present state."""

@@ -1,13 +1,14 @@
 """Work: what loads have done on a system from outside."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.loads import NOTHING, sum_work, work
+from ..kernels.effect import Piece
+from ..kernels.loads import NOTHING, add_work, sum_work, work
 from .effect import Effect
 from .forcing import Steady
 
@@ -19,16 +20,35 @@ MOST_SHARES = 4096
 
 
 class Work(Effect):
-    """Keeps what loads have done on each particle of a model [J], float64."""
+    """Keeps what loads have done on each particle of a model [J], float64, and adds to it what other effects have.
 
-    def __init__(self, model: "Model", *, summed: bool, steady: Steady | None) -> None:
+    Parameters
+    ----------
+    model
+        The system on a device.
+    summed
+        Whether the work of any forces is summed particle by particle.
+    steady
+        Forces whose work is that of a potential.
+    others
+        Effects that sum their work themselves.
+    """
+
+    def __init__(
+        self, model: "Model", *, summed: bool, steady: Steady | None, others: Sequence[Effect] = ()
+    ) -> None:
         self._model, self._device, count = model, model.device, model.particle_count if summed else 0
-        self.piece = work(model.dim, model.scalar) if summed else NOTHING
-        self.data = self.piece.Data()
+        self._others = {f"work.{type(one).__name__.lower()}": one.done for one in others if one.done is not None}
+        self._counts = summed or any(isinstance(one.piece, Piece) for one in others)
+        self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
+        self.field = self.piece.field
+        self.data, self.idle = self.piece.Data(), self.piece.Data()
+        """What kernels read, and the same where forces are only looked at: nothing counts."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)
-        if summed:
-            self.data.done, self.data.last = self._done, self._last
+        if self._counts:
+            for data in (self.data, self.idle):
+                data.done, data.last = self._done, self._last
         self._combination = wp.zeros(0, dtype=int, device=model.device)
         self._steady = wp.zeros(0, dtype=model.vector, device=model.device)
         self._sum = sum_work(model.dim, model.scalar)
@@ -47,10 +67,17 @@ class Work(Effect):
         self._remaining = lags * dt
         each = dt * np.asarray(self.steps.weights)
         for name, share in (("weight", 1.0 - lags), ("weight_of_last", lags)):
-            if not len(self._done):
+            if not self._counts:
                 break
             rows = np.append(np.tile(share * each, substeps), 0.0)
             setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
+            setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
+
+    def settle(self, x: wp.array, v: wp.array) -> None:
+        """Count what the last force still counts, before velocities change that are not its doing."""
+        done = self.total(x, v)
+        self._last.zero_()
+        self.before += done - self.total(x, v)
 
     def shares(self) -> wp.array:
         """Return room for the sums of many threads."""
@@ -61,6 +88,8 @@ class Work(Effect):
         """Launch the sums for particles at x that move at v, as the method has it; it may be recorded."""
         inputs = [self._done, self._last, v, self._remaining, self._combination, self._steady, x]
         wp.launch(self._sum, len(shares), inputs, [shares], device=self._device)
+        for done in self._others.values():
+            wp.launch(add_work, len(shares), [done.flatten()], [shares], device=self._device)
 
     def total(self, x: wp.array, v: wp.array) -> float:
         """Return what has been done so far on particles that now are at x and move at v [J]."""
@@ -75,11 +104,11 @@ class Work(Effect):
     @property
     def changing(self) -> list[wp.array]:
         """What has been done on each particle, and the force in the last substep."""
-        return [self._done, self._last]
+        return [self._done, self._last, *self._others.values()]
 
     def checkpoint(self) -> dict[str, NDArray]:
         """Return what has been done on each particle, and before."""
-        arrays = {"work.done": self._done, "work.last": self._last}
+        arrays = {"work.done": self._done, "work.last": self._last} | self._others
         return {name: array.numpy().copy() for name, array in arrays.items()} | {
             "work.before": np.array([self.before])
         }
@@ -88,4 +117,6 @@ class Work(Effect):
         """Take back what `checkpoint` gave."""
         self._done.assign(arrays["work.done"])
         self._last.assign(arrays["work.last"])
+        for name, done in self._others.items():
+            done.assign(arrays[name])
         self.before = float(arrays["work.before"][0])

@@ -4,6 +4,7 @@ import errno
 import os
 import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..bodies import Frame, System
 from ..disk import replacing, reserve
+from .reading_tables import Rows
 from .vtkhdf import Layout, Scene
 
 About = tuple[float, dict, Scene | None]
@@ -34,23 +36,33 @@ class GrowingFile:
         self._file: Any = None
 
     def append(
-        self, frame: Frame, strain: NDArray | None, substeps: int = 0, broken_at: NDArray | None = None
+        self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None, rows: Rows
     ) -> None:
-        """Write a frame and flush it."""
+        """Write a frame, and what probes told since the one before, and flush it."""
+        one = partial(self._append, frame, strain, substeps, broken_at, rows)
         if self._file is None:
-            self._create(frame, strain, substeps, broken_at)
+            self._create(frame.position.dtype == np.float64, one)
         else:
-            self._append(frame, strain, substeps, broken_at)
+            one()
         self.written += 1
 
-    def reopen(self, system: System, kept: int) -> None:
-        """Open the file that is there, to go on behind so many of its frames."""
+    def append_rows(self, rows: Rows) -> None:
+        """Write what probes told in a frame that is not kept, and flush it."""
+        if self._file is None:
+            raise ValueError("readings come before the first frame; that must be kept")
+        self._check_there()
+        self._reserve(self._layout.growth_by(rows))
+        self._layout.append_rows(rows)
+        self._size = os.fstat(self._room).st_size
+
+    def reopen(self, system: System, kept: int, until: float) -> None:
+        """Open the file that is there, to go on behind so many of its frames, and readings up to a time [s]."""
         _count_in_all(self.path)
         self._open(self.path)
         try:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
-            self._layout.truncate(kept)
+            self._layout.truncate(kept, until)
         except BaseException:
             self.close()
             raise
@@ -74,11 +86,10 @@ class GrowingFile:
         finally:
             os.close(self._room)
 
-    def _create(self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None) -> None:
+    def _create(self, double: bool, append_first: Callable[[], None]) -> None:
         """Write a file of one frame, and only then give it its name."""
         import h5py
 
-        double = frame.position.dtype == np.float64
         self._layout = self._layout_for(np.dtype(np.float64 if double else np.float32))
         with replacing(self.path) as unfinished:
             with h5py.File(unfinished, "w", libver=("earliest", "v108")):
@@ -90,7 +101,7 @@ class GrowingFile:
                 self._reserve(self._layout.static_size + scene)
                 self._layout.begin(self._file, *self._about)
                 self._layout.open(self._file)
-                self._append(frame, strain, substeps, broken_at)
+                append_first()
             finally:
                 self.close()
             if self.path.exists() and not self.force:
@@ -109,7 +120,16 @@ class GrowingFile:
         self._at, self._room = path, os.open(path, os.O_RDWR)
         self._size = os.fstat(self._room).st_size
 
-    def _append(self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None) -> None:
+    def _append(
+        self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None, rows: Rows
+    ) -> None:
+        self._check_there()
+        self._reserve(self._layout.growth(self.written, rows))
+        self._layout.append(self.written, frame, strain, substeps, broken_at, rows)
+        self._size = os.fstat(self._room).st_size
+
+    def _check_there(self) -> None:
+        """Raise OSError unless the file is where it was, and as long."""
         try:
             there = os.path.samestat(os.stat(self._at), os.fstat(self._room))
         except FileNotFoundError:
@@ -118,9 +138,6 @@ class GrowingFile:
             raise OSError("it was moved, removed or replaced meanwhile")
         if os.fstat(self._room).st_size < self._size:
             raise OSError("it was cut short meanwhile")
-        self._reserve(self._layout.growth(self.written))
-        self._layout.append(self.written, frame, strain, substeps, broken_at)
-        self._size = os.fstat(self._room).st_size
 
     def _reserve(self, size: int) -> None:
         """Make sure that the disk has room for so many more bytes, and for HDF5's own records."""

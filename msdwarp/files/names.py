@@ -15,6 +15,8 @@ BROKEN_AT = "CellData/broken_at"
 one for all frames, for what breaks in a later one does not change the earlier ones."""
 SUBSTEPS = "substeps"
 """Of each frame how many it took, in the group `msdwarp`; 0 where that is unknown."""
+READINGS = "readings"
+"""What probes told, in the group `msdwarp`; see `msdwarp.files.reading_tables`."""
 COUNT = "NumberOfCells"
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 """VTK's kinds of cells, in the order in which it counts them."""

@@ -13,6 +13,7 @@ _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100
 """How many bytes gzip can make of one, at most."""
 _GROWING = ("VTKHDF/Points", "VTKHDF/PointData/", "VTKHDF/CellData/", "VTKHDF/Steps/", "msdwarp/substeps")
+_GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
 """What may end with rows that are not on the disk yet, as it is read while it is written."""
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import AXES, Frame, System, broken_before, counted
+from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from .frame_array import FrameArray
 from .names import BROKEN_AT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .reading_tables import ReadingTables
 from .sound import too_large, unsound
 from .stored_system import read_system
 from .vtkhdf import read_times
@@ -205,6 +206,38 @@ class Trajectory:
         if counts.shape != (len(self),) or (counts < 0).any():
             raise ValueError(f"{self.path} is a damaged trajectory: its substeps are no counts")
         return counts
+
+    @cached_property
+    def _tables(self) -> ReadingTables | None:
+        """The tables of what probes told; None where no run wrote any, ValueError if they are damaged."""
+        try:
+            return ReadingTables.of(self._file)
+        except _ERRORS as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its readings: {error}") from error
+
+    @property
+    def probes(self) -> dict[str, tuple[str, list[str]]] | None:
+        """Of each probe how often it was read, "frame" or "substep", and what its numbers are called.
+
+        None in files whose runs wrote no readings; ValueError if that part of the file is damaged.
+        """
+        return None if self._tables is None else self._tables.columns
+
+    @cached_property
+    def readings(self) -> dict[str, Series]:
+        """What probes told up to the last frame, by their names: `times, values = trajectory.readings["foot"]`.
+
+        Of frames that were not kept too, since the first one; empty where none were written.
+
+        Raises
+        ------
+        ValueError
+            If that part of the file is damaged.
+        """
+        try:
+            return {} if self._tables is None else self._tables.read(len(self), self.path.stat().st_size)
+        except _ERRORS as error:
+            raise ValueError(f"{self.path} is a damaged trajectory: its readings: {error}") from error
 
     def frame(self, k: int) -> Frame:
         """Return frame k, from the end where k is negative; raise IndexError if there is none."""

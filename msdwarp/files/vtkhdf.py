@@ -5,6 +5,7 @@ Files come as open h5py files, so that HDF5 is loaded only where one is opened.
 
 import json
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from .names import (
     store,
     store_text,
 )
+from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
@@ -57,6 +59,8 @@ class Layout:
         Whether there is a strain of each connection.
     tears
         Whether there is a time at which each connection broke; by default where any can.
+    readings
+        What probes tell, if any do.
     """
 
     def __init__(
@@ -67,6 +71,7 @@ class Layout:
         compress: bool,
         strain: bool,
         tears: bool | None = None,
+        readings: Columns | None = None,
     ) -> None:
         self._system, self._dtype, self._compress = system, dtype, compress
         surface = system.surface
@@ -82,6 +87,7 @@ class Layout:
         self._tears = system.tears if tears is None else tears
         self._edges = Edges(system) if self._tears else None
         self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
+        self._readings = ReadingTables(readings) if readings else None
 
     @classmethod
     def of(cls, file: Any, system: System) -> "Layout":
@@ -98,17 +104,21 @@ class Layout:
         own += 4 * sum(map(len, self._cells.values())) if self._tears else 0
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
 
-    def growth(self, k: int) -> int:
+    def growth(self, k: int, rows: Rows) -> int:
         """Return by how many bytes frame k lets the arrays grow, at most, as chunks are taken whole."""
-        size = 0
+        size = self.growth_by(rows, k)
         if k % self._foreseen == 0:
             numbers = 2 + sum(stride.size for stride in self._offsets().values())
             size += self._foreseen * numbers * 8
         for name, count in self._per_frame.items():
-            rows = self._chunk(name)
-            chunks = -(-(k + 1) * count // rows) - -(-k * count // rows)
-            size += chunks * rows * self._row_size(name)
+            each = self._chunk(name)
+            chunks = -(-(k + 1) * count // each) - -(-k * count // each)
+            size += chunks * each * self._row_size(name)
         return size
+
+    def growth_by(self, rows: Rows, k: int = 0) -> int:
+        """Return the same of the tables of readings for more rows."""
+        return 0 if self._readings is None else self._readings.growth(k, rows)
 
     def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
         """Write what there is once: the attributes of the run among it, and its scene, which JSON can hold."""
@@ -122,6 +132,8 @@ class Layout:
                 store(group, f"scene/arrays/{k}", values, compress=True)  # images, for the most part
         write_system(group, self._system, self._compress)
         _create_growing(group, SUBSTEPS, (), np.int32, self._foreseen)
+        if self._readings is not None:
+            self._readings.begin(group, self._foreseen)
         root = file.create_group(ROOT)
         root.attrs["Version"] = np.array([2, 2])
         root.attrs["Type"] = np.bytes_("PolyData")
@@ -158,6 +170,7 @@ class Layout:
         self._substeps = None  # which files of before have not
         if SUBSTEPS in file[OWN]:
             self._substeps = self._growing(file[OWN], SUBSTEPS, (), "i")
+        self._readings = ReadingTables.of(file)  # those of a file to go on with are its own
 
     @staticmethod
     def _growing(group: Any, name: str, width: tuple[int, ...], kind: str) -> Any:
@@ -168,10 +181,15 @@ class Layout:
             raise ValueError(f"{group.file.filename} is a damaged trajectory: no rows can be added to its {name}")
         return item
 
-    def truncate(self, k: int) -> None:
-        """Let a file have its first k frames only; where the others were, the next ones will be written."""
+    def truncate(self, k: int, until: float) -> None:
+        """Let a file have its first k frames only; where the others were, the next ones will be written.
+
+        Readings stay up to the frame at `until` [s], whether it was kept or not.
+        """
         # VTK's reader writes past its memory where there are more times than frames.
         last = float(self._times[k - 1]) if k else 0.0
+        if self._readings is not None:
+            self._readings.truncate(k, last, until)
         self._times.resize(k, axis=0)
         if self._broken_at is not None and self._edges is not None:  # what broke behind them is whole again
             self._known = np.where(broken_before(self._known, last), self._known, np.float32(np.inf))
@@ -187,8 +205,9 @@ class Layout:
         strain: NDArray | None,
         substeps: int,
         broken_at: NDArray | None = None,
+        rows: Rows = MappingProxyType({}),
     ) -> None:
-        """Write frame k, behind the others, and flush it."""
+        """Write frame k, behind the others, and what probes told up to it, and flush it."""
         if self._broken_at is not None and self._edges is not None and broken_at is not None:
             known = np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
             if not np.array_equal(known, self._known):
@@ -204,6 +223,9 @@ class Layout:
                 _at_least(self._substeps, until)
         if self._substeps is not None:
             self._substeps[k] = substeps
+        if self._readings is not None:
+            self._readings.add(rows)
+            self._readings.note(k)
         for name, dataset in self._datasets.items():
             count = self._per_frame[name]
             _at_least(dataset, (k + 1) * count)
@@ -217,6 +239,12 @@ class Layout:
         self._times.resize(k + 1, axis=0)
         self._times[k] = frame[0]
         self._file.flush()
+
+    def append_rows(self, rows: Rows) -> None:
+        """Write what probes told in a frame that is not kept, and flush it."""
+        if self._readings is not None:
+            self._readings.add(rows)
+            self._file.flush()
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
         """Return what the arrays of offsets in Steps grow by from frame to frame."""

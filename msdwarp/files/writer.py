@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from .. import checks, disk
 from ..bodies import Frame, System
 from .growing_file import GrowingFile
+from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import DAMPERS
 from .trajectory import Trajectory
 from .vtkhdf import Layout, Scene, as_json
@@ -69,6 +71,10 @@ class TrajectoryWriter:
         Write the strain of every connection: one number each, of which a lattice has many more than positions.
     attributes
         What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
+    readings
+        What probes tell, by their names: how often ("frame" or "substep"), and what the numbers are called; those
+        of the first frame are written with it, as of each later one, kept or not. `Trajectory.readings` gives them
+        back.
     scene
         What pictures need of the surroundings: what JSON can hold, and arrays by name. `Trajectory.scene` gives it
         back.
@@ -101,6 +107,7 @@ class TrajectoryWriter:
         every: int = 1,
         strain: bool = True,
         attributes: Mapping[str, Any] | None = None,
+        readings: Columns | None = None,
         scene: Scene | None = None,
         force: bool = False,
         behind: int = 0,
@@ -118,17 +125,20 @@ class TrajectoryWriter:
         self._system, self._offered = system, checks.count("behind", behind, 0)
         if self.path.exists() and not force and not behind:
             raise FileExistsError(f"path is {self.path}, which exists; name another file or add --force")
-        layout = partial(Layout, system, frame_count=frame_count, compress=compress, strain=strain)
+        layout = partial(
+            Layout, system, frame_count=frame_count, compress=compress, strain=strain, readings=readings
+        )
+        self._widths = ReadingTables(readings or {}).widths
         self._file = GrowingFile(self.path, force, layout, about)
         if behind:
             kept = -(-behind // self._every)
-            _check_continuation(self.path, system, about[0], kept)
-            self._file.reopen(system, kept)
+            _check_continuation(self.path, system, about[0], kept, readings)
+            self._file.reopen(system, kept, (behind - 1) / fps)
         else:
             disk.writable_folder("path", self.path, self.path.parent)
         self._error: Exception | None = None
         self._told = self._ended = False
-        self._queue: queue.Queue[Pending | None] = queue.Queue(_QUEUED)
+        self._queue: queue.Queue[tuple[Pending | None, Rows] | None] = queue.Queue(_QUEUED)
         self._thread = threading.Thread(target=self._work, name=f"writes {self.path.name}", daemon=True)
         # What is registered last is done first at exit: this file is to end before HDF5, registered on import.
         import h5py  # noqa: F401
@@ -146,13 +156,15 @@ class TrajectoryWriter:
         frame: tuple[float, NDArray, NDArray],
         strain: NDArray | None = None,
         broken_at: NDArray | None = None,
+        readings: Rows = MappingProxyType({}),
     ) -> None:
         """Hand over a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
 
         It waits while four frames are ahead. The arrays are the writer's from here on: nobody may write to them.
         `strain`, shape [connection_count], is computed from the positions and the system's rest lengths where it
         is not given. `broken_at`, of the same shape, says when connections broke [s], inf where they are whole; it
-        is kept where the system can tear.
+        is kept where the system can tear. `readings` are the rows that it adds to the tables by "frame" and by
+        "substep": times [s], and beside them the numbers of all such probes, in their order.
 
         Raises
         ------
@@ -167,9 +179,8 @@ class TrajectoryWriter:
         for name, given in (("strain", strain), ("broken_at", broken_at)):
             if given is not None:
                 _check_shape(name, given, self._system.rest_length.shape)
-        if self.wants_next():
-            self._queue.put(_Arrived(frame, strain, broken_at))
-        self._offered += 1
+        kept = self.wants_next()
+        self._hand_over(_Arrived(frame, strain, broken_at) if kept else None, readings)
 
     def wants_next(self) -> bool:
         """Tell whether the next frame is one of those to keep; raise as `write` does."""
@@ -178,12 +189,22 @@ class TrajectoryWriter:
             raise ValueError(f"{self.path} is closed; frames must be written before")
         return self._offered % self._every == 0
 
-    def write_pending(self, frame: Pending | None) -> None:
+    def write_pending(self, frame: Pending | None, readings: Rows = MappingProxyType({})) -> None:
         """Hand over a frame that is still on its way, or None where `wants_next` is false; else as `write`."""
-        if self.wants_next():
-            if frame is None:
-                raise ValueError("frame is None; this one is to be kept")
-            self._queue.put(frame)
+        kept = self.wants_next()
+        if kept and frame is None:
+            raise ValueError("frame is None; this one is to be kept")
+        self._hand_over(frame if kept else None, readings)
+
+    def _hand_over(self, frame: Pending | None, readings: Rows) -> None:
+        """Hand a frame, if it is kept, and its readings to the thread."""
+        for every, rows in readings.items():
+            checks.one_of("a name in readings", every, tuple(self._widths))
+            if np.ndim(rows) != 2 or rows.shape[1] != self._widths[every]:
+                width = self._widths[every]
+                raise ValueError(f"readings[{every!r}] has shape {np.shape(rows)}; it must be (any, {width})")
+        if frame is not None or readings:
+            self._queue.put((frame, readings))
         self._offered += 1
 
     def flush(self) -> None:
@@ -229,14 +250,21 @@ class TrajectoryWriter:
 
     def _work(self) -> None:
         """Write what comes; after an error, only let go of it."""
-        while (frame := self._queue.get()) is not None:
+        while (handed := self._queue.get()) is not None:
+            frame, rows = handed
             if self._error is None:
-                self._attempt(
-                    lambda frame=frame: self._file.append(*frame.arrived(), frame.substeps, frame.broken_at())
-                )
-            frame.release()
+                self._attempt(partial(self._append, frame, rows))
+            if frame is not None:
+                frame.release()
             self._queue.task_done()
         self._attempt(self._file.close)
+
+    def _append(self, frame: Pending | None, rows: Rows) -> None:
+        """Write a frame with its readings, or readings alone."""
+        if frame is None:
+            self._file.append_rows(rows)
+        else:
+            self._file.append(*frame.arrived(), frame.substeps, frame.broken_at(), rows)
 
     def _attempt(self, action: Callable[[], None]) -> None:
         try:
@@ -262,8 +290,8 @@ def _check_shape(name: str, values: NDArray, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
 
 
-def _check_continuation(path: Path, system: System, fps: float, kept: int) -> None:
-    """Raise ValueError unless the file holds so many frames of this system."""
+def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> None:
+    """Raise ValueError unless the file holds so many frames of this system, and readings of these probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(
@@ -274,6 +302,8 @@ def _check_continuation(path: Path, system: System, fps: float, kept: int) -> No
         own = found.system
         if own.position.shape != system.position.shape or not np.array_equal(own.connections, system.connections):
             raise ValueError(f"{path} is of another system")
+        if found.probes is not None and found.probes != ReadingTables(readings or {}).columns:
+            raise ValueError(f"{path} has readings of other probes: {', '.join(found.probes)}")
 
 
 class _Arrived:

@@ -8,12 +8,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Edges, System, in_space
+from ..bodies import System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
-from .dressing import look_of_particles, look_of_triangles, part_of, uncovered
+from .dressing import inside_of, look_of_particles, look_of_triangles, part_of, torn, uncovered
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
 from .stage import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 
@@ -151,15 +151,18 @@ class Drawing:
             drawn = drawn & between
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
-        parts = system.tears and surface is not None and surface.weights is None
-        parted_at = Edges(system).parted_at(system.broken_at) if parts else None
+        tears = None if surface is None else torn(system)
         body: list[BodyPart] = []
         for k, look in enumerate((scene.look, *scene.looks.values())):
             finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
             if surface is not None and (mine := of_triangle == k).any():
                 part = part_of(surface, mine)
-                parted = None if parted_at is None else parted_at[mine]
+                parted = None if tears is None else tears.parted_at[mine]
                 body.append(SurfacePart(part, finish, look.smooth, self.device, parted))
+            if tears is not None and (bare := of_particle[tears.bare.triangles].max(axis=1) == k).any():
+                crumb = Finish(np.array(checks.colour("inside", look.inside or look.colour)))
+                times = tears.bare.until[bare], tears.bare.since[bare]
+                body.append(SurfacePart(inside_of(tears.bare.triangles[bare]), crumb, False, self.device, *times))
             own = shown[of_connection == k]
             particles = np.flatnonzero(of_particle == k)
             if self._plain_tubes and len(own) + len(particles):

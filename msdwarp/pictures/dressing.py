@@ -4,10 +4,12 @@ Looks are numbered: 0 is the scene's, and those of groups follow in their order.
 counts.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import Surface, System, pieces
+from ..bodies import Bare, Edges, Surface, System, laid_bare, pieces
 from ..world import Scene
 
 
@@ -43,6 +45,32 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
         triangles=number[surface.triangles[chosen]],
         normal_of=None if surface.normal_of is None else number[surface.normal_of[needed]],
     )
+
+
+class Torn(NamedTuple):
+    """The triangles of a system that tears."""
+
+    parted_at: NDArray[np.float64]
+    """When each triangle of its surface goes [s], shape [triangle_count]."""
+    bare: Bare
+    """What its solids show of their inside."""
+
+
+def torn(system: System) -> Torn | None:
+    """Return how the surface of a system tears; None where it does not, or is carried by a body inside it.
+
+    A solid is drawn as the cells that hang together; a sheet, as triangles that do.
+    """
+    if not system.tears or system.surface is None or system.surface.weights is not None:
+        return None
+    bare, parted_at = laid_bare(system), Edges(system).parted_at(system.broken_at)
+    return Torn(np.where(np.isnan(bare.parted_at), parted_at, bare.parted_at), bare)
+
+
+def inside_of(triangles: NDArray[np.int32]) -> Surface:
+    """Return triangles, shape [triangle_count, 3], whose corners are particles, as a surface."""
+    particle, corner = np.unique(triangles, return_inverse=True)
+    return Surface(particle=particle, uv=np.zeros((len(particle), 2)), triangles=corner.reshape(-1, 3))
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:

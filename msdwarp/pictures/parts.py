@@ -53,17 +53,24 @@ class BodyPart(Part, Protocol):
 class SurfacePart:
     """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
 
-    A triangle is not drawn once it has parted (see `msdwarp.bodies.Edges`): when is in `parted_at` [s], shape
-    [triangle_count]; None where none can.
+    A triangle is not drawn once it has parted: when is in `parted_at` [s], shape [triangle_count]; None where none
+    can. One that tearing lays bare is drawn only `since` then [s], of the same shape.
     """
 
     radius = 0.0
 
     def __init__(
-        self, surface: Surface, finish: Finish, smooth: bool, device: str, parted_at: NDArray | None = None
+        self,
+        surface: Surface,
+        finish: Finish,
+        smooth: bool,
+        device: str,
+        parted_at: NDArray | None = None,
+        since: NDArray | None = None,
     ) -> None:
         vertices, own = len(surface.particle), not smooth or parted_at is not None
         self._parted_at = None if parted_at is None else wp.array(parted_at, dtype=float, device=device)
+        self._since = None if since is None else wp.array(since, dtype=float, device=device)
         use = surface.triangles.ravel() if own else np.arange(vertices)
         self.uv, self.finish = surface.uv[use], finish
         self.triangles = surface.triangles
@@ -89,6 +96,8 @@ class SurfacePart:
             _launch(drawing.place_mixtures, len(points), [x, self._particle, self._weights], [points])
         if self._parted_at is not None:
             _launch(drawing.collapse, len(self._parted_at), [self._parted_at, time, 3], [points])
+        if self._since is not None:
+            _launch(drawing.collapse_until, len(self._since), [self._since, time, 3], [points])
         self._sums.zero_()
         _launch(
             drawing.add_face_normals,

@@ -4,6 +4,8 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
@@ -39,11 +41,13 @@ class Changing(Present):
         loads: Sequence[Load] | None = None,
         **parameters: Any,
     ) -> None:
-        """Change gravity, loads, mass, stiffness, damping or rest_length between frames; what moves stays there.
+        """Change gravity, loads, velocity, mass, stiffness, damping or rest_length between frames.
 
         Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
-        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew.
-        A mass of inf pins a particle where it is.
+        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it
+        for other velocities, but energies and the stability limit are found again: a few passes over the body.
+        What is thrown goes on as from a start with its velocity, and the energy that it gets is no
+        sign of divergence. A mass of inf pins a particle where it is.
         Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
         kinds. The route is chosen anew where that was left open, and so are the substeps.
 
@@ -75,6 +79,9 @@ class Changing(Present):
         if change.of_gravity_alone and not callable(change.gravity) and self.model.falling is None:
             self._fall(change.gravity)
             return
+        if change.of_velocity_alone:
+            self._throw(change)
+            return
         system = self.snapshot()
         other: dict[str, Any] = {"loads": change.released_from(self._surroundings["loads"], system)}
         if change.gravity is not None:
@@ -100,6 +107,23 @@ class Changing(Present):
         if self._pace is not None and before is not None:
             # Beside the potential, the energy that a method conserves is another one by a share of the step.
             self._pace.fall(self.stepping, self.stepping.balance().energy - before.energy)
+
+    def _throw(self, change: Change) -> None:
+        """Go on with other velocities."""
+        held = ~np.isfinite(self.model.mass)
+        before = self.frame().velocity
+        velocity = change.velocities(self.system, before, held)
+        self.model.check_range(velocity, "velocity")
+        chosen = change.chosen(self.system)[0] & ~held
+        above = 0.0 if self._pace is None else self._pace.above(self.stepping)
+        self.stepping.throw(velocity, chosen)
+        try:
+            self._choose_anew()
+        except UnstableStep:  # forces that depend on speed may be steeper now
+            self.stepping.throw(before.astype(np.float64), chosen)
+            raise
+        if self._pace is not None:
+            self._pace.begin(self.stepping, above)
 
     def _replace_loads(self, loads: Sequence[Load]) -> None:
         """Go on with other loads: in place where they differ in values alone."""

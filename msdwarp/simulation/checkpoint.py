@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
-from ..engine import Model, Rates
+from ..engine import Baseline, Effect, Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
 from ..world import Change, Driven, Load, driven_particles
 from .stepping import Stepping
@@ -30,6 +30,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
     numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
     numbers["refinement"] = choice.refinement
+    numbers["baseline"] = list(stepping.watch.baseline)
     return arrays, numbers
 
 
@@ -123,6 +124,16 @@ def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tup
     return tuple(one.keeping(kept) if isinstance(one, Driven) else one for one in loads)
 
 
+def restored_baseline(numbers: Numbers) -> Baseline | None:
+    """Return what energies are compared with; None if the checkpoint, of before, does not hold it."""
+    if "baseline" not in numbers:
+        return None
+    found = numbers["baseline"]
+    if not isinstance(found, list) or len(found) != 2 or not all(isinstance(one, int | float) for one in found):
+        raise ValueError(f"baseline of the checkpoint is {checks.said(found)}; it must be two numbers")
+    return Baseline(*map(float, found))
+
+
 def _size(numbers: Numbers, name: str) -> float:
     return checks.non_negative(
         f"{name} of the checkpoint", checks.member("checkpoint", numbers, name), infinite=True
@@ -132,7 +143,7 @@ def _size(numbers: Numbers, name: str) -> float:
 def check_arrays(stepping: Stepping, arrays: Arrays) -> None:
     """Raise ValueError unless `take_back` can take the arrays of a checkpoint back."""
     own = {name: array.numpy() for name, array in _moving(stepping).items()}
-    for effect in stepping.model.effects:
+    for effect in _kept_effects(stepping, arrays):
         own |= effect.checkpoint()
     for name, values in own.items():
         found = checks.member("checkpoint", arrays, name)
@@ -144,8 +155,17 @@ def take_back(stepping: Stepping, arrays: Arrays) -> None:
     """Let a system move on from the arrays of a checkpoint."""
     for name, array in _moving(stepping).items():
         array.assign(arrays[name])
-    for effect in stepping.model.effects:
+    kept = _kept_effects(stepping, arrays)
+    for effect in kept:
         effect.restore(arrays)
+    if len(kept) < len(stepping.model.effects):
+        stepping.begin_anew()
+
+
+def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
+    """Return the effects that a checkpoint has kept: older ones did not sum the work of obstacles that move."""
+    work = stepping.model.work
+    return [one for one in stepping.model.effects if one is not work or "work.before" in arrays]
 
 
 def _moving(stepping: Stepping) -> dict[str, wp.array]:

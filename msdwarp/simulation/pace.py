@@ -16,8 +16,6 @@ SHARE = 0.02
 The energy that a method conserves swings by less where steps are short enough for a strongly stretched body; where
 they are not, it rises by more within a second.
 """
-SHARE_OF_WORK = 0.1
-"""The same where something may do work: there each rise is tried with shorter steps before it is believed."""
 MOST_SWING = 0.04
 """What a method conserves may differ from the energy there is by this share of the scale.
 
@@ -61,7 +59,7 @@ class Hopeless(Exception):
 class Pace:
     """Decides on automatic substeps: as many as the stability limit asks for, times `refinement`.
 
-    After a frame the energy that the method conserves is looked at. Without work from outside it can only fall:
+    After a frame the energy that the method conserves, less work from outside, is looked at. It can only fall:
     where it has risen above the least so far by more than `SHARE` of its scale, the run goes back to the frame's
     start and takes twice the substeps. When all has been calm for a while, fewer are tried. Looks are rare while
     nothing new happens. Counts and energies decide, never the time that something takes, so that runs repeat and
@@ -174,12 +172,12 @@ class Pace:
             now = stepping.balance() if fine else None
             if now is not None and self._is_well(stepping, now):
                 if start is not None:  # refined for what has risen by now: the next rise counts from here
-                    self.least = max(self.least, now.energy - SLOW * self._allowed(stepping, now))
+                    self.least = max(self.least, now.energy - SLOW * self._allowed(now))
                 return self._go_on(stepping, now)
             if now is not None and start is not None:
                 tried.append(now.energy - start.energy)
-                slow = tried[-1] <= SLOW * self._allowed(stepping, now)
-                if _is_real(stepping, tried) or (slow and _works(stepping)):
+                slow = tried[-1] <= SLOW * self._allowed(now)
+                if _is_real(stepping, tried):
                     self.refinement, self.floor = usual, self.floor + now.energy - self.least
                     self.least = now.energy
                     return self._go_on(stepping, now)
@@ -209,26 +207,26 @@ class Pace:
         free, margin = stepping.watch.energy, 0.05 * self.scale
         if self.since >= self.interval or not self.low - margin <= free <= self.high + margin:
             return True
-        return free > self.least + self._allowed(stepping)  # stretching only adds to it
+        return free > self.least + self._allowed()  # stretching only adds to it
 
     def _is_well(self, stepping: Stepping, now: Balance) -> bool:
         """Tell whether energy has risen by no more than is allowed, and is what physics has, or almost."""
         if now.swing > MOST_SWING * self._scale_of(now) and self.refinement < ENOUGH_FOR_SWING:
             return False
-        return now.energy <= self.least + self._allowed(stepping, now)
+        return now.energy <= self.least + self._allowed(now)
 
-    def _allowed(self, stepping: Stepping, now: Balance | None = None) -> float:
+    def _allowed(self, now: Balance | None = None) -> float:
         """Return by how much energy may exceed the least so far [J]."""
-        return (SHARE_OF_WORK if _works(stepping) else SHARE) * self._scale_of(now)
+        return SHARE * self._scale_of(now)
 
     def _scale_of(self, now: Balance | None) -> float:
-        """Return the scale of energies [J]: at least the work of loads, known to first order in the step."""
+        """Return the scale of energies [J]: at least the work from outside, known to first order in the step."""
         return self.scale if now is None else max(self.scale, abs(now.work))
 
     def _bear(self, stepping: Stepping, now: Balance) -> Stepping:
         """Let energy that came from nothing stand, as long as it is little in all."""
         gained = (now.energy - self.floor) / self._scale_of(now)
-        if gained > MOST_GAINED and not _works(stepping):
+        if gained > MOST_GAINED:
             raise Hopeless(stepping, gained)
         self.least = now.energy
         return self._go_on(stepping, now)
@@ -238,7 +236,7 @@ class Pace:
         self._see(now)
         self.calm += self.since
         self.since = 0
-        quiet = now.energy <= self.least + 0.5 * self._allowed(stepping, now) and now.strain <= LARGE_STRAIN
+        quiet = now.energy <= self.least + 0.5 * self._allowed(now) and now.strain <= LARGE_STRAIN
         quiet = quiet and self.refinement == 1.0 and not stepping.integrator.long_steps
         self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet else 1
         if self.refinement > 1.0 and self.calm >= self.patience:
@@ -283,17 +281,10 @@ class Pace:
         return stepping
 
 
-def _works(stepping: Stepping) -> bool:
-    """Tell whether anything may do work on the bodies."""
-    return any(effect.works for effect in stepping.model.effects)
-
-
 def _is_real(stepping: Stepping, rises: list[float]) -> bool:
     """Tell whether a rise is none of the steps' doing: much of it is left when they are halved, again and again.
 
     A body with nothing around it has no source of energy. An obstacle that stands still is one where it puts back
     what starts inside it.
     """
-    if _works(stepping):
-        return len(rises) > 1 and rises[-1] >= SAME * rises[-2]
     return bool(stepping.model.effects) and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])

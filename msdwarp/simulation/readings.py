@@ -1,57 +1,52 @@
 """Readings: what probes have told so far, as time series."""
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..world import Probe
-
-
-class Series(NamedTuple):
-    """What one probe has told, frame by frame."""
-
-    times: NDArray[np.float64]
-    """When frames ended [s], shape [reading_count]."""
-    values: NDArray[np.float64]
-    """What it told then, in SI units, shape [reading_count, d]; of strain two columns, mean and largest."""
+from ..bodies import Series
+from ..world import FRAME, SUBSTEP, Probe, probes_by
 
 
 class Readings(Mapping[str, Series]):
-    """Time series by the names of their probes: a reading for each frame simulated since the start.
+    """Time series by the names of their probes: a reading for each frame, or substep, since the start.
 
     After `Simulation.restore` they begin with the frame behind the checkpoint.
     """
 
     def __init__(self, probes: Mapping[str, Probe], dim: int) -> None:
-        self._times = list[float]()
-        self._rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in probes}
-        self._widths = {name: len(one.columns(dim)) for name, one in probes.items()}
+        widths = {name: len(one.columns(dim)) for name, one in probes.items()}
+        self._frames = {name: [Series(np.zeros(0), np.zeros((0, width)))] for name, width in widths.items()}
+        self._names = {every: list(probes_by(every, probes)) for every in (FRAME, SUBSTEP)}
 
-    def add(self, time: float, rows: Mapping[str, NDArray[np.float64]]) -> None:
-        """Take the readings of the frame that ended at `time` [s]."""
-        self._times.append(time)
-        for name, row in rows.items():
-            self._rows[name].append(row)
+    def add(self, time: float, seconds: float, rows: Mapping[str, NDArray[np.float64]]) -> None:
+        """Take the readings of the frame that took so many seconds and ended at `time` [s].
 
-    @property
-    def last(self) -> list[float]:
-        """The numbers of the last frame, side by side, and its time [s] before them; empty if there is none."""
-        if not self._times:
-            return []
-        return [self._times[-1], *(float(number) for rows in self._rows.values() for number in rows[-1])]
+        Of each probe there are rows at the same distances in time, the last one where the frame ends.
+        """
+        for name, values in rows.items():
+            before = np.arange(len(values) - 1, -1, -1) / len(values)
+            self._frames[name].append(Series(time - seconds * before, values))
+
+    def last(self, every: str = FRAME) -> NDArray[np.float64]:
+        """Return what probes by frame, or by substep, told in the last frame, side by side.
+
+        The time [s] stands before the numbers; shape [readings in a frame, any], without any probe [0, 0].
+        """
+        last = [self._frames[name][-1] for name in self._names[every]]
+        return np.column_stack([last[0].times, *(one.values for one in last)]) if last else np.zeros((0, 0))
 
     def __getitem__(self, name: str) -> Series:
         """Return the series of a probe; raise KeyError if there is none of this name."""
-        if name not in self._rows:
-            raise KeyError(f"there is no probe {checks.said(name)}; there are {', '.join(self._rows) or 'none'}")
-        rows = np.array(self._rows[name], dtype=np.float64).reshape(len(self._times), self._widths[name])
-        return Series(np.array(self._times), rows)
+        if name not in self._frames:
+            raise KeyError(f"there is no probe {checks.said(name)}; there are {', '.join(self._frames) or 'none'}")
+        times, values = zip(*self._frames[name], strict=True)
+        return Series(np.concatenate(times), np.concatenate(values))
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._rows)
+        return iter(self._frames)
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._frames)

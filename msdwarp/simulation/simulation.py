@@ -100,7 +100,7 @@ class Simulation(Changing):
     schedule
         Changes of parameters at set times, made by `msdwarp.at`.
     probes
-        What is measured where each frame ends, by name; see `msdwarp.Probe`. What they told is in `readings`.
+        What is measured, by name; see `msdwarp.Probe`. What they told is in `readings`.
 
     Raises
     ------
@@ -240,7 +240,7 @@ class Simulation(Changing):
                 self.chosen.append((self.time, self.substeps))
             self.frame_index += 1
             if self.readings:
-                self.readings.add(self.time, self.stepping.readings())
+                self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
@@ -325,6 +325,7 @@ class Simulation(Changing):
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
         pace = self._pace and Pace.restored(numbers)
+        baseline = checkpoint.restored_baseline(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
@@ -338,5 +339,7 @@ class Simulation(Changing):
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
         self.chosen = chosen or [(0.0, self.substeps)]
+        if baseline is not None:
+            self.stepping.watch.compare_with(baseline)
         if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
             self._pace = pace

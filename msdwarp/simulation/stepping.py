@@ -22,13 +22,14 @@ from ..engine import (
     Stepper,
     Steps,
     Watch,
+    measure,
     potential,
     sensors_of,
     size,
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..world import Load
+from ..world import FRAME, SUBSTEP, Load
 
 RECORDING = threading.Lock()
 """Held while a graph is recorded: no thread may wait for a device meanwhile."""
@@ -102,8 +103,16 @@ class Stepping:
         self.backup = Backup(state)
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
-        self.stepper = Stepper(dynamics, state, substep, one_kernel=self.integrator.one_kernel, blocks=blocks)
-        self._sensors = sensors_of(dynamics, state)
+        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps)
+        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps)
+        self.stepper = Stepper(
+            dynamics,
+            state,
+            substep,
+            one_kernel=self.integrator.one_kernel,
+            behind_each=None if self._by_substep is None else self._look_behind,
+            blocks=blocks,
+        )
         self.graph: Any = None
         self._sums: Any = None
         self._unrecorded = self._unsummed = 0
@@ -133,6 +142,20 @@ class Stepping:
         energy, scale = self.watch.baseline
         scale += max(0.0, weight(self.model) - heavy) * size(self.state)
         self.watch.compare_with(Baseline(energy + added, scale))
+
+    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
+        before = self._kinetic_energy()
+        if self.model.work is not None:
+            self.model.work.settle(self.state.x, self.state.v)
+        with self._between():
+            self.state.throw(velocity, chosen)
+        added = self._kinetic_energy() - before
+        energy, scale = self.watch.baseline
+        self.watch.compare_with(Baseline(energy + added, scale + max(0.0, added)))
+
+    def _kinetic_energy(self) -> float:
+        return measure(self.model, self.state, self.velocity(), self.state.lost.x).kinetic_energy
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Go on with other values of the same loads, in place of each key what stands for it."""
@@ -194,6 +217,10 @@ class Stepping:
                 self.graph, effect.is_stale = None, False
         return any(void)
 
+    def begin_anew(self) -> None:
+        """Compare energies with those of the present state from now on."""
+        self.watch.compare_with(Baseline.of(self.model, self.state))
+
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
         self.backup.restore()
@@ -209,15 +236,21 @@ class Stepping:
     def _launch_frame(self) -> None:
         """Launch the substeps of a frame, and what looks at the state behind them."""
         self.backup.save()
-        if self._sensors is not None:
-            self._sensors.begin()
+        for sensors in (self._sensors, self._by_substep):
+            if sensors is not None:
+                sensors.begin()
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
         self.watch.look()
         if self._sensors is not None:
-            v = self.velocity() if self._sensors.moves else self.state.v
-            self._sensors.launch(v, 1.0 / self.choice.fps)
+            self._sensors.launch(self.velocity() if self._sensors.moves else self.state.v)
+
+    def _look_behind(self, substep: int) -> None:
+        """Launch what probes measure where a substep ends."""
+        assert self._by_substep is not None
+        with self.dynamics.looking(substep):
+            self._by_substep.launch(self.velocity() if self._by_substep.moves else self.state.v, substep)
 
     def balance(self) -> Balance:
         """Return the energies of the present state, summed by a graph of its own."""
@@ -235,12 +268,18 @@ class Stepping:
         return self._ledger.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
-        """Return what probes have told of the frame that was advanced by last, by their names."""
-        if self._sensors is None:
-            return {}
-        if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
-            wp.synchronize_stream(self.model.device.stream)
-        return self._sensors.read()
+        """Return what probes have told of the frame that was advanced by last, by their names.
+
+        A row for each reading, so many seconds apart that the last one is where the frame ends.
+        """
+        found = {}
+        for sensors in (self._sensors, self._by_substep):
+            if sensors is None:
+                continue
+            if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
+                wp.synchronize_stream(self.model.device.stream)
+            found |= sensors.read()
+        return found
 
     def find_trouble(self) -> Trouble:
         """Find out what went wrong in the frame just simulated, and go back to its start.

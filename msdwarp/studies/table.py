@@ -1,6 +1,7 @@
 """A table of numbers on disk, a CSV file that grows with a run."""
 
 import csv
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Self, TextIO
@@ -20,6 +21,8 @@ class GrowingTable:
     behind
         Go on with the file that is there, behind so many of its lines; what it has beyond them is dropped. A file
         that is no longer there begins anew.
+    until
+        The same where lines begin with a time: go on behind those up to this one [s].
     word
         What the file is called in errors.
     columns_before
@@ -32,19 +35,28 @@ class GrowingTable:
     """
 
     def __init__(
-        self, path: Path, head: Sequence[str], *, behind: int = 0, word: str, columns_before: int | None = None
+        self,
+        path: Path,
+        head: Sequence[str],
+        *,
+        behind: int = 0,
+        until: float = 0.0,
+        word: str,
+        columns_before: int | None = None,
     ) -> None:
         self.path, self._head = path, list(head)
         self._heads = (self._head, self._head[:columns_before])
         self._file: TextIO | None = None
-        self._kept = self._lines(behind, word)
+        self._kept = self._lines(behind, until, word)
 
-    def _lines(self, behind: int, word: str) -> list[list[str]]:
-        """Return so many lines of numbers that are there."""
-        if not behind or not self.path.exists():
+    def _lines(self, behind: int, until: float, word: str) -> list[list[str]]:
+        """Return so many lines of numbers that are there, or those up to a time."""
+        if not (behind or until) or not self.path.exists():
             return []
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
+        if until:
+            behind = _lines_until(until, lines)
         if head not in self._heads or len(lines) < behind:
             raise ValueError(f"{word} is {self.path}, which is not what the run had written there; move it away")
         return [line + [""] * (len(self._head) - len(head)) for line in lines[:behind]]
@@ -74,3 +86,17 @@ class GrowingTable:
             self._file.flush()
         except OSError as error:
             raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
+
+
+def _lines_until(time: float, lines: Sequence[Sequence[str]]) -> int:
+    """Return how many lines there are up to the last one of a time [s]; more than there are if none is."""
+    found = [k + 1 for k, line in enumerate(lines) if line and abs(_number(line[0]) - time) <= 1e-8 * time]
+    return found[-1] if found else len(lines) + 1
+
+
+def _number(text: str) -> float:
+    """Return the number that a text says, written to nine digits; NaN where it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -14,13 +14,16 @@ from .pressure import Gas, Pressure, volume
 from .probes import (
     CONTACT_FORCE,
     FORCE,
+    FRAME,
     POSITION,
     QUANTITIES,
     STRAIN,
+    SUBSTEP,
     VELOCITY,
     Probe,
     checked_probes,
     probe_columns,
+    probes_by,
 )
 from .scene import Scene
 from .schedule import Change, at
@@ -31,9 +34,11 @@ from .wind import Wind
 __all__ = [
     "CONTACT_FORCE",
     "FORCE",
+    "FRAME",
     "POSITION",
     "QUANTITIES",
     "STRAIN",
+    "SUBSTEP",
     "VELOCITY",
     "Actuator",
     "Attachment",
@@ -72,6 +77,7 @@ __all__ = [
     "pose",
     "poses",
     "probe_columns",
+    "probes_by",
     "released",
     "sampled",
     "scene_as_stored",

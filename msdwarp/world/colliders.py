@@ -196,7 +196,9 @@ class Sphere(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Box(Collider):
-    """A solid block. One that stands on a plane must reach below it: what slides there would come in from beneath.
+    """A solid block. What slides on the plane that it stands on meets its side, if both stand still.
+
+    One that moves on a plane must reach below it: what slides there would come in from beneath.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 
-OF_BODIES = ("colour", "texture", "smooth", "gloss", "particles", "tube")
+OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tube")
 """What a body can have of its own; the rest belongs to the whole picture."""
 
 
@@ -15,13 +15,15 @@ OF_BODIES = ("colour", "texture", "smooth", "gloss", "particles", "tube")
 class Look:
     """How a scene, or a body in it, is drawn.
 
-    A body's own look, in `Scene.looks`, says the colour, texture, smooth, gloss, particles and tube; the other
-    parameters are of the whole picture, and said by the look of the scene alone.
+    A body's own look, in `Scene.looks`, says the colour, inside, texture, smooth, gloss, particles and tube; the
+    other parameters are of the whole picture, and said by the look of the scene alone.
 
     Parameters
     ----------
     colour
         Colour of the body, "#rrggbb"; of its surface without effect where there is a texture.
+    inside
+        Colour of what tearing lays bare inside a solid, "#rrggbb"; None: that of the body.
     texture
         An image laid over the surface by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
@@ -54,6 +56,7 @@ class Look:
     """
 
     colour: str = "#d9603b"
+    inside: str | None = None
     texture: NDArray[np.uint8] | None = None
     smooth: bool = True
     gloss: float = 0.25
@@ -72,6 +75,8 @@ class Look:
         """Check the arguments."""
         for name in ("colour", "background", "ground", "obstacle"):
             checks.colour(name, getattr(self, name))
+        if self.inside is not None:
+            checks.colour("inside", self.inside)
         for name in ("texture", "obstacle_texture"):
             _check_image(name, getattr(self, name))
         checks.one_of("smooth", self.smooth, (False, True))

@@ -48,7 +48,7 @@ class Scene:
         Changes of parameters at set times, made by `msdwarp.at`.
     probes
         What is measured, by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes it to
-        probes.csv.
+        probes.csv, and what is read by substep to probes_by_substep.csv.
 
     Raises
     ------

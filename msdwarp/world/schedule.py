@@ -13,7 +13,7 @@ from .drives import released
 from .gravity import Gravity, gravity_at
 from .loads import Load
 
-OF_PARTICLES = ("mass",)
+OF_PARTICLES = ("mass", "velocity")
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 
 
@@ -48,6 +48,12 @@ class Change:
         """Whether nothing changes but gravity."""
         return self.gravity is not None and self.release is None and not self.parameters and not self.freeze
 
+    @property
+    def of_velocity_alone(self) -> bool:
+        """Whether nothing changes but velocities."""
+        others = self.freeze or self.release is not None or self.gravity is not None
+        return not others and set(self.parameters) == {"velocity"}
+
     def is_due(self, frame_index: int, fps: float) -> bool:
         """Return whether the change is made once `frame_index` frames, of `fps` per second, are behind.
 
@@ -58,7 +64,7 @@ class Change:
         return self.time * fps < frame_index + 1e-6
 
     def applied_to(self, system: System) -> System:
-        """Return the system as it is after the change, its positions and velocities as before.
+        """Return the system as it is after the change, its positions as before, its velocities unless they change.
 
         A mass of inf pins a particle where it is: it stops.
 
@@ -70,7 +76,7 @@ class Change:
         if self.gravity is not None:
             gravity_at(self.gravity, np.array([self.time]), system.dim)
         chosen, joined = self.chosen(system)
-        values = dict(self.parameters)
+        values = {name: value for name, value in self.parameters.items() if name != "velocity"}
         if self.freeze:
             values["rest_length"] = system.length[joined]
         fields: dict[str, Any] = {}
@@ -81,10 +87,44 @@ class Change:
             fields[name] = new if where.all() else _with(name, old, where, new)
         if "rest_length" in fields and not joined.all():  # what has yielded elsewhere still has
             fields["original_length"] = np.where(joined, fields["rest_length"], system.original_length)
+        pinned = system.pinned
         if "mass" in fields:
             pinned = np.isinf(checks.broadcast("mass", fields["mass"], system.mass.shape))
             fields["velocity"] = np.where(pinned[:, None], 0.0, system.velocity)
+        if "velocity" in self.parameters:
+            before = fields.get("velocity", system.velocity)
+            fields["velocity"] = self.velocities(system, before, pinned)
         return system.replace(**fields)
+
+    def velocities(
+        self, system: System, now: NDArray[np.floating], held: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Return the velocities after the change [m/s], shape [particle_count, d].
+
+        Parameters
+        ----------
+        system
+            Whose particles are meant.
+        now
+            Velocities before it [m/s].
+        held
+            Particles that keep theirs: pinned or driven ones, shape [particle_count].
+
+        Raises
+        ------
+        ValueError
+            If the group is unknown, all its particles are held, or a velocity is out of its range.
+        """
+        chosen, value = self._particles(system), self.parameters["velocity"]
+        if held[chosen].all():
+            group = "all" if self.group is None else checks.said(self.group)
+            raise ValueError(f"velocity is given to group {group}, whose particles are all pinned or driven")
+        result = np.array(now, dtype=np.float64)
+        given: Any = value(result[chosen]) if callable(value) else value
+        result[chosen] = checks.broadcast("velocity", given, (int(chosen.sum()), system.dim))
+        checks.every("velocity", result, np.isfinite(result), "finite")
+        result[held] = now[held]
+        return result
 
     def released_from(self, loads: Sequence[Load], system: System) -> tuple[Load, ...]:
         """Return bound loads as they are after the change; ValueError if none drives what it lets go."""
@@ -142,7 +182,8 @@ def at(
         Acceleration of free fall from then on [m/s²], of all particles; see `Simulation`.
     parameters
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for those meant, or functions
-        of the old values, such as rest_length=lambda length: 1.2 * length.
+        of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
+        of the particles meant, shape [n, d], or such a function; pinned and driven particles keep theirs.
 
     Raises
     ------

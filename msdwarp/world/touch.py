@@ -25,8 +25,8 @@ class Touch(Load):
     friction
         Coulomb's coefficient μ between bodies.
     restitution
-        Speed after a collision over that before, of two single particles, above 0 and at most 1. Bodies of many
-        lose more, which goes to their vibrations.
+        Speed after a collision over that before, of two single particles, from 0.05 to 1. That of bodies of many
+        particles depends on their own dampers and vibrations too.
     between
         "bodies": different bodies touch; "all": also bodies with themselves; "none": they pass through each other.
     groups
@@ -57,8 +57,7 @@ class Touch(Load):
         if self.on is not None:
             raise ValueError(f"on is {checks.said(self.on)}; which bodies are meant is said by groups")
         checks.non_negative("friction", self.friction)
-        if not 0 < checks.non_negative("restitution", self.restitution) <= 1:
-            raise ValueError(f"restitution is {self.restitution:g}; it must be above 0 and at most 1")
+        checks.between("restitution", self.restitution, 0.05, 1)
         checks.one_of("between", self.between, (BODIES, ALL, NONE))
         if self.thickness is not None:
             checks.non_negative("thickness", self.thickness)
@@ -93,7 +92,7 @@ class Touch(Load):
 
 
 def restitution_of(damping_ratio: float) -> float:
-    """Return the speed after a collision of two particles over that before, for a contact of this damping ratio."""
+    """Return the speed after a collision of two particles over that before, for this damping ratio."""
     z = damping_ratio
     if z == 0:
         return 1.0

@@ -105,7 +105,7 @@ def test_statements_are_all_found(sources):
 
 def test_equal_scenes_share_kernels():
     scenes = (
-        (FULL, [Plane()]),
+        (FULL, [Plane(), Plane()]),
         (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
     )
     for route in ROUTES:
@@ -275,9 +275,11 @@ def pieces(system: System, **options) -> set[str]:
 
 DAMPED = chain(3, damping=1.0)
 TOUCH = {"Surface", "Solids", "collide", "put_back", "respond", "result"}
-FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles"}
+FIXED, MOVING = TOUCH | {"Obstacles"}, TOUCH | {"MovingObstacles", "add_work"}
 # A plane cannot be passed; what can be is swept.
 SWEPT = {"passes", "sweep_way", "first_on_way", "enter", "look", "carried", "answer"}
+# Between several there are corners.
+CORNER = {"settle", "speed"}
 AT = (0, 0, -9)
 KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
 
@@ -294,7 +296,7 @@ KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
         ({}, [Box(AT)], FIXED | SWEPT | {"box"}),
         ({}, [Capsule(AT, (1, 0, -9))], FIXED | SWEPT | {"capsule", "from_point"}),
         ({}, [Cone(AT, (1, 0, -9))], FIXED | SWEPT | {"cone"}),
-        ({}, [Sphere(AT), Box(AT)], FIXED | SWEPT | {"distance", "plane", "sphere", "from_point", "box"}),
+        ({}, [Sphere(AT), Box(AT)], FIXED | SWEPT | CORNER | {"distance", "plane", "sphere", "from_point", "box"}),
         ({}, [Plane(motion=lambda t: (0, 0, -t))], MOVING | {"plane"}),
         ({}, [Sphere(AT, motion=lambda t: (0, 0, -t))], MOVING | SWEPT | {"sphere", "from_point"}),
     ],

@@ -93,7 +93,8 @@ def test_one_hit_with_infinite_friction_is_the_reports_rule(device, precision):
         simulation.step()
         now = simulation.frame()
         np.testing.assert_allclose(now.velocity[0], (2.4, -0.8, 1.2), rtol=0, atol=atol)
-        assert now.position[0, 2] == 0.0
+        # By "report" on the surface; by "coulomb" on its way from where the substep began: 1 cm and h 1.2 m/s.
+        assert now.position[0, 2] == pytest.approx(0.0 if contact == "report" else 0.022, rel=1e-6, abs=0)
 
 
 def test_rules_differ_in_the_normal_speed_they_return(device):
@@ -239,10 +240,10 @@ def test_corner_turns_a_particle_twice(device, start):
     assert (now.position[0] > 0).all()
 
 
-@pytest.mark.parametrize("integrator", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.parametrize("integrator", [Leapfrog(), RK4()], ids=["leapfrog", "rk4"])
 def test_energy_of_a_bouncing_particle_never_rises(device, integrator):
-    # In flight it is kept (RK4) or falls by g²h²/2 a substep (symplectic Euler). A hit returns at most the
-    # normal speed from before the substep, at a height not above the one there.
+    # In flight both keep it, with velocities at the instant of the positions. A hit takes its share, and no height
+    # comes from nothing.
     start = particle((0, 0, 1.0), (6.0, -1.0, -2.0))
     plane = Plane(restitution=0.9, friction=0.1)
     simulation = simulate(start, plane, device, h=1 / 200, gravity=G, integrator=integrator)

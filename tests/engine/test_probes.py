@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from modes import amplification
 from problems import EPS64
 
 from msdwarp import (
@@ -227,3 +228,143 @@ def test_there_is_a_list_of_what_can_be_measured():
         Probe("foot", "weight")
     with pytest.raises(KeyError, match="there is no probe 'foot'"):
         Simulation(chain(3), device="cpu").readings["foot"]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_by_substep_a_particle_on_a_spring_follows_its_method(device, method):
+    # x'' = −k x − b x' along the spring: the mode of the linear theory in tests/modes.py, substep by substep.
+    k, b, h, substeps, frames = 100.0, 1.0, 1 / 600, 10, 3
+    system = chain(2, spacing=1.0, stiffness=k, damping=b, mass=[1.0, 1.0]).pin(0)
+    system = system.replace(position=system.position + np.array([[0.0, 0, 0], [0.1, 0, 0]]))
+    probes = {name: Probe([1], name, every="substep") for name in ("position", "velocity", "force")} | {
+        "strain": Probe([0, 1], "strain", every="substep")
+    }
+    simulation = Simulation(
+        system,
+        gravity=0.0,
+        integrator=method,
+        substeps=substeps,
+        probes=probes,
+        precision="float64",
+        device=device,
+    )
+    simulation.step(frames)
+    times, position = simulation.readings["position"]
+    velocity, force, strain = (simulation.readings[name].values for name in ("velocity", "force", "strain"))
+    np.testing.assert_allclose(times, h * np.arange(1, frames * substeps + 1), rtol=1e-14)
+    np.testing.assert_allclose(position[:, 1:], 0.0, atol=EPS64)
+    x, v = _oscillator(simulation.integrator, k, b, h, 0.1, frames * substeps)
+    # The chain lies around the origin. Each substep rounds positions by EPS64, and conjugate gradients end at
+    # rounding of their own.
+    most = 4 * EPS64 * frames * substeps
+    np.testing.assert_allclose(position[:, 0], 0.5 + x, rtol=0, atol=most)
+    np.testing.assert_allclose(velocity[:, 0], v, rtol=0, atol=most / h)
+    np.testing.assert_allclose(force[:, 0], -k * x - b * v, rtol=0, atol=k * most + b * most / h)
+    np.testing.assert_allclose(strain, np.stack([x, np.abs(x)], axis=1), rtol=0, atol=most)
+
+
+def _oscillator(method, k, b, h, x, steps):
+    """Return places and velocities at their instants behind each substep, by what the method does on paper."""
+    v, found = 0.0, []
+    if isinstance(method, Leapfrog):  # velocities half a substep behind; `seen` are those that dampers see
+        theta, seen = method.damper_extrapolation, v
+        v -= 0.5 * h * (-k * x - b * seen)
+        seen = seen if theta else v
+        for _ in range(steps):
+            before = v
+            v += h * (-k * x - b * seen)
+            x += h * v
+            seen = v + theta * (v - before)
+            found.append((x, v + 0.5 * h * (-k * x - b * seen)))
+    elif isinstance(method, SymplecticEuler):
+        for _ in range(steps):
+            v += h * (-k * x - b * v)
+            x += h * v
+            found.append((x, v))
+    elif isinstance(method, LinearlyImplicitEuler):
+        for _ in range(steps):
+            v += h * (-k * x - b * v - h * k * v) / (1 + h * b + h * h * k)
+            x += h * v
+            found.append((x, v))
+    else:
+        matrix, state = amplification(method, h * h * k, h * b), np.array([x, 0.0])
+        for _ in range(steps):
+            state = matrix @ state
+            found.append((state[0], state[1] / h))
+    return np.array(found).T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_by_substep_and_by_frame_agree_where_frames_end(device, method):
+    # With what depends on time, works, and moves, so that looking in between must leave all of it as it is.
+    block = standing(stiffness=2000.0).pin([26])
+    block = block.replace(position=block.position + np.array([0, 0, 0.02]))
+    surroundings = {
+        "colliders": [Plane(friction=0.4), Sphere((0.4, 0.1, 0.1), 0.2, motion=lambda t: (-t, 0.0, 0.0))],
+        "loads": [
+            Force(lambda t: (5.0 * np.sin(40 * t), 0.0, 0.0), on=[0, 5]),
+            Force((0.0, 1.0, 0.0), on=[3]),
+        ],
+    }
+    by = {
+        every: {f"{name} {every}": Probe("block", name, every=every) for name in QUANTITIES}
+        for every in ("frame", "substep")
+    }
+    runs = [
+        Simulation(
+            block,
+            integrator=method,
+            substeps=20,
+            precision="float64",
+            device=device,
+            probes=probes,
+            **surroundings,
+        )
+        for probes in ({}, by["frame"], by["frame"] | by["substep"])
+    ]
+    for one in runs:
+        one.step(5)
+    plain, framed, both = runs
+    # Exactly so in a fixed order; else sums are made in another one: 1e-16 of forces of 1000 N, 100 times.
+    most = 0 if device == "cpu" else 1e-9
+    for one in (framed, both):
+        np.testing.assert_allclose(one.frame().position, plain.frame().position, rtol=0, atol=most)
+        work, expected = one.measure().external_work, plain.measure().external_work
+        assert work == pytest.approx(expected, rel=1e-12, abs=most)
+    for name in QUANTITIES:
+        alone, frame, steps = (
+            framed.readings[f"{name} frame"],
+            both.readings[f"{name} frame"],
+            both.readings[f"{name} substep"],
+        )
+        np.testing.assert_allclose(frame.values, alone.values, rtol=0, atol=most)
+        np.testing.assert_array_equal(steps.times[19::20], frame.times)
+        values = steps.values[19::20]
+        if name == "contact force":  # the frame's is the mean over its substeps
+            values = steps.values.reshape(5, 20, 3).mean(axis=1)
+        np.testing.assert_allclose(values, frame.values, rtol=1e-12, atol=1e-9)
+    assert np.abs(both.readings["contact force substep"].values).max() > 0
+
+
+def test_by_substep_readings_are_as_many_as_substeps_were_taken(device):
+    # The pace refines frames, and takes back some: each substep of those that stand is read once.
+    block = standing(stiffness=3000.0, damping=0.0)
+    block = block.replace(velocity=np.tile([0.0, 0.0, -12.0], (27, 1)))
+    simulation = Simulation(
+        block, colliders=[Plane()], probes={"it": Probe("block", "position", every="substep")}, device=device
+    )
+    taken = []
+    for _ in range(20):
+        simulation.step()
+        taken += [simulation.substeps]
+    assert len(simulation.chosen) > 1, "the pace must have refined"
+    times = simulation.readings["it"].times
+    expected = [(k + (n + 1) / count) / 60 for k, count in enumerate(taken) for n in range(count)]
+    np.testing.assert_allclose(times, expected, rtol=1e-12)
+
+
+def test_how_often_it_is_read_is_refused_by_name():
+    with pytest.raises(ValueError, match="every is 'second'; it must be one of 'frame', 'substep'"):
+        Probe("foot", "force", every="second")
+    assert repr(Probe("foot", "force", every="substep")) == "Probe('foot', 'force', every='substep')"

@@ -344,7 +344,7 @@ def test_a_change_at_once_is_as_one_of_a_schedule(device):
         ({"time": math.nan}, "time is nan"),
         ({"time": math.inf}, "time is inf"),
         ({"time": "soon"}, "time is 'soon'"),
-        ({"time": 1.0, "colour": 1.0}, "parameter is 'colour'; it must be one of 'mass', 'stiffness', 'damping'"),
+        ({"time": 1.0, "colour": 1.0}, "parameter is 'colour'; it must be one of 'mass', 'velocity', 'stiffness'"),
         ({"time": 1.0, "position": 1.0}, "parameter is 'position'"),
         ({"time": 1.0, "freeze": True, "rest_length": 1.0}, "freeze sets rest_length"),
     ],

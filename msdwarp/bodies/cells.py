@@ -1,0 +1,116 @@
+"""The cells of lattice solids, and the faces that tearing lays bare between them."""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .parting import connection_between
+from .system import System
+
+_CORNERS = list(itertools.product((0, 1), repeat=3))
+"""Steps along z, y and x from a cell's first corner: corner 1 is next along x, 2 along y, 4 along z."""
+_FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)])
+"""Corners of a cell's six faces, counter-clockwise seen from outside."""
+
+
+class Bare(NamedTuple):
+    """What of a torn solid is seen, and when."""
+
+    parted_at: NDArray[np.float64]
+    """When each triangle of its surface goes with its cell [s], nan where none is near, shape [triangle_count]."""
+    triangles: NDArray[np.int32]
+    """Particles of the triangles that are laid bare inside, shape [any, 3]."""
+    since: NDArray[np.float64]
+    """When each of them is laid bare [s], shape [any]."""
+    until: NDArray[np.float64]
+    """When its own cell goes [s], inf where it stays, shape [any]."""
+
+
+def cells_of(system: System) -> NDArray[np.int64]:
+    """Return the corners of the cells of a system's lattice solids, shape [cell_count, 8].
+
+    A cell has a particle at each corner, and neighbours along x, y and z are connected.
+    """
+    n, found = system.particle_count, [np.empty((0, 8), dtype=np.int64)]
+    for body in system.directions:
+        if not {"x", "y", "z"} <= body.keys():
+            continue
+        following = np.full((3, n + 1), n)  # the particle behind each along an axis, n where there is none
+        for axis, name in enumerate("xyz"):
+            first, second = system.connections[body[name]].T
+            following[axis, first] = second
+        corners = np.arange(n)[:, None].repeat(8, axis=1)
+        for k, steps in enumerate(_CORNERS):
+            for axis, step in zip((2, 1, 0), steps, strict=True):
+                if step:
+                    corners[:, k] = following[axis, corners[:, k]]
+        found.append(corners[(corners < n).all(axis=1)])
+    return np.concatenate(found)
+
+
+def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return when whole connections no longer join the eight corners of each cell [s], inf where they do.
+
+    Connections count that lie within the cell. Two corners are joined until the path between them that lasts
+    longest breaks: Floyd and Warshall's scheme for widest paths.
+    """
+    parted_at = np.full(len(cells), np.inf)
+    touched = _at_broken(system)[cells].any(axis=1)
+    first, second = np.triu_indices(8, 1)
+    between = connection_between(system, cells[touched][:, np.stack([first, second], axis=-1)])
+    until = np.full((len(between), 8, 8), np.inf)
+    until[:, first, second] = np.where(between < 0, -np.inf, system.broken_at[between])
+    until[:, second, first] = until[:, first, second]
+    for k in range(8):
+        until = np.maximum(until, np.minimum(until[:, :, k, None], until[:, None, k, :]))
+    parted_at[touched] = until.min(axis=(1, 2))
+    return parted_at
+
+
+def laid_bare(system: System) -> Bare:
+    """Return what is seen of lattice solids that tear as the system's `broken_at` says.
+
+    A cell is there until it parts: see `cells_parted_at`. Then its triangles of the surface go, and the faces that
+    it had in common with others are laid bare.
+    """
+    assert system.surface is not None
+    corners = system.surface.particle[system.surface.triangles].astype(np.int64)
+    cells = cells_of(system)
+    parted_at = cells_parted_at(system, cells)
+    beside = _at_broken(system)  # where triangles have lost edges, or faces are laid bare
+    beside[cells[np.isfinite(parted_at)]] = True
+    near = np.flatnonzero(beside[cells].any(axis=1))
+    faces = cells[near][:, _FACES].reshape(-1, 4)
+    own = parted_at[near].repeat(6)
+
+    # Two cells have a face in common, or the surface has it.
+    order, same = _alike(np.sort(faces, axis=1))
+    other = np.full(len(faces), -np.inf)
+    other[order[:-1][same]], other[order[1:][same]] = own[order[1:][same]], own[order[:-1][same]]
+    outside = np.isneginf(other)
+    bare = ~outside & (other < own)
+    triangles = faces[bare][:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
+
+    # A triangle of the surface has three corners of a face.
+    threes = faces[outside][:, list(itertools.combinations(range(4), 3))].reshape(-1, 3)
+    order, same = _alike(np.sort(np.concatenate([threes, corners]), axis=1))
+    same &= order[:-1] < len(threes)
+    face, triangle = order[:-1][same], order[1:][same] - len(threes)
+    goes_at = np.full(len(corners), np.nan)
+    goes_at[triangle] = own[outside].repeat(4)[face]
+    return Bare(goes_at, triangles.astype(np.int32), other[bare].repeat(2), own[bare].repeat(2))
+
+
+def _at_broken(system: System) -> NDArray[np.bool_]:
+    """Return which particles have a connection that has broken, shape [particle_count]."""
+    found = np.zeros(system.particle_count, dtype=bool)
+    found[system.connections[np.isfinite(system.broken_at)]] = True
+    return found
+
+
+def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return an order that puts equal rows side by side, the earlier first, and where the next is equal."""
+    order = np.lexsort(rows.T)
+    return order, (rows[order[:-1]] == rows[order[1:]]).all(axis=1)

@@ -1,0 +1,330 @@
+"""Work: of what moves particles from outside: what a body has more of, or has turned to heat."""
+
+import importlib
+import math
+
+import numpy as np
+import pytest
+
+from msdwarp import (
+    RK4,
+    Attachment,
+    Box,
+    Capsule,
+    Drive,
+    Force,
+    Leapfrog,
+    Plane,
+    Simulation,
+    SimulationDiverged,
+    Sphere,
+    SymplecticEuler,
+    System,
+    at,
+    box,
+    chain,
+)
+
+
+def options(device, **more):
+    return {"gravity": 0.0, "precision": "float64", "fps": 20.0, "substeps": 40, "device": device, **more}
+
+
+def shake(t):
+    return 0.1 * np.sin(7 * t), 0.05 * t, 0 * t
+
+
+def rope(damping: float = 0.0) -> System:
+    """Return four particles in a line, of 0.5 kg each, on springs of 100 N/m."""
+    return chain(4, 0.5, mass=0.5, stiffness=100.0, damping=damping)
+
+
+def balance(simulation: Simulation) -> tuple[float, float]:
+    """Return energy less work, and work [J]."""
+    found = simulation.measure()
+    return found.energy - found.external_work, found.external_work
+
+
+def drifts(frames: int, make) -> list[float]:
+    """Return by how much energy less work leaves its start, as a share of the most work, at h and h/2."""
+    found = []
+    for substeps in (20, 40):
+        simulation = make(substeps)
+        (start, _), off, most = balance(simulation), 0.0, 0.0
+        for _ in range(frames):
+            simulation.step()
+            now, work = balance(simulation)
+            off, most = max(off, abs(now - start)), max(most, abs(work))
+        found.append(off / most)
+    return found
+
+
+METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (Leapfrog(damper_extrapolation=0.5), 2), (RK4(), 4)]
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+def test_what_a_drive_does_an_undamped_body_has(device, method, order, blocks):
+    # Energy less work is constant, to the order of the method; the first terms beyond it are a few per cent at
+    # hω = 0.03. Of RK4 the loss of energy, of order 5, is as large as its error.
+    def make(substeps: int) -> Simulation:
+        how = options(device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
+        return Simulation(rope(), loads=[Drive([0], shake)], **how)
+
+    coarse, fine = drifts(20, make)
+    assert math.log2(coarse / fine) == pytest.approx(order, abs=0.6 if order == 4 else 0.1)
+    assert fine < {1: 0.01, 2: 1e-4, 4: 1e-9}[order]  # (hω/2)^order and less: hω = 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "order"), [METHODS[1], METHODS[3]], ids=str)
+def test_with_dampers_the_rest_is_heat(device, method, order):
+    # ∫ Σ b l'² dt over the frames by Simpson's rule, whose error at 5 Hz and 200 frames/s is (0.15)⁴/180 of it.
+    # Leapfrog's dampers see speeds of half a substep before: hω/2 of a share of it, ω up to 28/s.
+    how = options(device, gravity=3.0, fps=200.0, substeps=8, integrator=method)
+    simulation = Simulation(rope(damping=2.0), loads=[Drive([0], shake)], **how)
+    (start, _), power = balance(simulation), [simulation.measure().dissipated_power]
+    for _ in range(100):
+        simulation.step()
+        power.append(simulation.measure().dissipated_power)
+    heat = (power[0] + 4 * sum(power[1::2]) + 2 * sum(power[2:-1:2]) + power[-1]) / 600
+    assert heat > 0.02
+    assert start - balance(simulation)[0] == pytest.approx(heat, rel=2e-2 if order == 2 else 1e-5)
+
+
+@pytest.mark.slow
+def test_what_else_pulls_at_the_driven_is_counted_once(plain_device):
+    # A driven particle that is attached to the world and pushed by forces as well: they do no work on the rest.
+    loads = [
+        Drive([0], shake),
+        Force((0.0, 3.0, 0.0), on=[0, 2]),
+        Force(lambda t: (np.sin(9 * t), 0.0, 0.5), on=[0, 3]),
+        Attachment([0, 1], stiffness=30.0),
+    ]
+    simulation = Simulation(rope(), loads=loads, integrator=RK4(), **options(plain_device))
+    start, _ = balance(simulation)
+    simulation.step(20)
+    now, work = balance(simulation)
+    assert abs(work) > 0.1
+    assert now == pytest.approx(start, abs=1e-7 * abs(work))  # of order 4, as above
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+def test_what_carries_attachments_along_does_the_same(device, method, order, blocks):
+    # Beside a point that stands still, along an axis and in all directions, and turning too. How fast a carrier is
+    # at the very start is that of h/100 later: of RK4's work a share that falls with less than its order.
+    def make(substeps: int) -> Simulation:
+        arm = Sphere((0, 0, 1), 0.1, motion=lambda t: (shake(t), (0 * t, 0 * t, 2 * t)))
+        loads = [
+            Attachment([0, 1], (0.3, 0.4, 0.5), carried_by=arm, stiffness=50.0, rest_length="now"),
+            Attachment([1, 3], arm, stiffness=20.0),
+            Attachment([3], stiffness=9.0),
+        ]
+        how = options(device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
+        return Simulation(rope(), loads=loads, **how)
+
+    coarse, fine = drifts(20, make)
+    if order < 4:
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.1)
+    assert fine < {1: 0.01, 2: 1e-4, 4: 1e-8}[order]  # as above
+
+
+def test_with_their_dampers_the_rest_is_heat(device):
+    # b |v − u|² by Simpson's rule, as above.
+    load = Attachment([0], Sphere((0, 0, 1), 0.1, motion=shake), stiffness=50.0, damping=3.0)
+    how = options(device, fps=200.0, substeps=8, integrator=RK4())
+    simulation = Simulation(rope(), loads=[load], **how)
+    (start, _), power = balance(simulation), [simulation.measure().dissipated_power]
+    for _ in range(100):
+        simulation.step()
+        power.append(simulation.measure().dissipated_power)
+    heat = (power[0] + 4 * sum(power[1::2]) + 2 * sum(power[2:-1:2]) + power[-1]) / 600
+    assert heat > 0.02
+    assert start - balance(simulation)[0] == pytest.approx(heat, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_it_goes_on_over_a_change_and_a_restart(plain_device):
+    def make():
+        schedule = [at(0.3, stiffness=120.0), at(0.6, release=[0])]
+        drives = [Drive([0], shake), Drive([3], lambda t: (0 * t, 0 * t, 0.1 * t))]
+        how = options(plain_device, integrator=Leapfrog(), route="gather")
+        return Simulation(rope(), loads=drives, schedule=schedule, **how)
+
+    whole, other = make(), make()
+    whole.step(5)
+    before = whole.measure().external_work
+    assert before != 0.0
+    whole.change(damping=0.1)
+    assert whole.measure().external_work == before
+    whole = make()
+    whole.step(8)
+    other.restore(*whole.checkpoint())
+    for simulation in (whole, other):
+        simulation.step(8)
+    assert other.measure().external_work == whole.measure().external_work != 0.0
+
+
+# Obstacles that move
+
+
+def carried(device, motion, method=None, **more) -> tuple[Simulation, float]:
+    """Return a damped block that lies on a floor which moves, and its mass."""
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.2).translate((0, 0, 0.1))
+    floor = Plane(motion=motion, restitution=0.0, friction=0.5)
+    how = {"gravity": 9.0, "precision": "float64", "substeps": 20, "device": device}
+    return Simulation(body, colliders=[floor], integrator=method or SymplecticEuler(), **(how | more)), 0.27
+
+
+@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
+@pytest.mark.parametrize("method", [one for one, _ in METHODS], ids=str)
+def test_a_floor_that_lifts_does_m_g_z(device, method, blocks):
+    # At u from the start: m u² in the jerk, of which half is heat, and m g u t. Leapfrog's first half kick pushes
+    # the block down before it is caught, and its last one knows of no floor: m u g h/2 each.
+    u, h = 0.5, 1 / 1200
+    simulation, mass = carried(device, lambda t: (0 * t, 0 * t, u * t), method, blocks=blocks)
+    simulation.step(60)
+    found = simulation.measure()
+    assert found.external_work == pytest.approx(mass * (u * u + 9.0 * u), abs=2 * mass * 9.0 * u * h)
+    # What it was at the start, the work, and less the heat of the jerk: the block has swung out.
+    rest, slack = carried(device, None)[0], 3 * mass * 9.0 * u * h
+    rest.step(60)
+    gained = found.energy - rest.measure().energy
+    assert gained == pytest.approx(mass * (u * u / 2 + 9.0 * u), abs=slack)
+
+
+def test_a_wall_that_gathers_speed_does_what_moves_the_block(device):
+    # From rest, and on a smooth floor, so that nothing is lost: m v²/2. The jerk of a = 0.6 m/s² at the start
+    # sends a wave through the block, m (a/ω)²/2 or 1e-4 of that, and its energy is known to h/t, 4e-4.
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.2).translate((0.1, 0, 0.1))
+    wall = Box((-0.1, 0, 0), (0.2, 2, 2), motion=lambda t: (0.3 * t * t, 0 * t, 0 * t), restitution=0.0)
+    floor = Plane(restitution=0.0, friction=0.0)
+    how = {"gravity": 9.0, "precision": "float64", "substeps": 40, "device": device}
+    simulation = Simulation(body, colliders=[floor, wall], **how)
+    simulation.step(60)
+    found = simulation.measure()
+    assert found.external_work == pytest.approx(0.5 * 0.27 * 0.6**2, rel=5e-3)
+
+
+def test_a_turning_bat_does_what_a_ball_gets(device):
+    # A single particle hit by a face that comes at u = ωr leaves at (1 + e) u: the work is m (1 + e) u², more than
+    # m (1 + e)² u²/2, which it then has, by m (1 − e²) u²/2, the heat.
+    rate, e, r, m = 2.0, 0.5, 1.5, 0.3
+    bat = Box(
+        (0, 0, 0),
+        (4, 0.1, 1),
+        motion=lambda t: ((0 * t, 0 * t, 0 * t), (0 * t, 0 * t, rate * t)),
+        restitution=e,
+        friction=0.0,
+    )
+    ball = System(position=[(r, 0.055, 0.0)], mass=m)
+    how = {"gravity": 0.0, "precision": "float64", "fps": 1000.0, "substeps": 10, "device": device}
+    simulation = Simulation(ball, colliders=[bat], **how)
+    simulation.step(10)
+    found, u = simulation.measure(), rate * r
+    # Met after 2 ms, when the face has turned by 4e-3 and its surface moves at ω (r, 0.05): shares of 1e-3.
+    assert found.kinetic_energy == pytest.approx(0.5 * m * (1 + e) ** 2 * u * u, rel=5e-3)
+    assert found.external_work == pytest.approx(m * (1 + e) * u * u, rel=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.parametrize("rule", ["coulomb", "report"])
+def test_no_obstacle_is_a_source_of_energy(plain_device, method, rule):
+    # Thrown by a shaken tray, hit by a fast ball, swept by a thin rod: energy less work only falls. What is put
+    # back on a surface is moved against its springs, by no more than it goes in a substep: a share of first order
+    # in h, less than the 2 % that the pace of automatic substeps lets pass.
+    def shaken(t):
+        return 0.05 * np.sin(20 * t), 0 * t, 0.1 * np.sin(25 * t)
+
+    for colliders in (
+        [Plane(motion=shaken, restitution=0.7, friction=0.3)],
+        [Plane(), Sphere((-1.5, 0, 0.25), 0.3, motion=lambda t: (8 * t, 0 * t, 0 * t), restitution=0.5)],
+        [Plane(), Capsule((-0.6, -1, 0.35), (-0.6, 1, 0.35), 0.02, motion=lambda t: (3 * t, 0 * t, 0 * t))],
+    ):
+        body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
+        how = {"integrator": method, "contact": rule, "substeps": 20, "device": plain_device}
+        simulation = Simulation(body, colliders=colliders, **how)
+        least, most = math.inf, 0.0
+        for _ in range(60):
+            simulation.step()
+            now, work = balance(simulation)
+            least, most = min(least, now), max(most, abs(work))
+            assert now <= least + 0.02 * max(most, 1.0)
+        assert most > 0.1
+
+
+def test_an_older_checkpoint_without_sums_goes_on(plain_device):
+    def make():
+        return carried(plain_device, lambda t: (0 * t, 0 * t, 5 * t))[0]
+
+    whole, other = make(), make()
+    whole.step(20)
+    arrays, numbers = whole.checkpoint()
+    other.restore({name: one for name, one in arrays.items() if not name.startswith("work.")}, numbers)
+    whole.step(20)
+    other.step(20)
+    np.testing.assert_array_equal(other.frame().position, whole.frame().position)
+    assert 0.0 < other.measure().external_work < whole.measure().external_work
+
+
+# The watch
+
+
+def test_a_drive_that_does_much_is_no_divergence(device):
+    # Lifted by fifty times its size with fixed substeps: far more energy than at the start, all of it the drive's.
+    body = box((3, 2, 2), 0.1, mass=0.1, stiffness=200.0, damping=0.5)
+    lift = Drive([0, 1], lambda t: (0 * t, 0 * t, 10 * t**2 / (1 + t)))
+    simulation = Simulation(body, loads=[lift], substeps=20, device=device)
+    start = simulation.measure().energy
+    simulation.step(90)
+    assert simulation.measure().energy > start + 10 * 2 * 1.0 * 9.82 * 0.2
+
+
+def test_neither_is_a_floor_that_lifts(device):
+    # By forty times the size of the block: what it has is compared less the work.
+    simulation, mass = carried(device, lambda t: (0 * t, 0 * t, 10 * t**2 / (1 + t)))
+    simulation.step(90)
+    assert simulation.measure().energy > 10 * mass * 9.0 * 0.2
+
+
+@pytest.mark.parametrize("what", ["drive", "tray", "arm"])
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+def test_what_heats_is_found_though_something_shakes_it(device, method, what):
+    # A step beyond the limit: its energy is far from infinite in the frame in which it is found.
+    body = box((3, 3, 3), 0.1, mass=0.1, stiffness=200.0)
+    around = {
+        "drive": {"loads": [Drive([0, 1, 2], shake)]},
+        "tray": {"colliders": [Plane(offset=-0.2, motion=shake)]},
+        "arm": {"loads": [Attachment([0, 1], Sphere(motion=shake), stiffness=50.0)]},
+    }
+    how = {"integrator": method, "device": device, "gravity": 1.0, "fps": 1.0} | around[what]
+    limit = Simulation(body, safety=1.0, **how)
+    steps = math.floor(limit.substeps / 1.6)  # the bound may be twice the largest rate
+    how |= {"fps": steps / 10, "substeps": 10, "allow_unstable": True}
+    simulation, unwatched = (Simulation(body, energy_limit=most, **how) for most in (10.0, math.inf))
+    with pytest.raises(SimulationDiverged):
+        simulation.step(100)
+    unwatched.step(simulation.frame_index + 1)
+    assert np.isfinite(unwatched.measure().energy)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seconds", "smaller"),
+    [
+        ("jelly", 6.0, {"across": 9}),
+        ("mattress", 3.3, {}),
+        ("walker", 2.0, {}),
+        ("crawl", 2.0, {}),
+        ("bridge", 2.0, {}),
+    ],
+)
+def test_scenes_that_are_driven_hard_raise_no_alarm(plain_device, name, seconds, smaller):
+    # With fixed substeps, a third more than small motions need, as the mattress is pressed to half its height.
+    scene = importlib.import_module(f"msdwarp.scenes.{name}").build(**smaller)
+    few = Simulation.of(scene, device=plain_device).substeps
+    simulation = Simulation.of(scene, device=plain_device, substeps=math.ceil(1.33 * few))
+    simulation.step(round(60 * seconds))
+    assert abs(simulation.measure().external_work) > 0.1
