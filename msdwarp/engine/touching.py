@@ -27,13 +27,15 @@ from ..kernels.touch import (
 )
 from ..world import Load, Touch
 from .effect import Effect
-from .rows import rows
+from .rows import chunks, rows
 
 if TYPE_CHECKING:
     from .model import Model
 
 ROOM = 32
 """Facets that a row has room for at first."""
+ROOM_TO_SPARE = 0.8
+"""Share of it that may be taken."""
 MOST_ROOM = 2**30
 """Numbers in all rows, at most."""
 LEAST_SKIN = 0.25
@@ -162,7 +164,7 @@ class Touching(Effect):
         wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
         owner = surfaces.body[surfaces.corner[:, 0]]
         self._tree = wp.Bvh(self._lower, self._upper)
-        self._chunk = array(_chunks(owner), wp.vec3i)
+        self._chunk = array(chunks(owner, CHUNK), wp.vec3i)
         self._low, self._high = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lh")
         self._box_bodies()
         self._bodies = wp.Bvh(self._low, self._high)
@@ -174,6 +176,9 @@ class Touching(Effect):
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
+        self._find_rows()
+        self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
+        self._flags.zero_()
 
     def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
         """Raise ValueError for bodies that have no stiffness where none is given."""
@@ -242,8 +247,13 @@ class Touching(Effect):
         self._box_bodies()
         self._bodies.refit()
         wp.copy(data.x_found, data.x)
+        self._find_rows()
+
+    def _find_rows(self) -> None:
+        """Launch what lists the facets near each point, by the boxes that there are."""
+        data, device, kernel = self._touch, self._model.device, find_rows(self._model.scalar)
         inputs = [data, self._bodies.id, self._tree.id, self._farthest, self._skin]
-        wp.launch(find_rows(scalar), len(data.share), inputs, [self._flags], device=device)
+        wp.launch(kernel, len(data.share), inputs, [self._flags], device=device)
 
     def _box_bodies(self) -> None:
         """Launch what finds the boxes around bodies."""
@@ -298,14 +308,24 @@ class Touching(Effect):
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)
-        room, points = self._touch.row.shape
-        if longest > room:
-            more = 1 << (int(1.25 * longest) - 1).bit_length()
-            if more * points > MOST_ROOM:
-                raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-            self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
-            self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
+        room = self._touch.row.shape[0]
+        self.is_stale |= self._make_room(longest)
         return not held or longest > room
+
+    def _make_room(self, longest: int) -> bool:
+        """Make room for more than the longest row; tell whether there was not.
+
+        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        """
+        room, points = self._touch.row.shape
+        if longest <= ROOM_TO_SPARE * room:
+            return False
+        more = 1 << (int(longest / ROOM_TO_SPARE) - 1).bit_length()
+        if more * points > MOST_ROOM:
+            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
+        self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
+        self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
+        return True
 
     @property
     def changing(self) -> list[wp.array]:
@@ -374,12 +394,3 @@ def _rules_by_kind(
         a, b = (kinds[:, names.index(name)] for name in one.groups)
         rule[np.outer(a, b) | np.outer(b, a)] = value
     return kind.reshape(-1).astype(np.int32), rule
-
-
-def _chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return pieces of at most CHUNK facets of one body each: its body, the first, and the one behind the last."""
-    begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
-    ends = np.append(begins[1:], len(owner))
-    firsts = np.concatenate([np.arange(a, b, CHUNK) for a, b in zip(begins, ends, strict=True)])
-    lasts = np.minimum(firsts + CHUNK, ends[np.searchsorted(begins, firsts, side="right") - 1])
-    return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
