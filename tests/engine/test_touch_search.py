@@ -17,12 +17,24 @@ def contact_of(simulation: Simulation) -> Touching:
 
 
 def rows_of(simulation: Simulation) -> list[list[int]]:
-    """Return the facets that are listed for each point, after a search."""
+    """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
     effect.search(state.x, state.v, state.lost)
-    rows, lengths = effect._touch.row.numpy(), effect._touch.length.numpy()
+    found = []
+    rows, away, lengths, owner = (
+        getattr(effect._touch, name).numpy() for name in ("row", "away", "length", "owner")
+    )
     assert lengths.max() < len(rows)  # all had room
-    return [rows[:n, p].tolist() for p, n in enumerate(lengths)]
+    for p, n in enumerate(lengths):
+        row, distance = rows[:n, p], away[:n, p]
+        # Body by body, and of each the nearest first: that one is marked by −1 − its distance.
+        assert (np.diff(owner[row]) >= 0).all()
+        first = np.diff(owner[row], prepend=-1) > 0
+        np.testing.assert_array_equal(distance < 0, first)
+        distance = np.where(first, -1 - distance, distance)
+        assert (np.diff(distance)[~first[1:]] >= -EPS32).all()  # the mark rounds it as it does 1 m
+        found.append(sorted(row.tolist()))
+    return found
 
 
 def grains(count: int, size: float) -> System:
@@ -37,10 +49,9 @@ def test_spheres_list_what_a_tree_finds(device, precision):
     found = rows_of(simulation)
     tree = cKDTree(simulation.frame().position)
     around = 0.1 * (1 + touching.LEAST_SKIN)
-    # float32 rounds distances of 0.1 between places up to 1 by 1e-7: what is within 1e-6 of the limit may be either.
+    # float32 rounds distances between places up to 1 by 1e-7: what is within 1e-6 of the limit may be either.
     least, most = (tree.query_ball_point(tree.data, around + by) for by in (-1e-6, 1e-6))
     for p, row in enumerate(found):
-        assert row == sorted(row)
         assert set(least[p]) - {p} <= set(row) <= set(most[p]) - {p}
     assert sum(map(len, found)) > 2000
 
@@ -62,26 +73,29 @@ def crowd() -> System:
     return whole
 
 
-@pytest.mark.parametrize("between", ["bodies", "all"])
-def test_surfaces_list_all_that_is_near(plain_device, between):
+@pytest.mark.parametrize("touch", [Touch(), Touch(between="all", thickness=0.02)], ids=["bodies", "all"])
+def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
+    monkeypatch.setattr(touching, "ROOM", 256)
     system = crowd()
-    simulation = Simulation(
-        system, touch=Touch(between=between), gravity=0.0, device=plain_device, precision="float64"
-    )
+    simulation = Simulation(system, touch=touch, gravity=0.0, device=plain_device, precision="float64")
     simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
     found, effect = rows_of(simulation), contact_of(simulation)
     s, x, start = effect._surfaces, simulation.frame().position, system.position
     now, then = (np.einsum("vk,vkd->vd", s.weight, places[s.particle]) for places in (x, start))
-    points, before = (at[s.ends[:, 0]] * (1 - s.share[:, None]) + at[s.ends[:, 1]] * s.share[:, None] for at in (now, then))
+    points, before = (
+        at[s.ends[:, 0]] * (1 - s.share[:, None]) + at[s.ends[:, 1]] * s.share[:, None] for at in (now, then)
+    )
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
     # What is closed pushes out from as deep as a connection is long, but not past its middle.
     corner = [then[s.body == body] for body in range(len(s.closed))]
     middle = np.array([np.ptp(at, axis=0).min() / 2 for at in corner])
     depth = np.where(s.closed, np.minimum(s.rest_length, middle), 0.0)
-    thickness = s.radius[mine][:, None] + s.radius[other]
     own = mine[:, None] == other
+    thickness = (
+        np.full(own.shape, touch.thickness) if touch.thickness else s.radius[mine][:, None] + s.radius[other]
+    )
     reach = np.where(own, thickness, np.maximum(thickness, depth[other]))
-    skin = touching.LEAST_SKIN * max(2 * s.radius.max(), depth.max())
+    skin = touching.LEAST_SKIN * max(touch.thickness or 2 * s.radius.max(), depth.max())
 
     def distances(points, at):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
@@ -89,9 +103,9 @@ def test_surfaces_list_all_that_is_near(plain_device, between):
 
     near = distances(points, now) < reach + skin
     apart = distances(before, then) > 1.5 * reach  # from the start, as parts of a body must be
-    expected = near & (~own | (apart & (between == "all")))
+    expected = near & (~own | (apart & (touch.between == "all")))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
-    assert (expected & own).any() == (between == "all")
+    assert (expected & own).any() == (touch.between == "all")
 
 
 def scene(device: str, **options) -> Simulation:
@@ -142,13 +156,26 @@ def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypat
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
+def _counted(is_void, found: list):
+    """Return a method that notes what it returns."""
+
+    def counted(self) -> bool:
+        found.append(is_void(self))
+        return found[-1]
+
+    return counted
+
+
 def test_a_frame_whose_lists_overflow_is_repeated(device_that_repeats, monkeypatch):
     expected = ran(scene(device_that_repeats))
     monkeypatch.setattr(touching, "ROOM", 1)
     simulation = scene(device_that_repeats)
-    assert contact_of(simulation)._touch.row.shape[0] == 1
+    room = contact_of(simulation)._touch.row.shape[0]
+    voids = []
+    monkeypatch.setattr(Touching, "is_void", _counted(Touching.is_void, voids))
     np.testing.assert_array_equal(ran(simulation), expected)
-    assert contact_of(simulation)._touch.row.shape[0] > 1
+    assert contact_of(simulation)._touch.row.shape[0] > room
+    assert any(voids)
 
 
 def test_lists_too_long_for_any_room_are_an_error(monkeypatch):
@@ -172,14 +199,24 @@ def test_routes_agree(plain_device, precision):
     for route in ("scatter", "gather", "stencil"):
         with preferring(route):
             found[route] = ran(scene(plain_device, precision=precision), 10)
-    np.testing.assert_array_equal(found["gather"], found["stencil"])
-    # Springs are summed in another order: ε of forces, which 10 frames of contact make 1e4 times as large or so.
-    eps = EPS64 if precision == "float64" else EPS32
-    np.testing.assert_allclose(found["scatter"], found["gather"], rtol=0, atol=1e4 * eps)
+    # Springs are summed in another order: ε of forces, which contacts that begin a substep later, or not, amplify.
+    # Seen in 10 frames: 80 ε of float32, 3e4 ε of float64.
+    tolerance = 3e5 * EPS64 if precision == "float64" else 1e3 * EPS32
+    for route in ("gather", "stencil"):
+        np.testing.assert_allclose(found[route], found["scatter"], rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
-@pytest.mark.parametrize("method", [None, Leapfrog(damper_extrapolation=0.5), RK4()], ids=["euler", "leapfrog", "rk4"])
+@pytest.mark.parametrize(
+    ("method", "precision"),
+    [
+        (None, "float32"),
+        (None, "float32-compensated"),
+        (Leapfrog(), "float32"),
+        (Leapfrog(damper_extrapolation=0.5), "float64"),
+        (RK4(), "float32"),
+    ],
+    ids=["euler", "compensated", "leapfrog", "extrapolated", "rk4"],
+)
 def test_it_goes_on_from_the_middle_of_a_contact(device_that_repeats, method, precision):
     options = {"integrator": method, "precision": precision}
     whole = scene(device_that_repeats, **options)
@@ -195,8 +232,9 @@ def test_it_goes_on_from_the_middle_of_a_contact(device_that_repeats, method, pr
 def test_precisions_agree(device):
     exact = ran(scene(device, precision="float64"), 10)
     for precision in ("float32", "float32-compensated"):
-        # float32 rounds places of 0.5 m to 3e-8, springs of 1000 N/m of 0.02 kg make up to 0.1 m/s² of it.
-        np.testing.assert_allclose(ran(scene(device, precision=precision), 10), exact, rtol=0, atol=2e-3)
+        # Places of 0.5 m are rounded to 3e-8, of which springs of 1000 N/m on 0.02 kg make 2e-3 m/s² in each of 120
+        # substeps of 0.8 ms, 2e-6 m/s each: contacts amplify that. Seen: 2e-5 m/s.
+        np.testing.assert_allclose(ran(scene(device, precision=precision), 10), exact, rtol=0, atol=1e-4)
 
 
 def test_a_frame_that_is_found_bad_is_repeated_with_the_same_history(device_that_repeats):

@@ -30,16 +30,10 @@ def test_restitution_of_a_damped_contact(ratio):
     assert restitution_of(ratio) == pytest.approx(bounce(ratio), abs=1e-8)
 
 
-@pytest.mark.parametrize("restitution", [0.005, 0.05, 0.2, 0.5, 0.9, 0.999, 1.0])
+@pytest.mark.parametrize("restitution", [0.05, 0.2, 0.5, 0.9, 0.999, 1.0])
 def test_a_damping_ratio_gives_its_restitution(restitution):
     # Bisection halves an interval of 10 until float64 has no numbers between: ε of 10, times a slope of at most 2.
     assert restitution_of(Touch(restitution=restitution).damping_ratio) == pytest.approx(restitution, abs=1e-13)
-
-
-def test_no_damping_ratio_is_above_ten():
-    # At ζ = 10 hardly anything bounces, and twice the damping would ask for twice the substeps.
-    assert Touch(restitution=1e-6).damping_ratio == pytest.approx(10.0, rel=1e-12)
-    assert restitution_of(10.0) < 0.0025
 
 
 def test_restitution_falls_with_damping():
@@ -53,8 +47,8 @@ def test_restitution_falls_with_damping():
     [
         ({"friction": -0.1}, "friction is -0.1"),
         ({"friction": np.nan}, "friction is nan"),
-        ({"restitution": 0.0}, "restitution is 0; it must be above 0 and at most 1"),
-        ({"restitution": 1.1}, "restitution is 1.1; it must be above 0 and at most 1"),
+        ({"restitution": 0.04}, "restitution is 0.04"),
+        ({"restitution": 1.1}, "restitution is 1.1"),
         ({"restitution": -1.0}, "restitution is -1"),
         ({"between": "some"}, "between is 'some'; it must be one of 'bodies', 'all', 'none'"),
         ({"thickness": -1e-3}, "thickness is -0.001"),
