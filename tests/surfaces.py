@@ -64,3 +64,22 @@ def cells_of(system: System, spacing: float) -> np.ndarray:
     sought = np.stack([(places + step) @ key for step in steps if not (flat and step[-1])], axis=1)
     found = np.clip(np.searchsorted(known, sought), 0, len(known) - 1)
     return particle[found][(known[found] == sought).all(axis=1)]
+
+
+def nearest_distances(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the distances [n] of points from triangles [n, 3, 3], by the least over their inside and their sides.
+
+    Inside: the foot on the plane, by least squares, where all weights are positive. Sides: the foot on the line,
+    clamped to it. No region of the plane around the triangle is told from another. Triangles may be flat.
+    """
+    best = np.full(len(p), np.inf)
+    for i, j in itertools.combinations(range(3), 2):
+        a, way = corners[:, i], corners[:, j] - corners[:, i]
+        length = (way**2).sum(axis=1)
+        t = np.clip(((p - a) * way).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
+        best = np.minimum(best, np.linalg.norm(p - a - t[:, None] * way, axis=1))
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    to = (p - corners[:, 0])[:, :, None]
+    weights = np.linalg.pinv(edges) @ to
+    inside = (weights[:, 0, 0] > 0) & (weights[:, 1, 0] > 0) & (weights.sum(axis=(1, 2)) < 1)
+    return np.where(inside, np.minimum(best, np.linalg.norm(to - edges @ weights, axis=(1, 2))), best)

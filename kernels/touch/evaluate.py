@@ -131,6 +131,21 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         add_to(data, corner[2], -a_2, -b_2, -c_2)
         add_to(data, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
 
+    @wp.func
+    def next_body(data: Data, p: int, n: int, before: int) -> int:
+        """Return the entry in row p that was nearest of the next body behind `before`; −1 if there is none."""
+        found = int(-1)
+        for e in range(n):
+            whose = data.whose[e, p]
+            if whose > before:
+                if found < 0:
+                    found = e
+                else:
+                    best = data.whose[found, p]
+                    if whose < best or (whose == best and data.away[e, p] < data.away[found, p]):
+                        found = e
+        return found
+
     @kernel
     def touch_points(
         data: Data,
@@ -159,23 +174,20 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
             new_partner_1 = int(-1)
             new_slip_0 = V()
             new_slip_1 = V()
-            r = int(0)
-            while r < n:
-                # The facets of one body: the nearest counts.
+            other = int(-1)
+            r = next_body(data, p, n, other)
+            while r >= 0:
+                # The facets of one body: the nearest counts. The one that was is looked at first.
+                other = data.whose[r, p]
                 facet = data.row[r, p]
-                other = data.owner[facet]
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
                 w = nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
                 away = x - place_on(data, facet, w)
                 best = wp.dot(away, away)
                 near = wp.sqrt(best) + skin[0]
-                e = int(r + 1)
-                while e < n:
-                    found = data.away[e, p]
-                    if found < zero:
-                        break
-                    if almost * found <= near:
+                for e in range(n):
+                    if almost * data.away[e, p] <= near and data.whose[e, p] == other and e != r:
                         f = data.row[e, p]
                         w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
                         away = x - place_on(data, f, w_f)
@@ -184,7 +196,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                             near = wp.sqrt(best) + skin[0]
                             facet = f
                             w = w_f
-                    e += 1
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
                     normal = normal_of(data, facet)
@@ -198,17 +209,17 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                             corner_of(data, facet, 1) - corner_of(data, facet, 0)
                         )
                         near = wp.sqrt(tie) + skin[0]
-                        for k in range(r, e):
-                            found = data.away[k, p]
-                            if almost * wp.max(found, -one - found) <= near:
-                                f = data.row[k, p]
+                        for e in range(n):
+                            if almost * data.away[e, p] <= near and data.whose[e, p] == other:
+                                f = data.row[e, p]
                                 w_f = nearest(
                                     x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2)
                                 )
                                 away = x - place_on(data, f, w_f)
                                 if wp.dot(away, away) <= tie:
                                     seen = wp.dot(away, normal_of(data, f))
-                                    if wp.abs(seen) > wp.abs(side):
+                                    steeper = wp.abs(seen) - wp.abs(side)
+                                    if steeper > zero or (steeper == zero and seen > side):
                                         side = seen
                     gap = wp.sqrt(best)
                     if within and wp.length_sq(normal) > zero:
@@ -281,7 +292,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         elif new_partner_1 < 0:
                             new_partner_1 = other
                             new_slip_1 = slip
-                r = e
+                r = next_body(data, p, n, other)
             if wp.static(not measuring):
                 if h > zero:
                     data.partner[0, p] = new_partner_0

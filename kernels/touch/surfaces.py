@@ -41,8 +41,9 @@ def Surfaces(scalar: type):
         ends: wp.array(dtype=wp.vec2i)  # the two vertices of each, shape [point_count]
         share: wp.array(dtype=scalar)  # that of the second one
         body: wp.array(dtype=int)  # its body
-        row: wp.array2d(dtype=int)  # facets near it, body by body, the nearest first, shape [room, point_count]
-        away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m], −1 − that of each body's first
+        row: wp.array2d(dtype=int)  # facets near it, in any order, shape [room, point_count]
+        whose: wp.array2d(dtype=int)  # the body of each
+        away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m]
         length: wp.array(dtype=int)  # how many
         slip: wp.array2d(
             dtype=V

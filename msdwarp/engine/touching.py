@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 ROOM = 32
 """Facets that a row has room for at first."""
+ROOM_TO_SPARE = 0.8
+"""Share of it that may be taken."""
 MOST_ROOM = 2**30
 """Numbers in all rows, at most."""
 LEAST_SKIN = 0.25
@@ -99,6 +101,7 @@ class Touching(Effect):
         data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
         data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
         data.row = wp.zeros((ROOM, points), dtype=int, device=device)
+        data.whose = wp.zeros((ROOM, points), dtype=int, device=device)
         data.away = wp.zeros((ROOM, points), dtype=scalar, device=device)
         data.length = wp.zeros(points, dtype=int, device=device)
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
@@ -168,10 +171,13 @@ class Touching(Effect):
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         self._unread = wp.zeros_like(self._flags)
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
-        self._sunk = False
-        self._sink()
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
+        self._find_rows()
+        self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
+        self._flags.zero_()
+        self._sunk = False
+        self._sink()
 
     def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
         """Raise ValueError for bodies that have no stiffness where none is given."""
@@ -194,7 +200,7 @@ class Touching(Effect):
         points = np.flatnonzero(stored)
         if not len(points):
             return
-        a, b = data.body.numpy()[points], data.owner.numpy()[data.row.numpy()[0, points]]
+        a, b = data.body.numpy()[points], data.whose.numpy()[0, points]
         kind = data.kind.numpy()
         given = data.given.numpy()[data.rule.numpy()[kind[a], kind[b]]]
         k_a, k_b = surfaces.stiffness[a], surfaces.stiffness[b]
@@ -234,8 +240,13 @@ class Touching(Effect):
         self._box_bodies()
         self._bodies.refit()
         wp.copy(data.x_found, data.x)
+        self._find_rows()
+
+    def _find_rows(self) -> None:
+        """Launch what lists the facets near each point, by the boxes that there are."""
+        data, device, kernel = self._touch, self._model.device, find_rows(self._model.scalar)
         inputs = [data, self._bodies.id, self._tree.id, self._farthest, self._skin]
-        wp.launch(find_rows(scalar), len(data.share), inputs, [self._flags], device=device)
+        wp.launch(kernel, len(data.share), inputs, [self._flags], device=device)
 
     def _box_bodies(self) -> None:
         """Launch what finds the boxes around bodies."""
@@ -290,14 +301,25 @@ class Touching(Effect):
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)
-        room, points = self._touch.row.shape
-        if longest > room:
-            more = 1 << (int(1.25 * longest) - 1).bit_length()
-            if more * points > MOST_ROOM:
-                raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-            self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
-            self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
+        room = self._touch.row.shape[0]
+        self.is_stale |= self._make_room(longest)
         return not held or longest > room
+
+    def _make_room(self, longest: int) -> bool:
+        """Make room for more than the longest row; tell whether there was not.
+
+        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        """
+        room, points = self._touch.row.shape
+        if longest <= ROOM_TO_SPARE * room:
+            return False
+        more = 1 << (int(longest / ROOM_TO_SPARE) - 1).bit_length()
+        if more * points > MOST_ROOM:
+            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
+        self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
+        self._touch.whose = wp.zeros((more, points), dtype=int, device=self._model.device)
+        self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
+        return True
 
     @property
     def changing(self) -> list[wp.array]:

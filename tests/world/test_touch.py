@@ -1,0 +1,99 @@
+"""What is said of bodies that touch: restitution against an integrator of its own, refusals, which rule holds."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from msdwarp import Force, Scene, Simulation, Touch, box, sheet
+from msdwarp.world.touch import restitution_of, with_touch
+
+
+def bounce(ratio: float) -> float:
+    """Return the speed at which a contact x'' + 2 ζ x' + x = 0 lets go that begins at x = 0 and x' = 1."""
+
+    def let_go(t, y):
+        return y[0] + 2 * ratio * y[1]  # the force, which is above 0 while they touch
+
+    let_go.terminal, let_go.direction = True, -1
+    # A heavily damped one creeps out at the slower rate 1 / 2ζ.
+    options = {"events": let_go, "rtol": 1e-11, "atol": 1e-13}
+    end = solve_ivp(lambda t, y: [y[1], -y[0] - 2 * ratio * y[1]], (0, 200 * (1 + ratio)), [0.0, 1.0], **options)
+    return -float(end.y_events[0][0, 1])
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.2, 0.5, 0.7071, 0.9, 0.999, 1.0, 1.001, 1.5, 4.0])
+def test_restitution_of_a_damped_contact(ratio):
+    # solve_ivp errs by 1e-11 of a speed of 1 a step, in some hundred steps; near ζ = 1 the closed form takes the
+    # difference of two numbers that agree to 1e-3, and at 1 is that of 1 + 1e-9: 1e-8 in all.
+    assert restitution_of(ratio) == pytest.approx(bounce(ratio), abs=1e-8)
+
+
+@pytest.mark.parametrize("restitution", [0.05, 0.2, 0.5, 0.9, 0.999, 1.0])
+def test_a_damping_ratio_gives_its_restitution(restitution):
+    # Bisection halves an interval of 10 until float64 has no numbers between: ε of 10, times a slope of at most 2.
+    assert restitution_of(Touch(restitution=restitution).damping_ratio) == pytest.approx(restitution, abs=1e-13)
+
+
+def test_restitution_falls_with_damping():
+    found = [restitution_of(ratio) for ratio in np.linspace(0, 10, 400)]
+    assert found[0] == 1
+    assert all(a > b for a, b in itertools.pairwise(found))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"friction": -0.1}, "friction is -0.1"),
+        ({"friction": np.nan}, "friction is nan"),
+        ({"restitution": 0.04}, "restitution is 0.04"),
+        ({"restitution": 1.1}, "restitution is 1.1"),
+        ({"restitution": -1.0}, "restitution is -1"),
+        ({"between": "some"}, "between is 'some'; it must be one of 'bodies', 'all', 'none'"),
+        ({"thickness": -1e-3}, "thickness is -0.001"),
+        ({"thickness": np.inf}, "thickness is inf"),
+        ({"stiffness": 0.0}, "stiffness is 0"),
+        ({"stiffness": np.nan}, "stiffness is nan"),
+        ({"groups": "die"}, "groups is 'die'; it must be two names of groups"),
+        ({"groups": ("die",)}, "groups is .*; it must be two names"),
+        ({"groups": ("a", "b", "c")}, "groups is .*; it must be two names"),
+        ({"groups": (1, 2)}, "groups is .*; it must be two names"),
+        ({"on": "die"}, "on is 'die'; which bodies are meant is said by groups"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Touch(**arguments)
+
+
+DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("high")
+
+
+@pytest.mark.parametrize(
+    ("system", "touch", "message"),
+    [
+        (DICE, Touch(groups=("low", "hihg")), "name in groups is 'hihg'; it must be one of 'low', 'high'"),
+        (sheet((3, 3), dim=2), Touch(), "touch is asked for in 2 dimensions; bodies touch in three only"),
+        (DICE, "all", "touch"),
+        (DICE, [Touch(), 0.5], "touch"),
+    ],
+    ids=["a name", "flat", "a word", "a number"],
+)
+def test_what_cannot_touch_is_refused(system, touch, message):
+    for refusing in (
+        lambda: Scene(system=system, touch=touch),
+        lambda: Simulation(system, touch=touch, device="cpu"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refusing()
+
+
+def test_a_scene_hands_on_how_its_bodies_touch():
+    touch, force = Touch(friction=0.2), Force((0, 0, 1))
+    scene = Scene(system=DICE, loads=[force], touch=touch)
+    assert list(scene.loads) == [force, touch]
+    # What is said anew takes the place of what was said before.
+    again = Touch(groups=("low", "high"), friction=0.1), Touch(groups=("low", "low"))
+    assert with_touch(scene.loads, again) == (force, *again)
+    assert with_touch(scene.loads, None) == (force,)
