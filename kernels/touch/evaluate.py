@@ -20,7 +20,7 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .nearest import nearest_on_triangle
-from .pairs import pairs
+from .pairs import bodies_in_rows, pairs
 from .surfaces import DEEPEST, MOVED, Surfaces
 
 TANGENTIAL = 2.0 / 7.0
@@ -77,6 +77,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
     nearest = nearest_on_triangle(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
+    next_body = bodies_in_rows(scalar)
     zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
@@ -130,21 +131,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         add_to(data, corner[1], -a_1, -b_1, -c_1)
         add_to(data, corner[2], -a_2, -b_2, -c_2)
         add_to(data, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
-
-    @wp.func
-    def next_body(data: Data, p: int, n: int, before: int) -> int:
-        """Return the entry in row p that was nearest of the next body behind `before`; −1 if there is none."""
-        found = int(-1)
-        for e in range(n):
-            whose = data.whose[e, p]
-            if whose > before:
-                if found < 0:
-                    found = e
-                else:
-                    best = data.whose[found, p]
-                    if whose < best or (whose == best and data.away[e, p] < data.away[found, p]):
-                        found = e
-        return found
 
     @kernel
     def touch_points(

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from .nearest import nearest_on_triangle
-from .pairs import pairs
+from .pairs import bodies_in_rows, pairs
 from .surfaces import HISTORY, LONGEST_ROW, Surfaces
 
 
@@ -70,12 +70,13 @@ def box_bodies():
 def find_rows(scalar: type):
     """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
 
-    With each stands how far off it is: who looks for the nearest later need not look at those that cannot have
-    come that near. What is left in and never touched changes nothing: neither the skin nor the order in which
-    facets are found does.
+    Of each body those stay that may come to be the nearest meanwhile. With each stands how far off it is, so that
+    later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor the
+    order in which facets are found does.
     """
     Data = Surfaces(scalar)
     nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
+    next_body = bodies_in_rows(scalar)
 
     @wp.func
     def box_around(x: vector(3, scalar), around: scalar):
@@ -133,7 +134,25 @@ def find_rows(scalar: type):
                                 data.whose[count, p] = other
                                 data.away[count, p] = away
                             count += 1
-        data.length[p] = wp.min(count, room)
+        # Who is nearest of a body now stays so, but for those that are no further by twice what skins allow.
+        listed = wp.min(count, room)
+        other = int(-1)
+        r = next_body(data, p, listed, other)
+        while r >= 0:
+            other = data.whose[r, p]
+            limit = scalar(1.01) * (data.away[r, p] + scalar(2.0) * skin[0])
+            for e in range(listed):
+                if data.whose[e, p] == other and data.away[e, p] > limit:
+                    data.whose[e, p] = -1
+            r = next_body(data, p, listed, other)
+        kept = int(0)
+        for e in range(listed):
+            if data.whose[e, p] >= 0:
+                data.row[kept, p] = data.row[e, p]
+                data.whose[kept, p] = data.whose[e, p]
+                data.away[kept, p] = data.away[e, p]
+                kept += 1
+        data.length[p] = kept
         if count == 0:
             for k in range(wp.static(HISTORY)):
                 data.partner[k, p] = -1

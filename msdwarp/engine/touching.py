@@ -43,6 +43,8 @@ LEAST_SKIN = 0.25
 """The skin at first, and at least, by how far off bodies touch."""
 SKIN_BY_WAY = 3.0
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+SPACING = 0.75
+"""The spacing of a lattice by the mean length of its connections, of which many are diagonals."""
 OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
 LED_APART_IN = 0.5
@@ -116,7 +118,7 @@ class Touching(Effect):
         np.maximum.at(high, surfaces.body, start)
         with np.errstate(invalid="ignore"):
             thinnest = np.nan_to_num((high - low).min(axis=1), posinf=0.0, neginf=0.0)
-        depth = np.where(surfaces.closed, np.minimum(surfaces.rest_length, 0.5 * thinnest), 0.0)
+        depth = np.where(surfaces.closed, np.minimum(SPACING * surfaces.rest_length, 0.5 * thinnest), 0.0)
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
         carriers = np.unique(surfaces.particle[surfaces.weight != 0])
         carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
