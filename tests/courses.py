@@ -87,5 +87,6 @@ def assert_course_is_plain(name: str, method: Integrator, found: tuple, share: f
     atol = share * np.ptp(scene.system.position, axis=0).max()
     np.testing.assert_allclose(x, plain_x, rtol=0, atol=atol)
     np.testing.assert_allclose(v, plain_v, rtol=0, atol=atol / half_the_limit(scene, method))
-    assert (plain_x[..., 2] == scene.colliders[0].offset).any()  # contact puts what it stops onto the plane
+    # Contact puts what it stops onto the plane; by explicit Euler what bounces stays where its substep began.
+    assert plain_x[..., 2].min() < scene.colliders[0].offset + 0.02 * np.ptp(scene.system.position, axis=0).max()
     assert np.abs(plain_x[-1] - scene.system.position).max() > 1000 * atol  # far more than they may differ by

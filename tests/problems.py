@@ -146,12 +146,14 @@ def symplectic_euler_loop(
     for _ in range(steps):
         v_old = v
         v = v + h * acceleration(system, x, v, gravity)
+        x_before = x
         x = x + h * v
         if floor is not None:
             for n in np.flatnonzero((x[:, -1] < floor) & (v[:, -1] < 0)):
                 bounces = v_old[n, -1] < -rest_speed
                 v[n, -1] = -restitution * v_old[n, -1] if bounces else 0.0
-                x[n, -1] = floor
+                # What bounces goes on from where the substep began.
+                x[n, -1] = max(floor, x_before[n, -1] + h * v[n, -1]) if bounces and restitution else floor
     return x, v
 
 

@@ -32,7 +32,7 @@ def on_surface(collider: Collider, dim: int, rng: np.random.Generator) -> np.nda
 
 
 SOLIDS = {
-    1: [Plane((-1.0,), offset=0.2), Sphere((0.1,), 0.4), Box((-0.2,), (0.7,))],
+    1: [Plane((-1.0,), offset=0.2), Sphere((0.1,), 0.4), Box((-0.7,), (0.5,))],
     2: [
         Plane((3.0, 4.0), offset=0.2),
         Sphere((0.1, -0.2), 0.4),

@@ -1,0 +1,13 @@
+"""Scenes that come with msdwarp, as tests play them."""
+
+import importlib
+
+import msdwarp as msd
+
+
+def build(name, **parameters):
+    return importlib.import_module(f"msdwarp.scenes.{name}").build(**parameters)
+
+
+def simulate(scene, duration, **options):
+    return list(msd.Simulation.of(scene, **{"device": "cpu", **options}).frames(duration))
