@@ -232,8 +232,8 @@ def test_it_goes_on_from_the_middle_of_a_contact(device_that_repeats, method, pr
 def test_precisions_agree(device):
     exact = ran(scene(device, precision="float64"), 10)
     for precision in ("float32", "float32-compensated"):
-        # Places of 0.5 m are rounded to 3e-8, of which springs of 1000 N/m on 0.02 kg make 2e-3 m/s² in each of 120
-        # substeps of 0.8 ms, 2e-6 m/s each: contacts amplify that. Seen: 2e-5 m/s.
+        # Places of 0.5 m are rounded to 3e-8, of which springs of 1000 N/m on 0.02 kg make 2e-3 m/s² in each of
+        # 120 substeps of 0.8 ms, 2e-6 m/s each: contacts amplify that. Seen: 2e-5 m/s.
         np.testing.assert_allclose(ran(scene(device, precision=precision), 10), exact, rtol=0, atol=1e-4)
 
 
