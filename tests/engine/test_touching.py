@@ -59,8 +59,8 @@ def bounced(restitution: float, finer: int, **options) -> np.ndarray:
     ],
 )
 def test_two_particles_bounce_as_asked(plain_device, restitution, method):
-    # By when in a substep a contact begins restitution comes out up to 2.5 % too high at the automatic step h (seen
-    # at e = 0.2: 2.5, 1.1 and 0.5 % at h, h/2 and h/4). The mean of all moments is within 2 % at every step.
+    # By when in a substep a contact begins restitution comes out up to 2.5 % too high at the automatic step h
+    # (seen at e = 0.2: 2.5, 1.1 and 0.5 % at h, h/2 and h/4). The mean of all moments is within 2 % at every step.
     for finer, most in ((1, 0.028), (2, 0.0125), (4, 0.007)):
         found = bounced(restitution, finer, device=plain_device, integrator=method) / restitution - 1
         assert np.abs(found).max() < most
@@ -192,8 +192,8 @@ def test_momentum_over_many_substeps(plain_device, friction):
 )
 def test_undamped_bodies_keep_their_energy(plain_device, method, most, less):
     # Euler's energy swings by a share h ω/2 of what springs hold: first order, seen 1.0 % and 0.23 % at a quarter
-    # of the step. The others err by where forces have kinks or jump, which is where contacts begin and end, and where
-    # another facet comes to be the nearest: irregularly, seen 0.10 % and 0.05 %, 0.12 % and 0.02 %.
+    # of the step. The others err by where forces have kinks or jump, which is where contacts begin and end, and
+    # where another facet comes to be the nearest: irregularly, seen 0.10 % and 0.05 %, 0.12 % and 0.02 %.
     options = {"gravity": 0.0, "device": plain_device, "precision": "float64", "integrator": method}
     worst = []
     for substeps in (60, 240):
