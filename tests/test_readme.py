@@ -41,6 +41,15 @@ def test_the_example_of_loads_runs(capsys):
     assert names["positions"].shape == (120, 3)
 
 
+def test_the_example_of_contact_rests(capsys):
+    (example,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs/contact.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    exec(compile(example, "contact.md", "exec"), {})
+    height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])
+    assert abs(height - 0.2) < 0.005  # m: within 5 % of the spacing of where both are drawn to touch
+
+
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
 def test_every_link_of_the_docs_leads_somewhere(page):
     links = re.findall(r"\]\(([^)h#][^)#]*)", page.read_text(encoding="utf-8"))

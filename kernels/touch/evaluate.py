@@ -20,7 +20,7 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .nearest import nearest_on_triangle
-from .pairs import pairs
+from .pairs import bodies_in_rows, pairs
 from .surfaces import DEEPEST, MOVED, Surfaces
 
 TANGENTIAL = 2.0 / 7.0
@@ -58,21 +58,26 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def touch(scalar: type):
-    """Compose the kernel, over points, that adds up the forces of their contacts."""
-    return _each_point(scalar, False)
+def touch(scalar: type, sunk: bool):
+    """Compose the kernel, over points, that adds up the forces of their contacts.
+
+    Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
+    shrinks to nothing: they are led apart, not thrown.
+    """
+    return _each_point(scalar, sunk, False)
 
 
 @functools.cache
-def energy_of_touch(scalar: type):
+def energy_of_touch(scalar: type, sunk: bool):
     """Compose the kernel, over points, of what their contacts store [J] and turn to heat [W]."""
-    return _each_point(scalar, True)
+    return _each_point(scalar, sunk, True)
 
 
-def _each_point(scalar: type, measuring: bool):
+def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
     nearest = nearest_on_triangle(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
+    next_body = bodies_in_rows(scalar)
     zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
@@ -155,23 +160,20 @@ def _each_point(scalar: type, measuring: bool):
             new_partner_1 = int(-1)
             new_slip_0 = V()
             new_slip_1 = V()
-            r = int(0)
-            while r < n:
-                # The facets of one body: the nearest counts.
+            other = int(-1)
+            r = next_body(data, p, n, other)
+            while r >= 0:
+                # The facets of one body: the nearest counts. The one that was is looked at first.
+                other = data.whose[r, p]
                 facet = data.row[r, p]
-                other = data.owner[facet]
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
                 w = nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
                 away = x - place_on(data, facet, w)
                 best = wp.dot(away, away)
                 near = wp.sqrt(best) + skin[0]
-                e = int(r + 1)
-                while e < n:
-                    found = data.away[e, p]
-                    if found < zero:
-                        break
-                    if almost * found <= near:
+                for e in range(n):
+                    if almost * data.away[e, p] <= near and data.whose[e, p] == other and e != r:
                         f = data.row[e, p]
                         w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
                         away = x - place_on(data, f, w_f)
@@ -180,7 +182,6 @@ def _each_point(scalar: type, measuring: bool):
                             near = wp.sqrt(best) + skin[0]
                             facet = f
                             w = w_f
-                    e += 1
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
                     normal = normal_of(data, facet)
@@ -194,17 +195,17 @@ def _each_point(scalar: type, measuring: bool):
                             corner_of(data, facet, 1) - corner_of(data, facet, 0)
                         )
                         near = wp.sqrt(tie) + skin[0]
-                        for k in range(r, e):
-                            found = data.away[k, p]
-                            if almost * wp.max(found, -one - found) <= near:
-                                f = data.row[k, p]
+                        for e in range(n):
+                            if almost * data.away[e, p] <= near and data.whose[e, p] == other:
+                                f = data.row[e, p]
                                 w_f = nearest(
                                     x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2)
                                 )
                                 away = x - place_on(data, f, w_f)
                                 if wp.dot(away, away) <= tie:
                                     seen = wp.dot(away, normal_of(data, f))
-                                    if wp.abs(seen) > wp.abs(side):
+                                    steeper = wp.abs(seen) - wp.abs(side)
+                                    if steeper > zero or (steeper == zero and seen > side):
                                         side = seen
                     gap = wp.sqrt(best)
                     if within and wp.length_sq(normal) > zero:
@@ -217,6 +218,8 @@ def _each_point(scalar: type, measuring: bool):
                         gap = -gap
                         normal = -normal
                     overlap = thickness - gap
+                    if wp.static(sunk):
+                        overlap = overlap - data.allowed[p]
                     mobility = own
                     for k in range(3):
                         mobility += w[k] * w[k] * data.mobility[data.corner[facet][k]]
@@ -264,6 +267,9 @@ def _each_point(scalar: type, measuring: bool):
                             power += wp.float64(lost)
                         else:
                             exert(data, ends, s, facet, w, f_n * normal + f_t, unit)
+                            if wp.static(sunk):
+                                led = wp.min(data.allowed[p], h * data.outwards)
+                                data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
                             if float(overlap) > flags[wp.static(DEEPEST)]:
                                 wp.atomic_max(flags, wp.static(DEEPEST), float(overlap))
                         if new_partner_0 < 0:
@@ -272,13 +278,15 @@ def _each_point(scalar: type, measuring: bool):
                         elif new_partner_1 < 0:
                             new_partner_1 = other
                             new_slip_1 = slip
-                r = e
+                r = next_body(data, p, n, other)
             if wp.static(not measuring):
                 if h > zero:
                     data.partner[0, p] = new_partner_0
                     data.partner[1, p] = new_partner_1
                     data.slip[0, p] = new_slip_0
                     data.slip[1, p] = new_slip_1
+        if wp.static(sunk and not measuring):
+            data.allowed[p] = wp.max(zero, data.allowed[p] - h * data.outwards)
         if wp.static(measuring):
             stored[p] = energy
             heated[p] = power

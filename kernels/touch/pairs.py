@@ -51,3 +51,26 @@ def pairs(scalar: type):
         return data.density[mine] * k
 
     return find_rule, thickness_of, reach_of, stiffness_of
+
+
+@functools.cache
+def bodies_in_rows(scalar: type):
+    """Compose (data, p, n, before) -> the nearest entry of the next body in row p of n entries."""
+    Data = Surfaces(scalar)
+
+    @wp.func
+    def next_body(data: Data, p: int, n: int, before: int) -> int:
+        """Return the entry in row p that was nearest of the next body behind `before`; −1 if there is none."""
+        found = int(-1)
+        for e in range(n):
+            whose = data.whose[e, p]
+            if whose > before:
+                if found < 0:
+                    found = e
+                else:
+                    best = data.whose[found, p]
+                    if whose < best or (whose == best and data.away[e, p] < data.away[found, p]):
+                        found = e
+        return found
+
+    return next_body

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from .nearest import nearest_on_triangle
-from .pairs import pairs
+from .pairs import bodies_in_rows, pairs
 from .surfaces import HISTORY, LONGEST_ROW, Surfaces
 
 
@@ -70,12 +70,13 @@ def box_bodies():
 def find_rows(scalar: type):
     """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
 
-    In a row the facets of one body stand side by side, the nearest first: who looks for the nearest later need not
-    look at those that cannot have come that near. What is left in and never touched changes nothing: neither the
-    skin nor the order in which facets are found does.
+    Of each body those stay that may come to be the nearest meanwhile. With each stands how far off it is, so that
+    later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor the
+    order in which facets are found does.
     """
     Data = Surfaces(scalar)
     nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
+    next_body = bodies_in_rows(scalar)
 
     @wp.func
     def box_around(x: vector(3, scalar), around: scalar):
@@ -84,12 +85,6 @@ def find_rows(scalar: type):
         reach += wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + reach)
         corner = wp.vec3(reach, reach, reach)
         return wp.vec3(x) - corner, wp.vec3(x) + corner
-
-    @wp.func
-    def is_behind(data: Data, k: int, p: int, other: int, away: scalar) -> bool:
-        """Tell whether entry k of a row belongs behind a facet of body `other` that is so far off."""
-        owner = data.owner[data.row[k, p]]
-        return owner > other or (owner == other and data.away[k, p] > away)
 
     @kernel
     def find(
@@ -135,21 +130,29 @@ def find_rows(scalar: type):
                             may = wp.length(start - q) > scalar(1.5) * reach
                         if may:
                             if count < room:
-                                place = count
-                                while place > 0 and is_behind(data, wp.max(place - 1, 0), p, other, away):
-                                    data.row[place, p] = data.row[place - 1, p]
-                                    data.away[place, p] = data.away[place - 1, p]
-                                    place -= 1
-                                data.row[place, p] = facet
-                                data.away[place, p] = away
+                                data.row[count, p] = facet
+                                data.whose[count, p] = other
+                                data.away[count, p] = away
                             count += 1
-        before = int(-1)
-        for k in range(wp.min(count, room)):
-            other = data.owner[data.row[k, p]]
-            if other != before:
-                data.away[k, p] = scalar(-1.0) - data.away[k, p]
-            before = other
-        data.length[p] = wp.min(count, room)
+        # Who is nearest of a body now stays so, but for those that are no further by twice what skins allow.
+        listed = wp.min(count, room)
+        other = int(-1)
+        r = next_body(data, p, listed, other)
+        while r >= 0:
+            other = data.whose[r, p]
+            limit = scalar(1.01) * (data.away[r, p] + scalar(2.0) * skin[0])
+            for e in range(listed):
+                if data.whose[e, p] == other and data.away[e, p] > limit:
+                    data.whose[e, p] = -1
+            r = next_body(data, p, listed, other)
+        kept = int(0)
+        for e in range(listed):
+            if data.whose[e, p] >= 0:
+                data.row[kept, p] = data.row[e, p]
+                data.whose[kept, p] = data.whose[e, p]
+                data.away[kept, p] = data.away[e, p]
+                kept += 1
+        data.length[p] = kept
         if count == 0:
             for k in range(wp.static(HISTORY)):
                 data.partner[k, p] = -1

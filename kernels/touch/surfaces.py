@@ -41,13 +41,17 @@ def Surfaces(scalar: type):
         ends: wp.array(dtype=wp.vec2i)  # the two vertices of each, shape [point_count]
         share: wp.array(dtype=scalar)  # that of the second one
         body: wp.array(dtype=int)  # its body
-        row: wp.array2d(dtype=int)  # facets near it, body by body, the nearest first, shape [room, point_count]
-        away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m], −1 − that of each body's first
+        row: wp.array2d(dtype=int)  # facets near it, in any order, shape [room, point_count]
+        whose: wp.array2d(dtype=int)  # the body of each
+        away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m]
         length: wp.array(dtype=int)  # how many
         slip: wp.array2d(
             dtype=V
         )  # how far it has been moved along what it sticks to [m], shape [HISTORY, point_count]
         partner: wp.array2d(dtype=int)  # which body that is, −1: none
+        allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]
+        outwards: scalar  # how fast that shrinks [m/s]
+        done: wp.array(dtype=wp.float64)  # the work of what shrinks it [J]
         # Facets:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each, shape [facet_count]
         owner: wp.array(dtype=int)  # its body

@@ -22,12 +22,3 @@ def rows(particle: NDArray[np.integer], count: int) -> tuple[NDArray[np.int64], 
     """
     first = np.append(0, np.cumsum(np.bincount(particle, minlength=count)))
     return np.argsort(particle, kind="stable"), first
-
-
-def chunks(owner: NDArray[np.int32], most: int) -> NDArray[np.int32]:
-    """Return pieces of at most so many rows of one owner each: the owner, the first, the one behind the last."""
-    begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
-    ends = np.append(begins[1:], len(owner))
-    firsts = np.concatenate([np.arange(a, b, most) for a, b in zip(begins, ends, strict=True)])
-    lasts = np.minimum(firsts + most, ends[np.searchsorted(begins, firsts, side="right") - 1])
-    return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)

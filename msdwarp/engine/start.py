@@ -14,6 +14,7 @@ from .depths import start_depths, touching
 from .driving import Driving
 from .model import Model
 from .state import State
+from .touching import Touching
 
 COARSE = 1e-3
 """Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
@@ -41,7 +42,8 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside."""
     inside = start_inside(model.system, colliders, model.driven)
     displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
-    for doubt in (inside, start_far(model), *displaced):
+    overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching)]
+    for doubt in (inside, start_far(model), *displaced, *overlapping):
         if doubt:
             warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)
     return inside

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..bodies import TouchingSurfaces, touching_surfaces
+from ..bodies import touching_surfaces
 from ..kernels.compensation import compensation
 from ..kernels.touch import (
     DEEPEST,
@@ -27,7 +27,8 @@ from ..kernels.touch import (
 )
 from ..world import Load, Touch
 from .effect import Effect
-from .rows import chunks, rows
+from .rows import rows
+from .touch_tables import chunks, contact_blocks, rules_by_kind
 
 if TYPE_CHECKING:
     from .model import Model
@@ -42,26 +43,22 @@ LEAST_SKIN = 0.25
 """The skin at first, and at least, by how far off bodies touch."""
 SKIN_BY_WAY = 3.0
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+SPACING = 0.75
+"""The spacing of a lattice by the mean length of its connections, of which many are diagonals."""
+OVERLAP = 0.01
+"""By so much of their spacing bodies may overlap at the start before something is said."""
+LED_APART_IN = 0.5
+"""What overlaps at the start is led apart within this time [s]."""
 FARTHEST_WAY = 16.0
 """What has moved further between two searches, by how far off bodies touch, is flying apart."""
 PATIENCE = 5
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 80
 """That doubles when it was too early, up to this."""
-CHUNK = 64
-"""Facets that a thread boxes together."""
 MOST_BETWEEN = 32
 """Substeps from one search to the next, at most."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
-CONTACTS_OF_A_SPHERE = 24.0
-"""With how many others a sphere is taken to be in contact at a time, in the bound of the rates.
-
-About 6 would do for stability. With twice the substeps that these ask for, the restitution of a pair is within 2 %
-of what was asked for.
-"""
-EDGE_FACTOR = 2.0
-"""Mass that a point on an edge may stand for, by that of a vertex."""
 
 
 def touching(model: "Model", loads: Sequence[Load]) -> Effect | None:
@@ -84,7 +81,7 @@ class Touching(Effect):
         self._model, self._rules, self._dt = model, rules, 0.0
         surfaces = self._surfaces = touching_surfaces(model.system)
         scalar, device, dtype = model.scalar, model.device, model.dtype
-        kind, rule = _rules_by_kind(model, surfaces, rules)
+        kind, rule = rules_by_kind(model, surfaces, rules)
         self._check_stiffness(kind, rule)
 
         def array(values: Any, kind: Any) -> wp.array:
@@ -106,9 +103,11 @@ class Touching(Effect):
         data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
         data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
         data.row = wp.zeros((ROOM, points), dtype=int, device=device)
+        data.whose = wp.zeros((ROOM, points), dtype=int, device=device)
         data.away = wp.zeros((ROOM, points), dtype=scalar, device=device)
         data.length = wp.zeros(points, dtype=int, device=device)
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
+        data.allowed = wp.zeros(points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
         data.corner = array(surfaces.corner, wp.vec3i)
         data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
@@ -119,7 +118,7 @@ class Touching(Effect):
         np.maximum.at(high, surfaces.body, start)
         with np.errstate(invalid="ignore"):
             thinnest = np.nan_to_num((high - low).min(axis=1), posinf=0.0, neginf=0.0)
-        depth = np.where(surfaces.closed, np.minimum(surfaces.rest_length, 0.5 * thinnest), 0.0)
+        depth = np.where(surfaces.closed, np.minimum(SPACING * surfaces.rest_length, 0.5 * thinnest), 0.0)
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
         carriers = np.unique(surfaces.particle[surfaces.weight != 0])
         carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -145,7 +144,7 @@ class Touching(Effect):
         own = 2.0 * float(surfaces.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0
         self._farthest = max(own, float(depth.max(initial=0.0)), *given, 0.0)
         self._least_skin = LEAST_SKIN * self._farthest
-        self._blocks = self._bounds(kind, rule, density)
+        self._blocks = contact_blocks(model, surfaces, rules, kind, rule, density)
 
         self.piece = touching_piece(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
@@ -164,7 +163,7 @@ class Touching(Effect):
         wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
         owner = surfaces.body[surfaces.corner[:, 0]]
         self._tree = wp.Bvh(self._lower, self._upper)
-        self._chunk = array(chunks(owner, CHUNK), wp.vec3i)
+        self._chunk = array(chunks(owner), wp.vec3i)
         self._low, self._high = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lh")
         self._box_bodies()
         self._bodies = wp.Bvh(self._low, self._high)
@@ -179,6 +178,8 @@ class Touching(Effect):
         self._find_rows()
         self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
         self._flags.zero_()
+        self._sunk = False
+        self._sink()
 
     def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
         """Raise ValueError for bodies that have no stiffness where none is given."""
@@ -191,48 +192,42 @@ class Touching(Effect):
                     "to take it from; it must be a number [N/m]"
                 )
 
-    def _bounds(self, kind: NDArray, rule: NDArray, density: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m] of each particle, as numbers."""
-        surfaces, model = self._surfaces, self._model
-        bodies = len(surfaces.closed)
-        own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, 1e-30)
-        stiff, reaction, ratio = (np.zeros(bodies) for _ in range(3))
-        # Bodies of the same kind that are alike count once.
-        table = np.stack([kind, own, spacing, surfaces.closed], axis=1)
-        alike, number = np.unique(table, axis=0, return_inverse=True)
-        number = number.reshape(-1)
-        for a, (kind_a, k_a, s_a, _) in enumerate(alike):
-            most = opposite = zeta = 0.0
-            for kind_b, k_b, s_b, _ in alike:
-                which = rule[int(kind_a), int(kind_b)]
-                if which < 0:
-                    continue
-                one = self._rules[which]
-                k = one.stiffness if one.stiffness is not None else 2 * k_a * k_b / (k_a + k_b)
-                most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / s_b) ** 2))
-                zeta = max(zeta, 2**0.5 * one.damping_ratio)
-            mine = number == a
-            stiff[mine], reaction[mine], ratio[mine] = most, opposite, zeta
-        body, ends, share = surfaces.body, surfaces.ends, surfaces.share
-        vertices = len(surfaces.particle)
-        weights = np.zeros(vertices)
-        np.add.at(weights, ends[:, 0], 1 - share)
-        np.add.at(weights, ends[:, 1], share)
-        bare = np.bincount(body[surfaces.corner[:, 0]], minlength=bodies) > 0
-        bare &= ~surfaces.closed & (surfaces.radius > 0.2 * spacing)
-        contacts = np.where(bare | (surfaces.spacing == 0), CONTACTS_OF_A_SPHERE, 1.0)
-        each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
-        mass = np.where(np.isfinite(model.mass), model.mass, 0.0)
-        mass = np.broadcast_to(mass, model.particle_count)
-        heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
-        k_point = np.maximum(stiff, reaction)[body]
-        damped = (
-            contacts[body] * ratio[body] * density[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
+    def _sink(self) -> None:
+        """Find out which points start inside other bodies, and let them stay there for a moment."""
+        model, data, surfaces = self._model, self._touch, self._surfaces
+        x = model.vectors()
+        x.assign(model.system.position.astype(model.dtype))
+        self._sunk, self._overlapping = False, None
+        stored = self._stored_and_heated(x, model.vectors())[0].numpy()
+        points = np.flatnonzero(stored)
+        if not len(points):
+            return
+        a, b = data.body.numpy()[points], data.whose.numpy()[0, points]
+        kind = data.kind.numpy()
+        given = data.given.numpy()[data.rule.numpy()[kind[a], kind[b]]]
+        k_a, k_b = surfaces.stiffness[a], surfaces.stiffness[b]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            k = np.where(given < 0, 2 * k_a * k_b / (k_a + k_b), given) * data.density.numpy()[a]
+        deep = np.sqrt(2 * stored[points] / k)
+        p = int(np.argmax(deep))
+        if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
+            return
+        allowed = np.zeros(len(stored))
+        allowed[points] = deep
+        data.allowed.assign(allowed.astype(model.dtype))
+        self._sunk, data.outwards = True, float(deep[p]) / LED_APART_IN
+        self.done = data.done = wp.zeros(len(stored), dtype=wp.float64, device=model.device)
+        particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in (a[p], b[p])]
+        self._overlapping = (
+            f"the body of particle {particles[0]} starts {deep[p]:.3g} m inside that of particle {particles[1]} "
+            f"({len(points)} points of surfaces start inside other bodies): they are led apart within "
+            f"{LED_APART_IN} s, as far as they are no deeper than a spacing; move them apart, or have them ignore "
+            "each other by Touch(groups=..., between='none')"
         )
-        stiffness, damping = np.zeros(model.particle_count), np.zeros(model.particle_count)
-        for total, values in ((stiffness, each), (damping, damped)):
-            np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
-        return stiffness, damping
+
+    def overlapping(self) -> str | None:
+        """Return words about the bodies that overlap most at the start; None where none do but by touching."""
+        return self._overlapping
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""
@@ -278,7 +273,7 @@ class Touching(Effect):
         inputs = [data, self._dt if begins else 0.0, self._dt if self.steps.lagging else 0.0, self.data.unit]
         inputs += [self._skin]
         outputs = [self._flags, self._nowhere, self._nowhere]
-        wp.launch(touch(model.scalar), len(data.share), inputs, outputs, device=model.device)
+        wp.launch(touch(model.scalar, self._sunk), len(data.share), inputs, outputs, device=model.device)
 
     def look(self) -> None:
         """Launch what tells whether lists held."""
@@ -324,25 +319,29 @@ class Touching(Effect):
         if more * points > MOST_ROOM:
             raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
         self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
+        self._touch.whose = wp.zeros((more, points), dtype=int, device=self._model.device)
         self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
         return True
 
     @property
     def changing(self) -> list[wp.array]:
         """How points stick."""
-        return [self._touch.slip, self._touch.partner]
+        return [self._touch.slip, self._touch.partner, self._touch.allowed]
 
     def checkpoint(self) -> dict[str, NDArray]:
         """Return how points stick."""
-        return {
-            "touch.slip": self._touch.slip.numpy().copy(),
-            "touch.partner": self._touch.partner.numpy().copy(),
-        }
+        names = ("slip", "partner", *(("allowed",) if self._sunk else ()))
+        arrays = {f"touch.{name}": getattr(self._touch, name).numpy().copy() for name in names}
+        return arrays | ({"touch.outwards": np.array([self._touch.outwards])} if self._sunk else {})
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
         """Take back what `checkpoint` gave."""
         self._touch.slip.assign(arrays["touch.slip"])
         self._touch.partner.assign(arrays["touch.partner"])
+        self._sunk = "touch.allowed" in arrays
+        if self._sunk:
+            self._touch.allowed.assign(arrays["touch.allowed"])
+            self._touch.outwards = float(arrays["touch.outwards"][0])
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
@@ -358,39 +357,20 @@ class Touching(Effect):
         return self._measured(x, v)[1]
 
     def _measured(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        stored, heated = self._stored_and_heated(x, v)
+        return float(stored.numpy().sum()), float(heated.numpy().sum())
+
+    def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
+        """Return what the contacts of each point store [J], and turn to heat [W]."""
         model, data = self._model, self._touch
         self.search(x, v, None)
         sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
         inputs = [data, 0.0, 0.0, self.data.unit, self._skin]
         wp.launch(
-            energy_of_touch(model.scalar), len(data.share), inputs, [self._flags, *sums], device=model.device
+            energy_of_touch(model.scalar, self._sunk),
+            len(data.share),
+            inputs,
+            [self._flags, *sums],
+            device=model.device,
         )
-        return float(sums[0].numpy().sum()), float(sums[1].numpy().sum())
-
-
-def _rules_by_kind(
-    model: "Model", surfaces: TouchingSurfaces, rules: Sequence[Touch]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the kind of each body, and by kinds the number of the rule that holds, −1 where none does.
-
-    Bodies in the same groups of those that rules name are of one kind.
-    """
-    bodies, body = len(surfaces.closed), surfaces.body_of_particle
-    names = sorted({name for one in rules for name in one.groups or ()})
-    within = np.zeros((bodies, len(names)), dtype=bool)
-    count = np.bincount(body, minlength=bodies)
-    for k, name in enumerate(names):
-        held = np.bincount(body[model.system.group(name)], minlength=bodies)
-        if ((held > 0) & (held < count)).any():
-            raise ValueError(f"touch.groups names {name!r}, which holds a part of a body; it must hold whole ones")
-        within[:, k] = held > 0
-    kinds, kind = np.unique(within, axis=0, return_inverse=True)
-    rule = np.full((len(kinds), len(kinds)), -1, dtype=np.int32)
-    for number, one in enumerate(rules):
-        value = -1 if one.between == "none" else number
-        if one.groups is None:
-            rule[:] = value
-            continue
-        a, b = (kinds[:, names.index(name)] for name in one.groups)
-        rule[np.outer(a, b) | np.outer(b, a)] = value
-    return kind.reshape(-1).astype(np.int32), rule
+        return sums
