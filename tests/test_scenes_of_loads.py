@@ -1,5 +1,7 @@
 """The scenes that come with msdwarp in which loads act, or something tears: each does what it says."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from played import build, simulate
