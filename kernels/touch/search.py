@@ -86,6 +86,16 @@ def find_rows(scalar: type):
         corner = wp.vec3(reach, reach, reach)
         return wp.vec3(x) - corner, wp.vec3(x) + corner
 
+    @wp.func
+    def is_near(data: Data, vertex: int, corner: wp.vec3i) -> bool:
+        """Tell whether a corner of a facet is among the neighbours of a vertex, which it never touches."""
+        found = bool(False)
+        for e in range(data.first_near[vertex], data.first_near[vertex + 1]):
+            other = data.near[e]
+            if other == corner[0] or other == corner[1] or other == corner[2]:
+                found = True
+        return found
+
     @kernel
     def find(
         data: Data,
@@ -99,7 +109,6 @@ def find_rows(scalar: type):
         ends = data.ends[p]
         s = data.share[p]
         x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
-        start = data.start[ends[0]] + s * (data.start[ends[1]] - data.start[ends[0]])
         mine = data.body[p]
         count = int(0)
         room = data.row.shape[0]
@@ -124,10 +133,7 @@ def find_rows(scalar: type):
                     if away < reach + skin[0]:
                         may = bool(True)
                         if mine == other:
-                            # What is as near as that at the start, such as its own neighbours, it never touches.
-                            w = nearest(start, data.start[c[0]], data.start[c[1]], data.start[c[2]])
-                            q = w[0] * data.start[c[0]] + w[1] * data.start[c[1]] + w[2] * data.start[c[2]]
-                            may = wp.length(start - q) > scalar(1.5) * reach
+                            may = not is_near(data, ends[0], c) and not is_near(data, ends[1], c)
                         if may:
                             if count < room:
                                 data.row[count, p] = facet

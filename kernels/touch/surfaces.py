@@ -32,7 +32,8 @@ def Surfaces(scalar: type):
         particle: wp.array(dtype=int)  # shape [any]
         weight: wp.array(dtype=scalar)  # the share of each, shape [any]
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
-        start: wp.array(dtype=V)  # where it is at the start [m]
+        first_near: wp.array(dtype=int)  # where the vertices of its own body that it never touches begin
+        near: wp.array(dtype=int)  # these, shape [any]
         x: wp.array(dtype=V)  # where it is [m]
         v: wp.array(dtype=V)  # how fast [m/s]
         x_found: wp.array(dtype=V)  # where it was as rows were found [m]

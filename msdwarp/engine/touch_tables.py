@@ -112,3 +112,32 @@ def chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
     firsts = np.concatenate([np.arange(a, b, CHUNK) for a, b in zip(begins, ends, strict=True)])
     lasts = np.minimum(firsts + CHUNK, ends[np.searchsorted(begins, firsts, side="right") - 1])
     return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
+
+
+def neighbourhoods(
+    surfaces: TouchingSurfaces, hops: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where the neighbours of each vertex begin, and these: itself, and who is few enough edges away.
+
+    Parameters
+    ----------
+    surfaces
+        What can touch.
+    hops
+        How many edges count of each body, shape [body_count].
+    """
+    count, corner = len(surfaces.particle), surfaces.corner
+    edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
+    edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    degree = np.bincount(edges[:, 0], minlength=count)
+    first = np.append(0, np.cumsum(degree))
+    vertex = near = np.arange(count)
+    for hop in range(1, int(hops.max(initial=0)) + 1):
+        on = hops[surfaces.body[vertex]] >= hop
+        further = degree[near[on]]
+        begins = np.repeat(first[near[on]] - np.append(0, np.cumsum(further)[:-1]), further)
+        added = edges[begins + np.arange(len(begins)), 1]
+        both = np.concatenate([vertex, np.repeat(vertex[on], further)]), np.concatenate([near, added])
+        vertex, near = np.divmod(np.unique(both[0] * count + both[1]), count)
+    return np.append(0, np.cumsum(np.bincount(vertex, minlength=count))), near

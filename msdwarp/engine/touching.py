@@ -28,7 +28,7 @@ from ..kernels.touch import (
 from ..world import Load, Touch
 from .effect import Effect
 from .rows import rows
-from .touch_tables import chunks, contact_blocks, rules_by_kind
+from .touch_tables import chunks, contact_blocks, neighbourhoods, rules_by_kind
 
 if TYPE_CHECKING:
     from .model import Model
@@ -96,7 +96,8 @@ class Touching(Effect):
         mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
         data.mobility = array(mobility, scalar)
         start = np.einsum("vk,vkd->vd", surfaces.weight, model.system.position[surfaces.particle])
-        data.start = array(start.astype(dtype), model.vector)
+        first, near = neighbourhoods(surfaces, self._hops(kind, rule))
+        data.first_near, data.near = array(first, int), array(near, int)
         for name in ("x", "v", "x_found"):
             setattr(data, name, wp.zeros(vertices, dtype=model.vector, device=device))
         data.force = wp.zeros((vertices, 3), dtype=wp.int64, device=device)
@@ -191,6 +192,17 @@ class Touching(Effect):
                     f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
                     "to take it from; it must be a number [N/m]"
                 )
+
+    def _hops(self, kind: NDArray, rule: NDArray) -> NDArray[np.int64]:
+        """Return within how many edges of it nothing of a body touches a vertex, shape [body_count]."""
+        surfaces, own = self._surfaces, rule[kind, kind]
+        given = np.array([-1.0 if one.thickness is None else one.thickness for one in self._rules])[own]
+        thickness = np.where(given < 0, 2.0 * surfaces.radius, given)
+        within = np.array([one.between == "all" for one in self._rules])[own] & (own >= 0)
+        hops = np.zeros(len(own), dtype=np.int64)
+        wide = within & (surfaces.spacing > 0)
+        hops[wide] = 1.5 * thickness[wide] / surfaces.spacing[wide]
+        return hops
 
     def _sink(self) -> None:
         """Find out which points start inside other bodies, and let them stay there for a moment."""
