@@ -302,7 +302,8 @@ class Touching(Effect):
         if not moved < FARTHEST_WAY * self._farthest:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
-        # Where all moves fast lists are made more often, before they grow long; made each time they need no skin.
+        # Where all moves fast lists are made more often, before they grow long.
+        # Made each time they need a skin for the later stages of a substep alone, where a method has such.
         per_substep = moved / max(self.search_every - 1, 1)
         best = 1 + self._farthest / (2 * SKIN_BY_WAY * max(per_substep, 1e-30))
         self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
@@ -311,7 +312,7 @@ class Touching(Effect):
             self._patience = min(2 * self._patience, MOST_PATIENCE)
         elif self._calm >= self._patience and self.search_every < MOST_BETWEEN:
             self.search_every, self.is_stale, self._calm = 2 * self.search_every, True, 0
-        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * (self.search_every - 1))
+        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.search_every - 1, 1))
         if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
             self._skin_now = wanted
             self._skin.fill_(wanted)

@@ -20,21 +20,9 @@ def rows_of(simulation: Simulation) -> list[list[int]]:
     """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
     effect.search(state.x, state.v, state.lost)
-    found = []
-    rows, away, lengths, owner = (
-        getattr(effect._touch, name).numpy() for name in ("row", "away", "length", "owner")
-    )
+    rows, lengths = effect._touch.row.numpy(), effect._touch.length.numpy()
     assert lengths.max() < len(rows)  # all had room
-    for p, n in enumerate(lengths):
-        row, distance = rows[:n, p], away[:n, p]
-        # Body by body, and of each the nearest first: that one is marked by −1 − its distance.
-        assert (np.diff(owner[row]) >= 0).all()
-        first = np.diff(owner[row], prepend=-1) > 0
-        np.testing.assert_array_equal(distance < 0, first)
-        distance = np.where(first, -1 - distance, distance)
-        assert (np.diff(distance)[~first[1:]] >= -EPS32).all()  # the mark rounds it as it does 1 m
-        found.append(sorted(row.tolist()))
-    return found
+    return [sorted(rows[:n, p].tolist()) for p, n in enumerate(lengths)]
 
 
 def grains(count: int, size: float) -> System:
@@ -42,6 +30,7 @@ def grains(count: int, size: float) -> System:
     return System(position=position, connections=np.zeros((0, 2), int), mass=0.01)
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_spheres_list_what_a_tree_finds(device, precision):
     touch = Touch(thickness=0.1, stiffness=100.0)
@@ -73,6 +62,7 @@ def crowd() -> System:
     return whole
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
 @pytest.mark.parametrize("touch", [Touch(), Touch(between="all", thickness=0.02)], ids=["bodies", "all"])
 def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
     monkeypatch.setattr(touching, "ROOM", 256)
@@ -86,10 +76,10 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
         at[s.ends[:, 0]] * (1 - s.share[:, None]) + at[s.ends[:, 1]] * s.share[:, None] for at in (now, then)
     )
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
-    # What is closed pushes out from as deep as a connection is long, but not past its middle.
+    # What is closed pushes out from as deep as its spacing, but not past its middle.
     corner = [then[s.body == body] for body in range(len(s.closed))]
     middle = np.array([np.ptp(at, axis=0).min() / 2 for at in corner])
-    depth = np.where(s.closed, np.minimum(s.rest_length, middle), 0.0)
+    depth = np.where(s.closed, np.minimum(touching.SPACING * s.rest_length, middle), 0.0)
     own = mine[:, None] == other
     thickness = (
         np.full(own.shape, touch.thickness) if touch.thickness else s.radius[mine][:, None] + s.radius[other]
@@ -101,9 +91,14 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
         return nearest_distances(points[a], at[s.corner[b]]).reshape(len(points), -1)
 
-    near = distances(points, now) < reach + skin
+    away = distances(points, now)
+    near = away < reach + skin
     apart = distances(before, then) > 1.5 * reach  # from the start, as parts of a body must be
     expected = near & (~own | (apart & (touch.between == "all")))
+    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 % for rounding.
+    for body in range(len(s.closed)):
+        nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
+        expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * skin))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
     assert (expected & own).any() == (touch.between == "all")
 
@@ -247,3 +242,16 @@ def test_a_frame_that_is_found_bad_is_repeated_with_the_same_history(device_that
     simulation.frame_index -= 1
     simulation.step()
     np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), once)
+
+
+def test_a_method_of_stages_moves_within_a_substep(device):
+    # Lists that are made before every substep hold for its later stages only with a skin: without one the frame
+    # would be repeated for ever. 2 mm a stage, where half of the least skin is 1.25 mm.
+    position, velocity = [[0, 0, 0], [0.02, 0, 0]], [[0.5, 0, 0], [-0.5, 0, 0]]
+    fast = System(position=position, velocity=velocity, mass=0.01, connections=np.zeros((0, 2), int))
+    touch = Touch(thickness=0.01, stiffness=200.0, restitution=0.9)
+    options = {"gravity": 0.0, "substeps": 4, "integrator": RK4(), "device": device, "allow_unstable": True}
+    simulation = Simulation(fast, touch=touch, **options)
+    simulation.step(5)
+    v = simulation.frame().velocity[:, 0]
+    assert v[0] < 0 < v[1]  # they have met
