@@ -11,10 +11,14 @@ from .system import System
 
 SAMPLES = 1
 """Points on each edge of a surface, beside those at its ends."""
+FINE = 2.0
+"""Where a surface has more vertices for each particle that carries it, only these are points."""
 ROPE = 2.5
 """What has no surface, and fewer connections than this a particle, is a rope; else a heap of spheres."""
+SPACING = 0.75
+"""The spacing of a lattice by the mean length of its connections, of which many are diagonals."""
 SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
-"""Half the thickness of a sheet, and of a rope or a sphere, by the mean length of its edges or connections."""
+"""Half the thickness of a sheet, and of a rope or a sphere, by its spacing."""
 
 
 class TouchingSurfaces(NamedTuple):
@@ -37,11 +41,9 @@ class TouchingSurfaces(NamedTuple):
     closed: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
     spacing: NDArray[np.float64]
-    """Mean length of its edges at the start, else of its connections [m]; 0 of a single particle."""
+    """How far its particles are apart, by the mean length of its connections [m]; 0 of a single particle."""
     radius: NDArray[np.float64]
     """Half its thickness [m]."""
-    rest_length: NDArray[np.float64]
-    """Mean rest length of its connections [m]; 0 where it has none."""
     stiffness: NDArray[np.float64]
     """Mean stiffness of its connections [N/m]; 0 where it has none."""
 
@@ -76,16 +78,18 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
     edges = np.concatenate([edges, segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
+    # A surface that is finer than what carries it has points enough at its vertices.
+    carried = np.bincount(body_of[np.unique(particle[weight != 0])], minlength=bodies)
+    fine = np.bincount(body, minlength=bodies) > FINE * carried
+    edges = edges[~fine[body[edges[:, 0]]]]
     vertices = np.arange(len(particle))
     shares = [(k + 1) / (SAMPLES + 1) for k in range(SAMPLES)]
     ends = np.concatenate([np.stack([vertices, vertices], axis=1), *[edges] * SAMPLES])
     share = np.concatenate([np.zeros(len(vertices)), *[np.full(len(edges), one) for one in shares]])
 
-    places = np.einsum("vk,vkd->vd", weight, system.position[particle])
-    lengths = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
-    spacing = _means(lengths, body[edges[:, 0]], bodies)
+    # From lengths as they were made, so that a body that has moved, or yielded, touches as it did before.
     of_connections = body_of[pairs[:, 0]]
-    spacing = np.where(spacing > 0, spacing, _means(system.rest_length, of_connections, bodies))
+    spacing = _means(system.original_length, of_connections, bodies) * np.where(rope, 1.0, SPACING)
     closed = drawn & ~_open(triangles, body, bodies)
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(
@@ -99,7 +103,6 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
         closed,
         spacing,
         share_of_spacing * spacing,
-        _means(system.rest_length, of_connections, bodies),
         _means(system.stiffness, of_connections, bodies),
     )
 

@@ -69,6 +69,9 @@ class Effect:
     steps: Steps = Steps(1.0, 1)
     """The substeps of the frames to come; known when `begin` is called."""
 
+    def go_on_from(self, other: "Effect") -> None:
+        """Take over what a run has left in the same effect of a model before a change."""
+
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
 

@@ -142,6 +142,10 @@ class Model:
         """Take over what a run has summed with a model of the same loads, whose particles were at x, at v."""
         if self.work is not None and model.work is not None:
             self.work.before += model.work.total(x, v)
+        for effect in self.effects:
+            same = next((one for one in model.effects if type(one) is type(effect)), None)
+            if same is not None:
+                effect.go_on_from(same)
 
     @property
     def tearing(self) -> Tearing | None:

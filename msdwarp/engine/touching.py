@@ -43,14 +43,12 @@ LEAST_SKIN = 0.25
 """The skin at first, and at least, by how far off bodies touch."""
 SKIN_BY_WAY = 3.0
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
-SPACING = 0.75
-"""The spacing of a lattice by the mean length of its connections, of which many are diagonals."""
 OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
 LED_APART_IN = 0.5
 """What overlaps at the start is led apart within this time [s]."""
 FARTHEST_WAY = 16.0
-"""What has moved further between two searches, by how far off bodies touch, is flying apart."""
+"""What moves further in a substep, by how far off bodies touch, is flying apart."""
 PATIENCE = 5
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 80
@@ -113,13 +111,8 @@ class Touching(Effect):
         data.corner = array(surfaces.corner, wp.vec3i)
         data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
         data.kind, data.closed = array(kind, int), array(surfaces.closed.astype(np.int32), int)
-        # A body must not be pushed through: what is found past its middle has come from the other side.
-        low, high = np.full((bodies, 3), np.inf), np.full((bodies, 3), -np.inf)
-        np.minimum.at(low, surfaces.body, start)
-        np.maximum.at(high, surfaces.body, start)
-        with np.errstate(invalid="ignore"):
-            thinnest = np.nan_to_num((high - low).min(axis=1), posinf=0.0, neginf=0.0)
-        depth = np.where(surfaces.closed, np.minimum(SPACING * surfaces.rest_length, 0.5 * thinnest), 0.0)
+        # A lattice is one spacing thick at least: what is past its middle has come from the other side.
+        depth = np.where(surfaces.closed, 0.5 * surfaces.spacing, 0.0)
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
         carriers = np.unique(surfaces.particle[surfaces.weight != 0])
         carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -241,6 +234,13 @@ class Touching(Effect):
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
         return self._overlapping
 
+    def go_on_from(self, other: Effect) -> None:
+        """Let points stick to what they stuck to in another model of the same bodies."""
+        assert isinstance(other, Touching)
+        if other._touch.partner.shape == self._touch.partner.shape:
+            wp.copy(self._touch.slip, other._touch.slip)
+            wp.copy(self._touch.partner, other._touch.partner)
+
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""
         self._dt = dt
@@ -299,7 +299,7 @@ class Touching(Effect):
         moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
         if self._found is self._flags:
             self._flags.zero_()
-        if not moved < FARTHEST_WAY * self._farthest:
+        if not moved < FARTHEST_WAY * self._farthest * self.search_every:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
         # Where all moves fast lists are made more often, before they grow long.

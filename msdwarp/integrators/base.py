@@ -23,6 +23,8 @@ class Integrator(ABC):
     lag: ClassVar[float] = 0.0
     """Substeps by which velocities lag behind positions, as far as energy goes (see `msdwarp.engine.balance`)."""
 
+    bears_touch: ClassVar[bool] = True
+    """Whether bodies may touch each other."""
     long_steps: ClassVar[bool] = False
     """Whether a stable step may be longer than the motion that it is to follow: then every frame is looked at."""
 

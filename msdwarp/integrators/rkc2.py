@@ -122,6 +122,7 @@ class RKC2(Integrator):
 
     order: ClassVar[int] = 2
     long_steps: ClassVar[bool] = True
+    bears_touch: ClassVar[bool] = False  # its steps are too long for a collision, which then gains or loses energy
 
     def __post_init__(self) -> None:
         """Check the argument."""

@@ -153,6 +153,10 @@ class Simulation(Changing):
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         self._given = with_touch(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), touch)
         self._loads, self._gravity = bound(self._given, system), gravity
+        if not self._method.bears_touch and any(isinstance(one, Touch) for one in self._given):
+            raise ValueError(
+                f"integrator is {self._method}; where bodies touch it must be another, such as Leapfrog()"
+            )
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,

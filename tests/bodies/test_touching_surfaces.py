@@ -49,14 +49,17 @@ def test_a_closed_body():
     assert found.radius.tolist() == [0.0]
     # Sums of some hundred numbers of about 0.01 m³.
     assert volume(body, found) == pytest.approx(0.2 * 0.6 * 1.2, rel=100 * EPS64)
-    assert found.rest_length[0] == pytest.approx(body.rest_length.mean(), rel=100 * EPS64)
+    assert found.spacing[0] == pytest.approx(0.75 * body.rest_length.mean(), rel=100 * EPS64)
     assert found.stiffness[0] == pytest.approx(body.stiffness.mean(), rel=100 * EPS64)
 
 
-def test_spacing_is_the_mean_length_of_edges():
-    # A cube of 2³ particles: 12 edges, and a diagonal on each of 6 sides.
-    found = touching_surfaces(box((2, 2, 2), 0.1))
-    assert found.spacing[0] == pytest.approx(0.1 * (12 + 6 * 2**0.5) / 18, rel=20 * EPS64)
+def test_spacing_is_that_of_the_lattice_and_stays_as_it_was_made():
+    # Of 26 neighbours 6 are a spacing away, 12 √2 and 8 √3: 1.42 in the mean, of which 0.75 are 1.06.
+    body = box((9, 9, 9), 0.1)
+    found = touching_surfaces(body)
+    assert found.spacing[0] == pytest.approx(0.1, rel=0.07)
+    moved = touching_surfaces(body.replace(position=1.3 * body.position))
+    assert moved.spacing[0] == found.spacing[0]
 
 
 def test_an_open_sheet_is_as_thick_as_a_quarter_of_its_spacing():
@@ -83,7 +86,7 @@ def test_grains_touch_as_spheres_each_a_body_of_its_own():
     np.testing.assert_array_equal(found.corner, np.arange(5)[:, None] * [1, 1, 1])
     np.testing.assert_array_equal(found.body, np.arange(5))
     assert len(found.share) == 5
-    for name in ("closed", "radius", "spacing", "rest_length", "stiffness"):  # nothing to take these from
+    for name in ("closed", "radius", "spacing", "stiffness"):  # nothing to take these from
         assert not getattr(found, name).any()
 
 
@@ -91,7 +94,7 @@ def test_a_lattice_without_a_surface_is_a_heap_of_spheres():
     found = touching_surfaces(box((3, 3, 3), 0.1).replace(surface=None))
     np.testing.assert_array_equal(found.corner, np.arange(27)[:, None] * [1, 1, 1])
     assert found.closed.tolist() == [False]
-    assert 2 * found.radius[0] == pytest.approx(found.rest_length[0] / 2, rel=4 * EPS64)
+    assert 2 * found.radius[0] == pytest.approx(found.spacing[0] / 2, rel=4 * EPS64)
 
 
 @pytest.mark.parametrize("body", [ball(0.5, 0.2), shell(icosphere(0.5, 2))], ids=["embedded", "shell"])
@@ -127,7 +130,7 @@ def test_bodies_of_all_kinds_together():
     )
     # Each body is what it is alone.
     alone = [touching_surfaces(part) for part in parts]
-    for name in ("spacing", "radius", "rest_length", "stiffness"):
+    for name in ("spacing", "radius", "stiffness"):
         expected = np.concatenate([getattr(one, name) for one in alone])
         np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-12)  # of means of some hundred numbers
     # Facets lie body by body, and never between two.

@@ -70,16 +70,11 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
     simulation = Simulation(system, touch=touch, gravity=0.0, device=plain_device, precision="float64")
     simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
     found, effect = rows_of(simulation), contact_of(simulation)
-    s, x, start = effect._surfaces, simulation.frame().position, system.position
-    now, then = (np.einsum("vk,vkd->vd", s.weight, places[s.particle]) for places in (x, start))
-    points, before = (
-        at[s.ends[:, 0]] * (1 - s.share[:, None]) + at[s.ends[:, 1]] * s.share[:, None] for at in (now, then)
-    )
+    s, x = effect._surfaces, simulation.frame().position
+    now = np.einsum("vk,vkd->vd", s.weight, x[s.particle])
+    points = now[s.ends[:, 0]] * (1 - s.share[:, None]) + now[s.ends[:, 1]] * s.share[:, None]
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
-    # What is closed pushes out from as deep as its spacing, but not past its middle.
-    corner = [then[s.body == body] for body in range(len(s.closed))]
-    middle = np.array([np.ptp(at, axis=0).min() / 2 for at in corner])
-    depth = np.where(s.closed, np.minimum(touching.SPACING * s.rest_length, middle), 0.0)
+    depth = np.where(s.closed, s.spacing / 2, 0.0)  # what is closed pushes out from as deep
     own = mine[:, None] == other
     thickness = (
         np.full(own.shape, touch.thickness) if touch.thickness else s.radius[mine][:, None] + s.radius[other]
@@ -93,7 +88,9 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
 
     away = distances(points, now)
     near = away < reach + skin
-    apart = distances(before, then) > 1.5 * reach  # from the start, as parts of a body must be
+    # Less than 2/3 of a spacing thick, a body touches all of itself but the facets that a point is a part of.
+    assert (1.5 * thickness[own.any(axis=1)].min() if touch.thickness else 0.0) < s.spacing.min()
+    apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
     expected = near & (~own | (apart & (touch.between == "all")))
     # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 % for rounding.
     for body in range(len(s.closed)):
