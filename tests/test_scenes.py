@@ -381,3 +381,51 @@ def test_the_bridge_sags_as_statics_say():
     down, cut = -weight[:, 2], (x[a] + x[b]) / 2
     moment = (down * (7.0 - x)).sum() / 7.0 * cut - (down * np.clip(cut - x, 0.0, None)).sum()
     assert np.dot(pull, deep) == pytest.approx(moment, rel=1e-3)  # as much as it still swings
+
+
+@pytest.mark.slow
+def test_a_ball_knocks_a_cube_out_of_the_tower_and_the_others_stay():
+    scene = build("tower")
+    frames = simulate(scene, 5.0)
+    groups = scene.system.groups
+    way = {
+        name: np.ptp([frames[k].position[which].mean(axis=0) for k in (0, -1)], axis=0)
+        for name, which in groups.items()
+    }
+    assert np.hypot(*way["cube 2"][:2]) > 1.5  # it was struck
+    assert np.hypot(*way["cube 1"][:2]) < 0.1  # it stood below
+    assert np.sqrt((frames[-1].velocity ** 2).sum(axis=1).mean()) < 0.01 * 6.0  # of the speed of the ball
+    # At rest all lie on the floor beside each other: a cube's middle is half its width above, and it sags.
+    for name in list(groups)[1:]:
+        assert frames[-1].position[groups[name], 2].mean() == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.slow
+def test_the_trampoline_throws_the_ball_up_again_without_letting_it_through():
+    scene = build("trampoline")
+    ball = scene.system.group("ball")
+    frames = simulate(scene, 2.4)
+    height = np.array([frame.position[ball, 2].mean() for frame in frames])
+    bed = np.array([frame.position[~ball, 2].min() for frame in frames])
+    assert (height - bed > 0.15).all()  # its radius is 0.25; it is soft
+    first = int(np.argmin(height[:60]))
+    assert height[:60].min() < height[0] - 1.2
+    again = height[first : first + 60].max()
+    # Bed and ball are hardly damped; what it loses goes to waves of the bed, and to dampers.
+    assert 0.6 < (again - 0.8) / (height[0] - 0.8) < 1.0
+
+
+@pytest.mark.slow
+def test_momentum_goes_through_the_cradle():
+    scene = build("cradle")
+    frames = simulate(scene, 1.5)
+    centre = np.array(
+        [f.position.reshape(5, -1, 3)[:, 2:].mean(axis=1) for f in frames]
+    )  # each has two pins first
+    lifted = centre[0, 0, 2] - centre[0, 1, 2]
+    assert lifted == pytest.approx(1 - np.cos(np.radians(40)), abs=1e-4)  # on strings of 1 m up to the pins' plane
+    risen = centre[:, :, 2].max(axis=0) - centre[0, 1:, 2].min()
+    # Linear springs in a row leave some of the momentum behind, less the wider the gaps are.
+    assert risen[4] > 0.85 * lifted
+    assert (centre[40:, 1:4, 2].max(axis=0) - centre[0, 1:4, 2] < 0.02 * lifted).all()
+    assert (centre[40:75, 0, 2] - centre[0, 1, 2] < 0.02 * lifted).all()  # the one that fell has stopped
