@@ -36,9 +36,8 @@ def build(
     """
     checks.count("count", count, 2)
     width, radius, away = 0.4, 0.15, 1.5
-    stuff = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    cube = box((4, 4, 4), width / 3, **stuff)
-    ball = from_mesh(icosphere(radius, 2), across=4, **stuff)
+    cube = box((4, 4, 4), width / 3, mass=mass, stiffness=stiffness, damping=damping)
+    ball = from_mesh(icosphere(radius, 2), across=4, mass=mass, stiffness=stiffness, damping=damping)
     # It rises as much as it falls on the way, so that it hits the second cube in the middle.
     rise = 0.5 * 9.82 * (away - width / 2 - radius) / speed
     system = ball.translate((-away, 0, 1.5 * width)).with_velocity((speed, 0, rise)).named("ball")
