@@ -1,16 +1,16 @@
-"""Hard dice, each thrown in its own way, come to rest between the floor and two walls."""
+"""Hard dice, each thrown in its own way, knock each other and come to rest between the floor and two walls."""
 
 import numpy as np
 
-from msdwarp import Box, Look, Plane, Scene, box, checks
+from msdwarp import Box, Look, Plane, Scene, Touch, box, checks
 from msdwarp.cli import scene_main
 from msdwarp.textures import pips
 
 
 def build(
-    *, count: int = 5, stiffness: float = 4e4, damping: float = 6.0, mass: float = 0.02, seed: int = 65
+    *, count: int = 5, stiffness: float = 4e4, damping: float = 6.0, mass: float = 0.02, seed: int = 7
 ) -> Scene:
-    """Throw dice of 3 × 3 × 3 particles, 30 cm wide, which do not feel each other.
+    """Throw dice of 3 × 3 × 3 particles, 30 cm wide.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ def build(
         texture=pips("#b3202c", "#fbf6ea"), gloss=0.6, smooth=False, obstacle="#3f6650", azimuth=-118, elevation=26
     )
     colliders = [Plane(restitution=0.3), back, side]
-    return Scene(system=sum(thrown[1:], thrown[0]), colliders=colliders, duration=4.0, look=look)
+    touch = Touch(friction=0.3, restitution=0.5)
+    return Scene(system=sum(thrown[1:], thrown[0]), colliders=colliders, touch=touch, duration=5.0, look=look)
 
 
 if __name__ == "__main__":

@@ -89,7 +89,9 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
 
     # From lengths as they were made, so that a body that has moved, or yielded, touches as it did before.
     of_connections = body_of[pairs[:, 0]]
-    spacing = _means(system.original_length, of_connections, bodies) * np.where(rope, 1.0, SPACING)
+    near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
+    near = slice(None) if near is None else near
+    spacing = _means(system.original_length[near], of_connections[near], bodies) * np.where(rope, 1.0, SPACING)
     closed = drawn & ~_open(triangles, body, bodies)
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(
@@ -103,7 +105,7 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
         closed,
         spacing,
         share_of_spacing * spacing,
-        _means(system.stiffness, of_connections, bodies),
+        _means(system.stiffness[near], of_connections[near], bodies),
     )
 
 

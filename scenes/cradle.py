@@ -1,0 +1,57 @@
+"""Newton's cradle: the ball that falls stops at the row of the others, and the last one rises in its place."""
+
+import numpy as np
+
+from msdwarp import Capsule, Look, Plane, Scene, System, Touch, checks, from_mesh, icosphere, join
+from msdwarp.cli import scene_main
+
+RADIUS, HEIGHT, APART, FLOOR = 0.1, 1.0, 0.4, -0.4
+"""Of a ball; from its middle up to its pins; from these to the middle plane; and where the floor is [m]."""
+
+
+def build(
+    *, count: int = 5, angle: float = 40.0, gap: float = 0.006, stiffness: float = 1e4, contact: float = 1e4
+) -> Scene:
+    """Lift a ball of a row, each 20 cm wide, of a kilogram, and on two strings.
+
+    Parameters
+    ----------
+    count
+        Number of balls.
+    angle
+        How far the first ball is lifted [degrees].
+    gap
+        Between balls that hang at rest [m]: so each is struck when the blow before is over.
+    stiffness
+        Spring constant of each connection of a ball, and of each string [N/m].
+    contact
+        Stiffness of a contact [N/m].
+    """
+    checks.count("count", count, 2)
+    ball = from_mesh(icosphere(RADIUS, 2), across=6, stiffness=stiffness, damping=0.0).named("balls")
+    ball = ball.replace(mass=1.0 / ball.particle_count)
+    middle = int(np.argmin(np.linalg.norm(ball.position, axis=1)))
+    bodies = []
+    for k in range(count):
+        x = (k - (count - 1) / 2) * (2 * RADIUS + gap)
+        pins = System(position=[(x, -APART, HEIGHT), (x, APART, HEIGHT)]).pin([0, 1])
+        hung = ball.translate((x, 0, 0))
+        if k == 0:
+            hung = hung.rotate(np.radians(angle), axis=(0, 1, 0), about=(x, 0, HEIGHT))
+        bodies.append(join(pins, hung, pairs=[(0, middle), (1, middle)], stiffness=stiffness))
+    end, top = (count + 1) * RADIUS, HEIGHT + 0.03
+    bars = [((-end, y, top), (end, y, top)) for y in (-APART, APART)]
+    bars += [((x, y, FLOOR), (x, y, top)) for x in (-end, end) for y in (-APART, APART)]
+    colliders = [Plane(offset=FLOOR), *(Capsule(a, b, 0.025) for a, b in bars)]
+    return Scene(
+        system=sum(bodies[1:], bodies[0]),
+        colliders=colliders,
+        touch=Touch(friction=0.0, restitution=1.0, stiffness=contact),
+        duration=4.0,
+        look=Look(colour="#6c7480", obstacle="#8a5a34", azimuth=-66, elevation=12, tube=0.006),
+        looks={"balls": Look(colour="#c9ced6", gloss=1.0, tube=0.006)},
+    )
+
+
+if __name__ == "__main__":
+    scene_main(build)

@@ -1,0 +1,45 @@
+"""A cloth falls over a ball and onto the floor, where it folds and comes to lie on itself."""
+
+from msdwarp import Look, Plane, Scene, Touch, checks, icosphere, sheet, shell
+from msdwarp.cli import scene_main
+from msdwarp.textures import gingham
+
+
+def build(
+    *,
+    size: int = 27,
+    stiffness: float = 60.0,
+    damping: float = 0.02,
+    mass: float = 0.0009,
+    bending: float = 0.001,
+) -> Scene:
+    """Drop a cloth, 1.4 m wide, over a ball.
+
+    Parameters
+    ----------
+    size
+        Particles along an edge.
+    stiffness
+        Spring constant of each connection [N/m].
+    damping
+        Damper constant of each connection [N s/m].
+    mass
+        Mass of each particle [kg].
+    bending
+        Flexural rigidity [N m]: with less, folds are narrower than the particles can show.
+    """
+    checks.count("size", size, 5)
+    cloth = sheet((size, size), 1.4 / (size - 1), mass=mass, stiffness=stiffness, damping=damping, bending=bending)
+    cloth = cloth.rotate(0.3).rotate(0.06, axis=(1, 0.5, 0)).translate((0.06, 0.04, 0.85))
+    # An obstacle would hold the particles alone, and show between them; a body holds what is between them too.
+    ball = shell(icosphere(0.26, 3), mass=mass, stiffness=stiffness, damping=damping)
+    ball = ball.translate((0, 0, 0.3)).pin(slice(None)).named("ball")
+    floor = Plane(restitution=0.0, friction=0.5)
+    look = Look(texture=gingham("#a23b52", "#f6ead7"), gloss=0.1, azimuth=-60, elevation=22)
+    looks = {"ball": Look(colour="#e0b04c", gloss=0.5)}
+    touch = Touch(friction=0.3, restitution=0.1, between="all")
+    return Scene(system=cloth + ball, colliders=[floor], touch=touch, duration=3.0, look=look, looks=looks)
+
+
+if __name__ == "__main__":
+    scene_main(build)

@@ -1,0 +1,124 @@
+"""Scenes whose bodies touch: what is in the way of something stays in its way."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+
+
+def build(name, **parameters):
+    return importlib.import_module(f"msdwarp.scenes.{name}").build(**parameters)
+
+
+def simulate(scene, duration, **options):
+    return list(msd.Simulation.of(scene, **{"device": "cpu", **options}).frames(duration))
+
+
+def crossings(position, triangles):
+    """Return how often an edge of these triangles goes through one that it shares no corner with."""
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
+    a, b, c = np.moveaxis(position[triangles], 1, 0)
+    normal = np.cross(b - a, c - a)
+    count = 0
+    for edge in edges:
+        p, q = position[edge]
+        here, there = ((p - a) * normal).sum(axis=1), ((q - a) * normal).sum(axis=1)
+        own = (triangles[:, :, None] == edge).any(axis=(1, 2))
+        (k,) = np.nonzero((here * there < 0) & ~own)
+        x = p + (here[k] / (here[k] - there[k]))[:, None] * (q - p)
+        inside = np.ones(len(k), dtype=bool)
+        for u, v in ((a, b), (b, c), (c, a)):
+            inside &= (np.cross(v[k] - u[k], x - u[k]) * normal[k]).sum(axis=1) > 0
+        count += np.count_nonzero(inside)
+    return count
+
+
+def test_crossings_are_counted():
+    position = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0.2, 0.2, -1), (0.2, 0.2, 1), (3, 3, 1)], dtype=float)
+    triangles = np.array([(0, 1, 2), (3, 4, 5)])
+    assert crossings(position, triangles) > 0
+    assert crossings(position + np.array([[0, 0, 0]] * 3 + [[0, 0, 2]] * 3), triangles) == 0
+
+
+@pytest.mark.slow
+def test_a_ball_knocks_a_cube_out_of_the_tower_and_the_others_stay():
+    scene = build("tower")
+    frames = simulate(scene, 5.0)
+    groups = scene.system.groups
+    way = {
+        name: np.ptp([frames[k].position[which].mean(axis=0) for k in (0, -1)], axis=0)
+        for name, which in groups.items()
+    }
+    assert np.hypot(*way["cube 2"][:2]) > 1.5  # it was struck
+    assert np.hypot(*way["cube 1"][:2]) < 0.1  # it stood below
+    assert np.sqrt((frames[-1].velocity ** 2).sum(axis=1).mean()) < 0.01 * 6.0  # of the speed of the ball
+    # At rest all lie on the floor beside each other: a cube's middle is half its width above, and it sags.
+    for name in list(groups)[1:]:
+        assert frames[-1].position[groups[name], 2].mean() == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.slow
+def test_the_trampoline_throws_the_ball_up_again_without_letting_it_through():
+    scene = build("trampoline")
+    ball = scene.system.group("ball")
+    frames = simulate(scene, 2.4)
+    height = np.array([frame.position[ball, 2].mean() for frame in frames])
+    bed = np.array([frame.position[~ball, 2].min() for frame in frames])
+    assert (height - bed > 0.15).all()  # its radius is 0.25; it is soft
+    first = int(np.argmin(height[:60]))
+    assert height[:60].min() < height[0] - 1.2
+    again = height[first : first + 60].max()
+    # Bed and ball are hardly damped; what it loses goes to waves of the bed, and to dampers.
+    assert 0.6 < (again - 0.8) / (height[0] - 0.8) < 1.0
+
+
+@pytest.mark.slow
+def test_momentum_goes_through_the_cradle():
+    scene = build("cradle")
+    frames = simulate(scene, 1.5)
+    centre = np.array(
+        [f.position.reshape(5, -1, 3)[:, 2:].mean(axis=1) for f in frames]
+    )  # each has two pins first
+    lifted = centre[0, 0, 2] - centre[0, 1, 2]
+    assert lifted == pytest.approx(1 - np.cos(np.radians(40)), abs=1e-4)  # on strings of 1 m up to the pins' plane
+    risen = centre[:, :, 2].max(axis=0) - centre[0, 1:, 2].min()
+    # Linear springs in a row leave some of the momentum behind, less the wider the gaps are.
+    assert risen[4] > 0.85 * lifted
+    assert (centre[40:, 1:4, 2].max(axis=0) - centre[0, 1:4, 2] < 0.02 * lifted).all()
+    assert (centre[40:75, 0, 2] - centre[0, 1, 2] < 0.02 * lifted).all()  # the one that fell has stopped
+
+
+@pytest.mark.slow
+def test_the_curtain_hides_the_ball_and_comes_to_lie_on_the_floor():
+    scene = build("curtain")
+    system = scene.system
+    ball = system.group("ball")
+    last = simulate(scene, scene.duration)[-1]
+    cloth = last.position[~ball].astype(np.float64)
+    assert system.surface is not None
+    drawn = system.surface.particle[system.surface.triangles]
+    drawn = drawn[~ball[drawn].any(axis=1)]
+    middles = last.position[drawn].mean(axis=1)
+    centre = system.position[ball].mean(axis=0)
+    # Facets of a ball whose corners lie on a sphere are up to 1 % of its radius inside it.
+    assert np.linalg.norm(np.concatenate([cloth, middles]) - centre, axis=1).min() > 0.99 * 0.26
+    above = cloth[:, 2] > centre[2]
+    assert np.abs(cloth[above, :2] - centre[:2]).max() < 0.6  # of 0.99: it hangs down all around ...
+    assert np.count_nonzero(cloth[:, 2] < 0.02) > 0.1 * len(cloth)  # ... and lies on the floor with its rim
+    assert np.sqrt((last.velocity**2).sum(axis=1).mean()) < 0.03 * 3.0  # of the speed at which it fell
+    assert crossings(last.position.astype(np.float64), drawn) == 0  # nor does it cut through itself
+
+
+@pytest.mark.slow
+def test_what_is_poured_stays_in_the_box_and_lies_on_each_other():
+    scene = build("pile", count=14)
+    frames = simulate(scene, 1.5)
+    bodies = scene.system.groups.values()
+    centre = np.array([[frame.position[which].mean(axis=0) for which in bodies] for frame in frames])
+    assert np.abs(centre[..., :2]).max() < 0.6 - 0.05  # the walls' inner sides, and half of the thinnest body
+    assert centre[..., 2].min() > 0.03
+    # On the floor the highest would have its middle at most 0.2 m up, being 40 cm wide at most.
+    assert centre[-1, :, 2].max() > 0.2
+    assert np.sqrt((frames[-1].velocity ** 2).sum(axis=1).mean()) < 0.1 * 3.0  # it fell at 3 m/s
