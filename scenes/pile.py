@@ -20,9 +20,9 @@ def ring(radius: float, tube: float, around: int = 10, across: int = 4) -> tuple
 
 
 def build(
-    *, count: int = 30, stiffness: float = 500.0, damping: float = 1.5, mass: float = 0.01, seed: int = 1
+    *, count: int = 30, stiffness: float = 800.0, damping: float = 1.2, mass: float = 0.005, seed: int = 1
 ) -> Scene:
-    """Pour soft bodies, some 30 cm wide, into a box that is 1.2 m wide.
+    """Pour soft bodies, some 30 cm wide, into a box that is 1.24 m wide.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def build(
     kinds = brick, ball, tyre
     bodies, looks = [], {}
     for k in range(count):
-        place = 0.38 * np.array([k % 3 - 1, k // 3 % 3 - 1, k // 9]) + (0, 0, 0.3)
+        place = np.array([0.39, 0.39, 0.45]) * [k % 3 - 1, k // 3 % 3 - 1, k // 9] + (0, 0, 0.3)
         one = kinds[random.integers(3)].rotate(random.uniform(0, 2 * np.pi), random.normal(size=3))
-        bodies.append(one.translate(place + random.uniform(-0.02, 0.02, 3)).named(f"body {k + 1}"))
+        bodies.append(one.translate(place + random.uniform(-0.01, 0.01, 3)).named(f"body {k + 1}"))
         looks[f"body {k + 1}"] = Look(colour=PAINT[k % len(PAINT)], gloss=0.4)
-    walls = [Box((s * 0.64, 0, 0.25), (0.08, 1.36, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
-    walls += [Box((0, s * 0.64, 0.25), (1.36, 0.08, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
+    walls = [Box((s * 0.66, 0, 0.25), (0.08, 1.4, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
+    walls += [Box((0, s * 0.66, 0.25), (1.4, 0.08, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
     touch, look = Touch(friction=0.4, restitution=0.3), Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
     colliders, system = [Plane(restitution=0.1, friction=0.5), *walls], sum(bodies[1:], bodies[0])
     return Scene(system=system, colliders=colliders, touch=touch, duration=2.5, look=look, looks=looks)
