@@ -49,8 +49,8 @@ def build(
         one = kinds[random.integers(3)].rotate(random.uniform(0, 2 * np.pi), random.normal(size=3))
         bodies.append(one.translate(place + random.uniform(-0.01, 0.01, 3)).named(f"body {k + 1}"))
         looks[f"body {k + 1}"] = Look(colour=PAINT[k % len(PAINT)], gloss=0.4)
-    walls = [Box((s * 0.66, 0, 0.25), (0.08, 1.4, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
-    walls += [Box((0, s * 0.66, 0.25), (1.4, 0.08, 0.5), restitution=0.0, friction=0.3) for s in (-1, 1)]
+    walls = [Box((s * 0.66, 0, 0.32), (0.08, 1.4, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
+    walls += [Box((0, s * 0.66, 0.32), (1.4, 0.08, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
     touch, look = Touch(friction=0.4, restitution=0.3), Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
     colliders, system = [Plane(restitution=0.1, friction=0.5), *walls], sum(bodies[1:], bodies[0])
     return Scene(system=system, colliders=colliders, touch=touch, duration=2.5, look=look, looks=looks)
