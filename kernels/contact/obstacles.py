@@ -35,6 +35,8 @@ class Contact(NamedTuple):
     """Whether any obstacle moves."""
     felt: bool = False
     """Whether what obstacles push particles with is summed."""
+    sunk: bool = False
+    """Whether anything starts inside an obstacle, and is led out."""
 
 
 NO_CONTACT = Contact(NoColliders, None, False)
@@ -69,6 +71,8 @@ def fixed_contact(
             inradius: scalar  # of the largest ball inside the thinnest [m]
         if felt:
             impulse: wp.array(dtype=vector(dim, wp.float64))  # by mass [m/s], shape [particle_count]
+        if sunk:
+            inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
 
     @wp.func
     def look(obstacles: Obstacles, p: int, x: V):

@@ -101,9 +101,7 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
         if wp.static(sunk):
             began = distance - wp.dot(x - x_old, normal)
             approach = wp.dot(v, normal)
-            # What does not move at all is pinned, or held by nothing but itself: it stays.
-            held = wp.length_sq(v) == scalar(0.0)
-            if distance < scalar(0.0) and approach <= scalar(0.0) and began < -s.slack and not held:
+            if distance < scalar(0.0) and approach <= scalar(0.0) and began < -s.slack:
                 x += wp.max(wp.min(began + s.outwards, scalar(0.0)) - distance, scalar(0.0)) * normal
                 return x, v - approach * normal
         if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):

@@ -144,17 +144,17 @@ def finish(composition: Composition):
     the change of velocity that it makes is added up.
     """
     V, _, Lost, _, store, add = tools(composition)
-    Colliders, collide, moving, felt = composition.contact
+    Colliders, collide, moving, felt, sunk = composition.contact
     scalar, compensated = composition.scalar, composition.compensated
     Wide = vector(composition.dim, wp.float64)
-    has_colliders, pinned_among_moving = collide is not None, composition.pinned and moving
+    has_colliders, pinned_apart = collide is not None, composition.pinned and (moving or sunk)
 
     @wp.func
     def finish_substep(colliders: Colliders, lost: Lost, x_old: V, v_old: V, dx: V, v_new: V, i: int):
         x_new = add(x_old, dx, lost.x, lost.x_out, i)
-        if wp.static(pinned_among_moving):
+        if wp.static(pinned_apart):
             if colliders.inverse_mass[i] == scalar(0.0):
-                return x_new, v_new  # what moves passes through it
+                return x_new, v_new  # what moves passes through it, and it is not led out
         if wp.static(moving):
             colliders.particle = i
         if wp.static(has_colliders):

@@ -69,8 +69,11 @@ class Contact(Effect):
             ),
             moving=self._moves,
             felt=felt,
+            sunk=self._deepest > 0.0,
         )
         data = self.data = self.piece.Colliders()
+        if self._deepest > 0.0:
+            data.inverse_mass = self._inverse_mass
         if self._moves:
             self.done = data.done = wp.zeros(model.particle_count, dtype=wp.float64, device=self._device)
         data.count = len(colliders)
