@@ -64,7 +64,7 @@ class Effect:
     search_every: int = 8
     """Substeps from one `search` to the next."""
     is_stale: bool = False
-    """Whether what is launched has changed, so that what has been recorded must be recorded anew."""
+    """Whether what is launched, or an array of it, is another one: what has been recorded must be so anew."""
 
     steps: Steps = Steps(1.0, 1)
     """The substeps of the frames to come; known when `begin` is called."""
@@ -114,10 +114,7 @@ class Effect:
         """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
 
     def is_void(self) -> bool:
-        """Tell whether the frame that was waited for must be repeated, now that the effect has made room for it.
-
-        What has been recorded must be recorded anew then.
-        """
+        """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
         return False
 
     def begin_substep(self, substep: int) -> bool:

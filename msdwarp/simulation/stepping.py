@@ -191,7 +191,6 @@ class Stepping:
         fine = not self.watch.finds_trouble()
         while self._is_void():
             self.go_back()
-            self.graph = None
             self._take_frame(time)
             fine = not self.watch.finds_trouble()
         return fine
@@ -214,7 +213,7 @@ class Stepping:
         void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
         for effect in self.model.effects:
             if effect.is_stale:
-                self.graph, effect.is_stale = None, False
+                self.graph, self._sums, effect.is_stale = None, None, False
         return any(void)
 
     def begin_anew(self) -> None:
