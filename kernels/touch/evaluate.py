@@ -19,8 +19,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
-from .nearest import nearest_on_triangle
-from .pairs import bodies_in_rows, pairs
+from .pairs import bodies_in_rows, pairs, places
 from .surfaces import DEEPEST, MOVED, Surfaces
 
 TANGENTIAL = 2.0 / 7.0
@@ -75,27 +74,17 @@ def energy_of_touch(scalar: type, sunk: bool):
 
 def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
-    nearest = nearest_on_triangle(scalar)
+    point_of, corner_of, place_on, nearest_to = places(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
     next_body = bodies_in_rows(scalar)
     zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
     @wp.func
-    def corner_of(data: Data, facet: int, k: int) -> V:
-        return data.x[data.corner[facet][k]]
-
-    @wp.func
     def normal_of(data: Data, facet: int) -> V:
         """Return the unit normal out of a facet; 0 of one that has none."""
         a = corner_of(data, facet, 0)
         return wp.normalize(wp.cross(corner_of(data, facet, 1) - a, corner_of(data, facet, 2) - a))
-
-    @wp.func
-    def place_on(data: Data, facet: int, w: V) -> V:
-        return (
-            w[0] * corner_of(data, facet, 0) + w[1] * corner_of(data, facet, 1) + w[2] * corner_of(data, facet, 2)
-        )
 
     @wp.func
     def add_to(data: Data, vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
@@ -150,7 +139,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         if n > 0:
             ends = data.ends[p]
             s = data.share[p]
-            x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
+            x = point_of(data, p)
             v = data.v[ends[0]] + s * (data.v[ends[1]] - data.v[ends[0]])
             own = data.mobility[ends[0]]
             if ends[0] != ends[1]:
@@ -168,14 +157,14 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                 facet = data.row[r, p]
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
-                w = nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
+                w = nearest_to(data, facet, x)
                 away = x - place_on(data, facet, w)
                 best = wp.dot(away, away)
                 near = wp.sqrt(best) + skin[0]
                 for e in range(n):
                     if almost * data.away[e, p] <= near and data.whose[e, p] == other and e != r:
                         f = data.row[e, p]
-                        w_f = nearest(x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2))
+                        w_f = nearest_to(data, f, x)
                         away = x - place_on(data, f, w_f)
                         if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                             best = wp.dot(away, away)
@@ -198,9 +187,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         for e in range(n):
                             if almost * data.away[e, p] <= near and data.whose[e, p] == other:
                                 f = data.row[e, p]
-                                w_f = nearest(
-                                    x, corner_of(data, f, 0), corner_of(data, f, 1), corner_of(data, f, 2)
-                                )
+                                w_f = nearest_to(data, f, x)
                                 away = x - place_on(data, f, w_f)
                                 if wp.dot(away, away) <= tie:
                                     seen = wp.dot(away, normal_of(data, f))

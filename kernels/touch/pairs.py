@@ -1,10 +1,43 @@
-"""What holds between two bodies: by which rule they touch, from how far, and how stiffly."""
+"""What holds between a point and a facet: where both are, by which rule they touch, from how far, how stiffly."""
 
 import functools
 
 import warp as wp
 
+from ..basis import vector
+from .nearest import nearest_on_triangle
 from .surfaces import Surfaces
+
+
+@functools.cache
+def places(scalar: type):
+    """Compose (point_of, corner_of, place_on, nearest_to).
+
+    The place of a point; that of corner k of a facet; that on a facet by the weights of its corners; and the
+    weights of the place on a facet that is nearest to x.
+    """
+    V, Data, nearest = vector(3, scalar), Surfaces(scalar), nearest_on_triangle(scalar)
+
+    @wp.func
+    def point_of(data: Data, p: int) -> V:
+        ends = data.ends[p]
+        return data.x[ends[0]] + data.share[p] * (data.x[ends[1]] - data.x[ends[0]])
+
+    @wp.func
+    def corner_of(data: Data, facet: int, k: int) -> V:
+        return data.x[data.corner[facet][k]]
+
+    @wp.func
+    def place_on(data: Data, facet: int, w: V) -> V:
+        return (
+            w[0] * corner_of(data, facet, 0) + w[1] * corner_of(data, facet, 1) + w[2] * corner_of(data, facet, 2)
+        )
+
+    @wp.func
+    def nearest_to(data: Data, facet: int, x: V) -> V:
+        return nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
+
+    return point_of, corner_of, place_on, nearest_to
 
 
 @functools.cache

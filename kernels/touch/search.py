@@ -5,8 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .nearest import nearest_on_triangle
-from .pairs import bodies_in_rows, pairs
+from .pairs import bodies_in_rows, pairs, places
 from .surfaces import HISTORY, LONGEST_ROW, Surfaces
 
 
@@ -75,7 +74,7 @@ def find_rows(scalar: type):
     order in which facets are found does.
     """
     Data = Surfaces(scalar)
-    nearest, (find_rule, _, reach_of, _) = nearest_on_triangle(scalar), pairs(scalar)
+    (point_of, _, place_on, nearest_to), (find_rule, _, reach_of, _) = places(scalar), pairs(scalar)
     next_body = bodies_in_rows(scalar)
 
     @wp.func
@@ -107,8 +106,7 @@ def find_rows(scalar: type):
     ):
         p = wp.tid()
         ends = data.ends[p]
-        s = data.share[p]
-        x = data.x[ends[0]] + s * (data.x[ends[1]] - data.x[ends[0]])
+        x = point_of(data, p)
         mine = data.body[p]
         count = int(0)
         room = data.row.shape[0]
@@ -127,9 +125,7 @@ def find_rows(scalar: type):
                 if rule >= 0:
                     c = data.corner[facet]
                     reach = reach_of(data, rule, mine, other)
-                    w = nearest(x, data.x[c[0]], data.x[c[1]], data.x[c[2]])
-                    q = w[0] * data.x[c[0]] + w[1] * data.x[c[1]] + w[2] * data.x[c[2]]
-                    away = wp.length(x - q)
+                    away = wp.length(x - place_on(data, facet, nearest_to(data, facet, x)))
                     if away < reach + skin[0]:
                         may = bool(True)
                         if mine == other:

@@ -1,7 +1,7 @@
 """What contact between bodies needs beforehand: rules by kinds of bodies, bounds of rates, chunks of facets."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,11 @@ EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
 CHUNK = 64
 """Facets that a thread boxes together."""
+
+
+def harmonic_mean(a: Any, b: Any) -> Any:
+    """Return 2ab/(a + b), the stiffness of a contact between bodies of these [N/m]; as `kernels.touch` has it."""
+    return 2 * a * b / (a + b)
 
 
 def contact_blocks(
@@ -54,7 +59,7 @@ def contact_blocks(
             if which < 0:
                 continue
             one = rules[which]
-            k = one.stiffness if one.stiffness is not None else 2 * k_a * k_b / (k_a + k_b)
+            k = one.stiffness if one.stiffness is not None else harmonic_mean(k_a, k_b)
             most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / s_b) ** 2))
             zeta = max(zeta, 2**0.5 * one.damping_ratio)
         mine = number == a

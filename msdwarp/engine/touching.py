@@ -28,7 +28,7 @@ from ..kernels.touch import (
 from ..world import Load, Touch
 from .effect import Effect
 from .rows import rows
-from .touch_tables import chunks, contact_blocks, neighbourhoods, rules_by_kind
+from .touch_tables import chunks, contact_blocks, harmonic_mean, neighbourhoods, rules_by_kind
 
 if TYPE_CHECKING:
     from .model import Model
@@ -151,8 +151,7 @@ class Touching(Effect):
         self.data.force = data.force
         stiffest = max(float(surfaces.stiffness.max(initial=0.0)), *(one.stiffness or 0.0 for one in rules))
         self.data.unit = stiffest * max(self._farthest, 1e-30) * UNITS
-        self._start = start.astype(dtype)
-        data.x.assign(self._start)
+        data.x.assign(start.astype(dtype))
         self._lower, self._upper = (wp.zeros(len(surfaces.corner), dtype=wp.vec3, device=device) for _ in "lu")
         wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
         owner = surfaces.body[surfaces.corner[:, 0]]
@@ -172,7 +171,6 @@ class Touching(Effect):
         self._find_rows()
         self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
         self._flags.zero_()
-        self._sunk = False
         self._sink()
 
     def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
@@ -212,7 +210,7 @@ class Touching(Effect):
         given = data.given.numpy()[data.rule.numpy()[kind[a], kind[b]]]
         k_a, k_b = surfaces.stiffness[a], surfaces.stiffness[b]
         with np.errstate(invalid="ignore", divide="ignore"):
-            k = np.where(given < 0, 2 * k_a * k_b / (k_a + k_b), given) * data.density.numpy()[a]
+            k = np.where(given < 0, harmonic_mean(k_a, k_b), given) * data.density.numpy()[a]
         deep = np.sqrt(2 * stored[points] / k)
         p = int(np.argmax(deep))
         if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
@@ -226,8 +224,8 @@ class Touching(Effect):
         self._overlapping = (
             f"the body of particle {particles[0]} starts {deep[p]:.3g} m inside that of particle {particles[1]} "
             f"({len(points)} points of surfaces start inside other bodies): they are led apart within "
-            f"{LED_APART_IN} s, as far as they are no deeper than a spacing; move them apart, or have them ignore "
-            "each other by Touch(groups=..., between='none')"
+            f"{LED_APART_IN} s, as far as they are no deeper than half a spacing; move them apart, or have them "
+            "ignore each other by Touch(groups=..., between='none')"
         )
 
     def overlapping(self) -> str | None:
