@@ -2,12 +2,22 @@
 
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
+
+
+def test_every_package_is_in_the_list_of_those_installed():
+    """An editable installation finds the others too, so that only a wheel would lack them."""
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    roots = [ROOT / "msdwarp", ROOT / "kernels", ROOT / "scenes"]
+    there = {path.parent for root in roots for path in root.rglob("__init__.py")}  # does not follow links
+    names = {".".join(path.relative_to(ROOT).parts) for path in there}
+    assert set(listed) == {name if name.startswith("msdwarp") else f"msdwarp.{name}" for name in names}
 
 
 @pytest.mark.slow
