@@ -41,8 +41,9 @@ class LinearlyImplicitEuler(Integrator):
 
     Order 1, and strongly damping. Springs and dampers are stable at any step, as far as the equations are solved;
     effects act explicitly. Of driven particles Δv is given: their way in the substep over h, less v.
-    It is for a few springs that are much stiffer, or particles much lighter, than all others. The equations are solved by conjugate gradients without ever being assembled, preconditioned by the
-    inverses of the diagonal blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
+    It is for a few springs that are much stiffer, or particles much lighter, than all others. The equations are
+    solved by conjugate gradients without ever being assembled, preconditioned by the inverses of the diagonal
+    blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
     by up to v h in a substep, so long steps bounce hard there.
     Of dampers that are not linear B has the steepest slope, so that long steps weaken their force.
     Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).

@@ -38,6 +38,11 @@ class Change:
         """Check the arguments."""
         object.__setattr__(self, "time", checks.non_negative("time", self.time))
         for name in self.parameters:
+            if name in ("loads", "touch"):
+                raise ValueError(
+                    f"{name} is given to a schedule, which cannot hold it; simulation.change({name}=...) replaces it "
+                    "between two frames"
+                )
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
         checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
