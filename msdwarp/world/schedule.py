@@ -40,8 +40,8 @@ class Change:
         for name in self.parameters:
             if name in ("loads", "touch"):
                 raise ValueError(
-                    f"{name} is given to a schedule, which cannot hold it; simulation.change({name}=...) replaces it "
-                    "between two frames"
+                    f"{name} is given to a schedule, which cannot hold it; "
+                    f"simulation.change({name}=...) replaces it between two frames"
                 )
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
         checks.one_of("freeze", self.freeze, (False, True))
