@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import System
+from ..engine import resists
 from ..integrators import Integrator, UnstableStep
 from ..world import Change, Gravity, Load, Touch, bound, check_loads, differ_in_values, with_touch
 from .pace import Pace
@@ -46,7 +47,8 @@ class Changing(Present):
 
         Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
         the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it
-        for other velocities, but energies and the stability limit are found again: a few passes over the body.
+        for other velocities, which cost copies of these; with `Wind` the stability limit is found again, in a few
+        passes over the body.
         What is thrown goes on as from a start with its velocity, and the energy that it gets is no
         sign of divergence. A mass of inf pins a particle where it is.
         Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
@@ -123,16 +125,16 @@ class Changing(Present):
         before = self.frame().velocity
         velocity = change.velocities(self.system, before, held)
         self.model.check_range(velocity, "velocity")
-        chosen = change.chosen(self.system)[0] & ~held
-        above = 0.0 if self._pace is None else self._pace.above(self.stepping)
-        self.stepping.throw(velocity, chosen)
-        try:
-            self._choose_anew()
-        except UnstableStep:  # forces that depend on speed may be steeper now
-            self.stepping.throw(before.astype(np.float64), chosen)
-            raise
+        chosen = change.particles(self.system) & ~held
+        added = self.stepping.throw(velocity, chosen)
+        if resists(self.model):  # forces that depend on speed may be steeper now
+            try:
+                self._choose_anew()
+            except UnstableStep:
+                self.stepping.throw(before.astype(np.float64), chosen)
+                raise
         if self._pace is not None:
-            self._pace.begin(self.stepping, above)
+            self._pace.throw(added)
 
     def _replace_loads(self, given: tuple[Load, ...]) -> None:
         """Go on with other loads: in place where they differ in values alone."""
