@@ -14,6 +14,13 @@ class Driving(NamedTuple):
 
     Of what the force on a driven one does, its drive's work is summed.
     """
+    way: Any = None
+    """wp.func (world, i, begin, end) -> how far a driven particle goes between two stages of a frame [m]."""
+    holds_out: Any = None
+    """wp.func (world, force, i, begin, end): sum the work done against a steady force on a driven one on that way.
+
+    It is for methods that know the force only when their equations are solved, in place of `acceleration`.
+    """
     at_stage: Any = None
     """wp.func (world, lost, x, v, i) -> (x, v) as the next stage of a substep takes them."""
     at_end: Any = None

@@ -42,7 +42,7 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
     skin = skin.replace(rest_length=skin.length / stretch)
     # The tension of a net of triangles is √3 k (l − l0)/l; on a sphere it balances a pressure 2/R times it.
     pressure = 2 / RADIUS * 3**0.5 * stiffness * (1 - 1 / stretch)
-    bodies, loads = [], [Wind(breeze, drag=0.235, lift=0.0)]  # a sphere's drag: 0.47 of the area that it shows
+    bodies, loads = [], [Wind(breeze, drag=0.47, lift=0.0)]  # a sphere's drag
     for name, (_, x, links) in BALLOONS.items():
         string = chain(links, link, mass=1e-4, stiffness=200.0, damping=0.02).rotate(-np.pi / 2, axis=(0, 1, 0))
         string = string.translate((x, 0, 0) - string.position[0]).pin(0).named("strings")

@@ -8,8 +8,10 @@ from ..basis import kernel, vector
 
 
 @functools.cache
-def add_linearised(dim: int, scalar: type):
+def add_linearised(dim: int, scalar: type, everyone: bool = False):
     """Compose z += scale (spring·K + damper·B) p, over connections, K and B linearised at x; pinned rows stay 0.
+
+    With `everyone` the rows and columns of pinned and driven particles are there as well.
 
     A connection's part of K is k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)), of B b d dᵀ, for its axis d: a compressed
     spring's push across its axis is left out, so that K is never indefinite.
@@ -43,18 +45,25 @@ def add_linearised(dim: int, scalar: type):
             return
         axis = dx / length
         dp = V()
-        if inverse_mass[i] > scalar(0.0):
-            dp += p[i]
-        if inverse_mass[j] > scalar(0.0):
-            dp -= p[j]
+        if wp.static(everyone):
+            dp = p[i] - p[j]
+        else:
+            if inverse_mass[i] > scalar(0.0):
+                dp += p[i]
+            if inverse_mass[j] > scalar(0.0):
+                dp -= p[j]
         across = wp.max(scalar(0.0), scalar(1.0) - rest_length[c] / length)
         k = scale * spring * stiffness[c]
         b = scale * damper * damping[c]
         part = (k * (scalar(1.0) - across) + b) * wp.dot(axis, dp) * axis + k * across * dp
-        if inverse_mass[i] > scalar(0.0):
+        if wp.static(everyone):
             wp.atomic_add(z, i, part)
-        if inverse_mass[j] > scalar(0.0):
             wp.atomic_sub(z, j, part)
+        else:
+            if inverse_mass[i] > scalar(0.0):
+                wp.atomic_add(z, i, part)
+            if inverse_mass[j] > scalar(0.0):
+                wp.atomic_sub(z, j, part)
 
     return add_linearised_product
 

@@ -59,7 +59,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
-    holds, _, _, at_end = driving(composition)
+    holds, *_, at_end = driving(composition)
 
     @wp.struct
     class ExtrapolatedLeapfrogStep:

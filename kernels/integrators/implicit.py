@@ -8,6 +8,9 @@ from ..basis import kernel, vector
 from .composition import Composition, Stage, driving, tools
 from .stages import finish, particle_acceleration
 
+LAUNCHES = 2
+"""Stages of a substep: `impulse`, and `implicit_finish`."""
+
 
 @functools.cache
 def mass_product(dim: int, scalar: type):
@@ -27,7 +30,10 @@ def mass_product(dim: int, scalar: type):
 
 @functools.cache
 def block_inverses(dim: int, scalar: type):
-    """Compose the inverses of the diagonal blocks m + h² A_i + h B_i: the preconditioner."""
+    """Compose the inverses of the diagonal blocks m + h² A_i + h B_i: the preconditioner; 0 for a pinned particle.
+
+    So conjugate gradients leave whatever the residual of a pinned or driven particle holds as it is.
+    """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
 
     @kernel
@@ -45,13 +51,10 @@ def block_inverses(dim: int, scalar: type):
             block = h * h * stiffness_block[i] + h * damping_block[i]
             for k in range(wp.static(dim)):
                 block[k, k] += wp.float64(1.0) / w
-        else:
-            for k in range(wp.static(dim)):
-                block[k, k] = wp.float64(1.0)
-        if wp.static(dim == 1):
-            block[0, 0] = wp.float64(1.0) / block[0, 0]
-        else:
-            block = wp.inverse(block)
+            if wp.static(dim == 1):
+                block[0, 0] = wp.float64(1.0) / block[0, 0]
+            else:
+                block = wp.inverse(block)
         inverses[i] = Block(block)
 
     return invert_blocks
@@ -59,10 +62,13 @@ def block_inverses(dim: int, scalar: type):
 
 @functools.cache
 def impulse(composition: Composition) -> Stage:
-    """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle."""
+    """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle.
+
+    For a driven one it is h f, and `given` is by how much its velocity changes, to Δx / h; that of others is 0.
+    """
     scalar = composition.scalar
-    V, World, Lost, _, store, _ = tools(composition)
-    acceleration = particle_acceleration(composition)
+    V, World, Lost, load, store, _ = tools(composition)
+    acceleration, (holds, _, way, *_) = particle_acceleration(composition), driving(composition)
 
     @wp.struct
     class Impulse:
@@ -71,13 +77,20 @@ def impulse(composition: Composition) -> Stage:
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         out: wp.array(dtype=V)
+        given: wp.array(dtype=V)
 
     @wp.func
     def advance(world: World, step: Impulse, force: V, i: int):
-        a = acceleration(world, force, i)
         p = V()
         if world.inverse_mass[i] > scalar(0.0):
+            a = acceleration(world, force, i)
             p = step.h * a / world.inverse_mass[i]
+        if wp.static(holds is not None):
+            change = V()
+            if holds(world, i):
+                p = step.h * force
+                change = way(world, i, world.stage, world.stage + LAUNCHES) / step.h - load(step.v, i)
+            store(step.given, i, change)
         store(step.out, i, p)
 
     return Stage(Impulse, advance)
@@ -85,16 +98,20 @@ def impulse(composition: Composition) -> Stage:
 
 @functools.cache
 def implicit_finish(composition: Composition) -> Stage:
-    """Compose v += dv (0 for a pinned particle), then x += h v, then contact."""
+    """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
+
+    Of driven particles `impulse` is what the forces of the whole substep did, which their drives held out against.
+    """
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
-    finish_substep, at_end = finish(composition), driving(composition).at_end
+    finish_substep, (holds, _, _, holds_out, _, at_end) = finish(composition), driving(composition)
 
     @wp.struct
     class ImplicitFinish:
         h: scalar
         lost: Lost
         dv: wp.array(dtype=V)
+        impulse: wp.array(dtype=V)
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         x_out: wp.array(dtype=V)
@@ -107,6 +124,9 @@ def implicit_finish(composition: Composition) -> Stage:
         x_old = load(step.x, i)
         x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
         if wp.static(at_end is not None):
+            if holds(world, i):
+                pull = load(step.impulse, i) / step.h
+                holds_out(world, pull, i, world.stage + 1 - LAUNCHES, world.stage + 1)
             x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)

@@ -19,7 +19,7 @@ def rk4(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
-    _, _, at_stage, at_end = driving(composition)
+    *_, at_stage, at_end = driving(composition)
 
     @wp.struct
     class RK4Step:
@@ -79,7 +79,7 @@ def chebyshev(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, World, Lost, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
-    _, _, at_stage, at_end = driving(composition)
+    *_, at_stage, at_end = driving(composition)
 
     @wp.struct
     class ChebyshevStep:

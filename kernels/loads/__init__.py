@@ -3,6 +3,7 @@
 from .actuators import actuated_springs, add_tension
 from .attachments import attachments
 from .drives import driven
+from .faces import mix_vertices, mixed_vertices
 from .forces import function_force, steady_force, varying_force, weight_force
 from .pressure import gas_law, gas_pressure, given_pressure
 from .ties import tie_force
@@ -21,6 +22,8 @@ __all__ = [
     "gas_pressure",
     "given_pressure",
     "measured",
+    "mix_vertices",
+    "mixed_vertices",
     "steady_force",
     "sum_work",
     "tie_force",

@@ -19,9 +19,8 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
     stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
 
     The work of a drive is −f·v, f being the force on what it moves at v, which it holds out against. Over a
-    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. The
-    force is what a method asks for: at the long steps of an implicit one springs pull less than that, and the work
-    is too much, at order 1.
+    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. An
+    implicit method solves for the force that acts during a substep; with that one it is −f·Δx.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Lost, _ = compensation(dim, scalar, compensated)
@@ -73,6 +72,22 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
             return V(world.drives.bending[d] * world.drives.start[e] + world.drives.push[d])
 
         @wp.func
+        def way_between(world: World, e: int, begin: int, end: int) -> Wide:
+            d = world.drives.drive[e]
+            turned = world.drives.turn[end, d] - world.drives.turn[begin, d]
+            return turned * world.drives.start[e] + (world.drives.shift[end, d] - world.drives.shift[begin, d])
+
+        @wp.func
+        def way(world: World, i: int, begin: int, end: int) -> V:
+            return V(way_between(world, world.drives.entry[i], begin, end))
+
+        @wp.func
+        def holds_out(world: World, force: V, i: int, begin: int, end: int):
+            e = world.drives.entry[i]
+            work = wp.dot(Wide(force), way_between(world, e, begin, end))
+            world.drives.done[0, e] = world.drives.done[0, e] - work
+
+        @wp.func
         def place(world: World, e: int) -> Wide:
             row = world.stage + 1
             d = world.drives.drive[e]
@@ -102,6 +117,6 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
                     store(lost.v, i, V(Wide(v) - fast))
             return x, v
 
-        return Driving(holds, acceleration, at_stage, at_end)
+        return Driving(holds, acceleration, way, holds_out, at_stage, at_end)
 
     return Piece("drives", Drives, drive=drive, timed=True)

@@ -13,11 +13,11 @@ from .faces import face
 
 
 @functools.cache
-def _pressed(dim: int, scalar: type, compensated: bool):
+def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
     """Compose (Pressed, press): pressures on triangles, and Σ p a / 3 on a particle over those around it."""
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    Faces, corners = face(dim, scalar, compensated)
+    Faces, corners = face(dim, scalar, compensated, mixed)
 
     @wp.struct
     class Pressed:
@@ -31,22 +31,27 @@ def _pressed(dim: int, scalar: type, compensated: bool):
         for e in range(p.faces.first[i], p.faces.first[i + 1]):
             t = p.faces.number[e]
             _centre, _velocity, a = corners(p.faces, lost, x, v, t)
-            total += p.value[row, p.of[t]] / scalar(3.0) * a
+            if wp.static(mixed):
+                total += p.value[row, p.of[t]] * p.faces.share[e] * a
+            else:
+                total += p.value[row, p.of[t]] / scalar(3.0) * a
         return total
 
     return Pressed, press
 
 
 @functools.cache
-def given_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
+def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> Piece:
     """Return what given pressures add to kernels; they have a row for each stage of a frame, and for its end."""
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    Pressed, press = _pressed(dim, scalar, compensated)
+    Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
     def force(World: Any):
         @wp.func
         def press_by_time(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            if wp.static(mixed):
+                return press(world.pressure, lost, world.skin.x, world.skin.v, i, world.stage)
             return press(world.pressure, lost, x, v, i, world.stage)
 
         return press_by_time
@@ -55,15 +60,17 @@ def given_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
 
 
 @functools.cache
-def gas_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
+def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> Piece:
     """Return the same of enclosed gases, whose one row `gas_law` has found for the places of this stage."""
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    Pressed, press = _pressed(dim, scalar, compensated)
+    Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
     def force(World: Any):
         @wp.func
         def press_by_volume(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+            if wp.static(mixed):
+                return press(world.gas, lost, world.skin.x, world.skin.v, i, 0)
             return press(world.gas, lost, x, v, i, 0)
 
         return press_by_volume
@@ -72,7 +79,7 @@ def gas_pressure(dim: int, scalar: type, compensated: bool) -> Piece:
 
 
 @functools.cache
-def gas_law(dim: int, scalar: type, compensated: bool):
+def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose the kernel, by one block of threads, that finds the pressure of a gas: p = p0 (V0 / V)^γ.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, summed in float64 from one of the corners on: by
@@ -83,9 +90,12 @@ def gas_law(dim: int, scalar: type, compensated: bool):
 
     @wp.func
     def place(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int) -> wp.vec3d:
-        own = load(x, i)
+        if wp.static(mixed):
+            own = x[i]
+        else:
+            own = load(x, i)
         result = wp.vec3d(wp.float64(own[0]), wp.float64(own[1]), wp.float64(own[2]))
-        if wp.static(compensated):
+        if wp.static(compensated and not mixed):
             off = load(x_lost, i)
             result -= wp.vec3d(wp.float64(off[0]), wp.float64(off[1]), wp.float64(off[2]))
         return result
@@ -93,7 +103,7 @@ def gas_law(dim: int, scalar: type, compensated: bool):
     @kernel
     def find_pressure(
         # Model:
-        corner: wp.array(dtype=wp.vec3i),  # the particles of each triangle, shape [any]
+        corner: wp.array(dtype=wp.vec3i),  # the vertices of each triangle, shape [any]
         begin: int,  # the first triangle around this gas, and the first behind
         end: int,
         inside: wp.float64,  # p0, where the volume is V0 [Pa]
@@ -102,8 +112,8 @@ def gas_law(dim: int, scalar: type, compensated: bool):
         exponent: wp.float64,  # γ
         gas: int,
         # State in:
-        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        x_lost: wp.array(dtype=V),  # what they have lost by rounding [m]
+        x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
+        x_lost: wp.array(dtype=V),  # what those of particles have lost by rounding [m]
         # Out:
         over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [1, gas_count]
     ):

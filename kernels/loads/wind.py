@@ -33,7 +33,9 @@ def _blows(dim: int, scalar: type, function: Any):
 
 
 @functools.cache
-def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> Piece:
+def wind_on_faces(
+    dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, closed: bool = False
+) -> Piece:
     """Return what wind on a surface adds to kernels: the force of the air on the triangles around a particle.
 
     With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
@@ -41,7 +43,9 @@ def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> P
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
     of which each corner takes a third: drag against u as on a plate of the area seen along u, lift across u
-    towards the lee side. Both sides of the surface count. Without a relative speed there is no force, exactly.
+    towards the lee side. Both sides of the surface count; of a closed one there is air outside alone, so that
+    triangles feel it which move against it, u·a > 0: together they show it the area that is seen along u. Without
+    a relative speed there is no force, exactly.
     Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
     itself; the quadratic law of drag is that of a plate.
 
@@ -51,10 +55,14 @@ def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> P
         Coordinates, numbers, and whether sums keep what rounding takes away.
     function
         A wp.func (x, t) -> velocity of the air [m/s]; None where it is given by numbers.
+    mixed
+        Whether vertices are mixtures of particles (see `face`).
+    closed
+        Whether any triangle is of a closed surface.
     """
     V = vector(dim, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    Faces, corners = face(dim, scalar, compensated)
+    Faces, corners = face(dim, scalar, compensated, mixed)
     Winds, air = _blows(dim, scalar, function)
 
     @wp.struct
@@ -62,6 +70,13 @@ def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> P
         winds: Winds
         faces: Faces
         wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
+
+    @wp.struct
+    class WindOnClosedFaces:
+        winds: Winds
+        faces: Faces
+        wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
+        closed: wp.array(dtype=bool)  # whether it is of a closed surface, shape [triangle_count]
 
     @wp.func
     def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
@@ -80,14 +95,25 @@ def wind_on_faces(dim: int, scalar: type, compensated: bool, function: Any) -> P
             for e in range(world.wind.faces.first[i], world.wind.faces.first[i + 1]):
                 t = world.wind.faces.number[e]
                 w = world.wind.wind[t]
-                centre, velocity, a = corners(world.wind.faces, lost, x, v, t)
+                if wp.static(mixed):
+                    centre, velocity, a = corners(world.wind.faces, lost, world.skin.x, world.skin.v, t)
+                else:
+                    centre, velocity, a = corners(world.wind.faces, lost, x, v, t)
                 u = velocity - air(world.wind.winds, centre, world.time[world.stage], world.stage, w)
-                total += push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a) / scalar(3.0)
+                if wp.static(closed):
+                    if world.wind.closed[t] and wp.dot(u, a) < scalar(0.0):
+                        continue
+                if wp.static(mixed):
+                    f = push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a)
+                    total += world.wind.faces.share[e] * f
+                else:
+                    total += push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a) / scalar(3.0)
             return total
 
         return blow
 
-    return Piece("wind", WindOnFaces, force=force, selective=True, timed=True, works=True)
+    Data = WindOnClosedFaces if closed else WindOnFaces
+    return Piece("wind", Data, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache

@@ -4,6 +4,7 @@ from .cells import Bare, laid_bare
 from .connectivity import pieces
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
+from .facets import Facets, facets_of, run_back
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
@@ -32,6 +33,7 @@ __all__ = [
     "CoulombDamper",
     "Damper",
     "Edges",
+    "Facets",
     "Frame",
     "Material",
     "QuadraticDamper",
@@ -41,6 +43,7 @@ __all__ = [
     "TouchingSurfaces",
     "broken_before",
     "counted",
+    "facets_of",
     "headline",
     "in_space",
     "is_uniform",
@@ -49,6 +52,7 @@ __all__ = [
     "pieces",
     "rotation",
     "rotations",
+    "run_back",
     "selected",
     "stored",
     "touching_surfaces",

@@ -377,7 +377,9 @@ class System:
             If there is no group of that name; the message lists those there are.
         """
         checks.one_of("group", name, self.groups)
-        return np.isin(np.arange(self.particle_count), self.groups[name])
+        mine = np.zeros(self.particle_count, dtype=bool)
+        mine[self.groups[name]] = True
+        return mine
 
     def __add__(self, other: "System") -> Self:
         """Return one system that holds both, with the particles and connections of `other` behind."""

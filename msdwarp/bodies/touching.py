@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
+from .facets import different_vertices, run_back
 from .surface import Surface
 from .system import System
 
@@ -114,19 +115,7 @@ def _vertices(system: System) -> tuple[NDArray[np.int64], NDArray[np.float64], N
     surface: Surface | None = system.surface
     if surface is None:
         return np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 3), dtype=np.int64)
-    particle = surface.particle.astype(np.int64)
-    if surface.weights is None:
-        particle, weight = particle[:, None], np.ones((len(particle), 1))
-        different, number = np.unique(particle, axis=0, return_inverse=True)
-        weights = np.ones((len(different), 1))
-    else:
-        weight = surface.weights
-        rows = np.hstack([particle, np.round(1e9 * weight).astype(np.int64)])
-        _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        different, weights = particle[chosen], weight[chosen]
-    triangles = number.reshape(-1)[surface.triangles]
-    whole = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])
-    return different, weights, triangles[whole & (triangles[:, 2] != triangles[:, 0])]
+    return different_vertices(surface)
 
 
 def _open(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[np.bool_]:
@@ -134,12 +123,7 @@ def _open(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[n
     found = np.zeros(bodies, dtype=bool)
     if len(triangles):
         runs = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-        most = int(triangles.max()) + 1
-        there, back = runs[:, 0] * most + runs[:, 1], runs[:, 1] * most + runs[:, 0]
-        different, counts = np.unique(there, return_counts=True)
-        place = np.minimum(np.searchsorted(different, back), len(different) - 1)
-        once = (different[place] == back) & (counts[np.searchsorted(different, there)] == 1)
-        found[body[runs[~once, 0]]] = True
+        found[body[runs[~run_back(runs, int(triangles.max()) + 1), 0]]] = True
     return found
 
 

@@ -10,7 +10,7 @@ from .effect import Effect, Steps
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
-from .rates import Rates, rate_bounds
+from .rates import Rates, rate_bounds, resists
 from .sensing import Sensors, sensors_of
 from .start import doubt_start, starting_state
 from .state import State
@@ -39,6 +39,7 @@ __all__ = [
     "measure",
     "potential",
     "rate_bounds",
+    "resists",
     "rounding_energy",
     "sensors_of",
     "size",

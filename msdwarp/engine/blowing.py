@@ -11,7 +11,7 @@ from ..kernels.loads import wind_on_faces, wind_on_particles
 from ..world import Load, Wind
 from .by_stage import ByStage
 from .effect import Effect
-from .faces import area_vectors, faces_on
+from .faces import Faces, area_vectors
 
 if TYPE_CHECKING:
     from .model import Model
@@ -32,7 +32,7 @@ def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
 class Blowing(ByStage):
     """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
 
-    def __init__(self, model: "Model", winds: Named, compose: Any) -> None:
+    def __init__(self, model: "Model", winds: Named, compose: Any, **how: bool) -> None:
         self._model, self.named = model, winds
         places = [name for name, one in winds if one.of_place]
         if places and len(winds) > 1:
@@ -41,7 +41,7 @@ class Blowing(ByStage):
                 "surfaces, or on particles"
             )
         function = winds[0][1].velocity if places else None
-        self.piece = piece = compose(model.dim, model.scalar, model.compensated, function)
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
         self.data = piece.Data()
         for name in ("drag", "lift"):
             setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
@@ -85,19 +85,20 @@ class OnFaces(Blowing):
     """Wind on the triangles of a surface."""
 
     def __init__(self, model: "Model", winds: Named) -> None:
-        super().__init__(model, winds, wind_on_faces)
-        corners = [one.corners(model.system) for _, one in winds]
-        self._corner = np.concatenate(corners)
-        self._wind = np.repeat(np.arange(len(winds)), list(map(len, corners)))
-        self.data.faces = faces_on(model, type(self.data.faces), self._corner)
-        self.data.wind = wp.array(self._wind, dtype=int, device=model.device)
-        self.members = np.zeros(model.particle_count, dtype=bool)
-        self.members[self._corner] = True
+        faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
+        closed = bool(faces.closed.any())
+        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, closed=closed)
+        self.data.faces = faces.on(model, type(self.data.faces))
+        self.data.wind = wp.array(faces.of, dtype=int, device=model.device)
+        if closed:
+            self.data.closed = wp.array(faces.closed, dtype=bool, device=model.device)
+        self.members = faces.members()
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add a third of each triangle's to each of its corners."""
-        area = np.linalg.norm(area_vectors(self._corner, x.numpy()), axis=1)
-        np.add.at(damping, self._corner, (self._resistance(v, area, self._wind) / 3)[:, None])
+        faces = self._faces
+        area = np.linalg.norm(area_vectors(faces.corner, faces.points(x.numpy())), axis=1)
+        damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
 
 
 class OnParticles(Blowing):

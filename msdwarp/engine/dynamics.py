@@ -218,6 +218,11 @@ class Dynamics:
         self.have_begun()
 
     @property
+    def drives(self) -> bool:
+        """Whether any particle is driven."""
+        return any(piece.drive is not None for piece in self.composition.pieces)
+
+    @property
     def launches_before_forces(self) -> bool:
         """Whether anything is launched before the forces of a stage are taken."""
         return bool(self._preceding)

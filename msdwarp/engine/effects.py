@@ -13,6 +13,7 @@ from .contact import Contact
 from .driving import driving
 from .effect import Effect
 from .forcing import Steady, forcing
+from .mixing import mixing
 from .pressing import pressing
 from .tearing import Tearing
 from .ties import Ties
@@ -50,6 +51,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: driving(model, around.loads),
     lambda model, around: Ties(model) if model.lattice is not None and len(model.lattice.ties) else None,
     lambda model, around: forcing(model, around.loads),
+    lambda model, around: mixing(model, around.loads),  # what it finds is read by the next two
     lambda model, around: blowing(model, around.loads),
     lambda model, around: pressing(model, around.loads),
     lambda model, around: attaching(model, around.loads),

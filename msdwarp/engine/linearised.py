@@ -7,13 +7,24 @@ from .model import Model
 
 
 def add_linearised(
-    model: Model, x: wp.array, p: wp.array, z: wp.array, *, spring: float, damper: float, scale: float
+    model: Model,
+    x: wp.array,
+    p: wp.array,
+    z: wp.array,
+    *,
+    spring: float,
+    damper: float,
+    scale: float,
+    everyone: bool = False,
 ) -> None:
-    """Add scale (spring·K + damper·B) p to z, K and B linearised at x; by scattering, whatever the route."""
+    """Add scale (spring·K + damper·B) p to z, K and B linearised at x; by scattering, whatever the route.
+
+    Pinned and driven particles are left out, unless it is for `everyone`.
+    """
     if model.connection_count:
         constants = [model.connections, model.rest_length, model.stiffness, model.steepest_damping]
         wp.launch(
-            kernels.add_linearised(model.dim, model.scalar),
+            kernels.add_linearised(model.dim, model.scalar, everyone),
             dim=model.connection_count,
             inputs=[*constants, model.inverse_mass, x, p, spring, damper, scale],
             outputs=[z],

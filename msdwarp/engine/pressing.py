@@ -11,7 +11,8 @@ from ..kernels.loads import gas_law, gas_pressure, given_pressure
 from ..world import Gas, Load, Pressure, volume
 from .by_stage import ByStage
 from .effect import Effect
-from .faces import area_vectors, faces_on
+from .faces import Faces, area_vectors
+from .mixing import Mixing
 
 if TYPE_CHECKING:
     from .model import Model
@@ -34,18 +35,12 @@ class Pressing(Effect):
 
     def __init__(self, model: "Model", pressures: Sequence[Pressure | Gas], compose: Any) -> None:
         self._model = model
-        self.piece = piece = compose(model.dim, model.scalar, model.compensated)
-        corners = [one.corners(model.system) for one in pressures]
-        self._ends = np.cumsum([0, *map(len, corners)])
-        self._corner, self._of = (
-            np.concatenate(corners),
-            np.repeat(np.arange(len(corners)), list(map(len, corners))),
-        )
+        faces = self._faces = Faces([one.facets(model.system) for one in pressures], model.particle_count)
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
         self.data = piece.Data()
-        self.data.faces = faces_on(model, type(self.data.faces), self._corner)
-        self.data.of = wp.array(self._of, dtype=int, device=model.device)
-        self.members = np.zeros(model.particle_count, dtype=bool)
-        self.members[self._corner] = True
+        self.data.faces = faces.on(model, type(self.data.faces))
+        self.data.of = wp.array(faces.of, dtype=int, device=model.device)
+        self.members = faces.members()
 
     def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how stiff each particle is since area vectors turn with it [N/m], shape [particle_count].
@@ -53,13 +48,12 @@ class Pressing(Effect):
         ∂a/∂x_j is half the opposite edge (as a cross product): by Gershgorin a particle's row of the stiffness is
         at most p (|e_1| + |e_2| + |e_3|) / 6 of each of its triangles; blocks count half of that.
         """
+        faces, places = self._faces, self._faces.points(x)
         edges = sum(
-            np.linalg.norm(x[self._corner[:, k]] - x[self._corner[:, k - 1]], axis=1).astype(np.float64)
+            np.linalg.norm(places[faces.corner[:, k]] - places[faces.corner[:, k - 1]], axis=1).astype(np.float64)
             for k in range(3)
         )
-        each = np.zeros(self._model.particle_count)
-        np.add.at(each, self._corner, (np.abs(pressure)[self._of] * edges / 12)[:, None])
-        return each
+        return faces.bound(faces.add_to_corners(np.abs(pressure)[faces.of] * edges / 12))
 
     def _add(self, blocks: wp.array, each: NDArray[np.float64]) -> None:
         blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
@@ -92,18 +86,20 @@ class Gases(Pressing):
     def __init__(self, model: "Model", gases: Sequence[Gas]) -> None:
         super().__init__(model, gases, gas_pressure)
         self._gases = gases
-        self._law = gas_law(model.dim, model.scalar, model.compensated)
+        self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
         self.data.value = wp.zeros((1, len(gases)), dtype=model.scalar, device=model.device)
 
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch what finds the pressures for particles at x."""
-        model = self._model
+        model, ends = self._model, self._faces.ends
         threads = THREADS if model.device.is_cuda else 1
+        if self._faces.mixed:
+            x = next(one for one in model.effects if isinstance(one, Mixing)).data.x
         for k, gas in enumerate(self._gases):
             inputs = [
                 self.data.faces.corner,
-                int(self._ends[k]),
-                int(self._ends[k + 1]),
+                int(ends[k]),
+                int(ends[k + 1]),
                 gas.pressure + gas.outside,
             ]
             inputs += [gas.outside, gas.volume, gas.exponent, k, x, lost.x]
@@ -115,20 +111,18 @@ class Gases(Pressing):
         Beside the turning of area vectors, a gas is a spring of stiffness γ p / V for its volume: a matrix of rank
         1 whose eigenvalue, over masses, is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks count half of it, over each mass.
         """
-        model, places = self._model, x.numpy()
+        model, faces = self._model, self._faces
+        places = faces.points(x.numpy())
         inverse_mass = np.broadcast_to(model.inverse_mass.numpy(), model.particle_count).astype(np.float64)
         over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
         for k, gas in enumerate(self._gases):
-            corner = self._corner[self._ends[k] : self._ends[k + 1]]
+            corner = faces.corner[faces.ends[k] : faces.ends[k + 1]]
             assert gas.volume is not None  # as it is bound to the start
             now = max(volume(corner, places), 1e-6 * gas.volume)
             inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
             over[k] = inside - gas.outside
-            gradient = np.zeros((model.particle_count, 3))
-            np.add.at(gradient, corner, (area_vectors(corner, places) / 3)[:, None])
+            gradient = faces.spread(faces.add_to_corners(area_vectors(corner, places) / 3, corner))
             rate = gas.exponent * inside / now * float(((gradient**2).sum(axis=1) * inverse_mass).sum())
-            mine = np.zeros(model.particle_count, dtype=bool)
-            mine[corner] = True
-            mine &= inverse_mass > 0
+            mine = (gradient != 0).any(axis=1) & (inverse_mass > 0)
             each[mine] += 0.5 * rate / inverse_mass[mine]
-        self._add(stiffness, each + self._turning(places, over))
+        self._add(stiffness, each + self._turning(x.numpy(), over))

@@ -61,6 +61,11 @@ def rate_bounds(system: System, model: Model | None = None, state: State | None 
     return Rates(bounds[0], bounds[1], ratio, *_effect_bounds(model, state))
 
 
+def resists(model: Model) -> bool:
+    """Return whether rates depend on how fast particles move: whether any effect resists their motion."""
+    return any(type(one).add_resistance is not Effect.add_resistance for one in model.effects)
+
+
 def _blocks(model: Model) -> list[wp.array]:
     """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [particle_count]."""
     Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)

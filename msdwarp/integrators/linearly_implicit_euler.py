@@ -16,7 +16,7 @@ class Work(NamedTuple):
     """What a solve needs: vectors and blocks of shape [particle_count]."""
 
     r: wp.array
-    """Right-hand side, later the residual [kg m/s]."""
+    """Right-hand side, later the residual; of driven particles, the impulse that forces give them [kg m/s]."""
     dv: wp.array
     """The solution, changes of velocity [m/s]."""
     p: wp.array
@@ -24,7 +24,7 @@ class Work(NamedTuple):
     q: wp.array
     """Its product with the system."""
     z: wp.array
-    """The residual, preconditioned."""
+    """The residual, preconditioned; before that, how the velocities of driven particles change [m/s]."""
     springs: wp.array
     """Diagonal blocks of K, float64 [N/m]."""
     dampers: wp.array
@@ -40,9 +40,10 @@ class LinearlyImplicitEuler(Integrator):
     """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the present positions.
 
     Order 1, and strongly damping. Springs and dampers are stable at any step, as far as the equations are solved;
-    effects act explicitly. It is for a few springs that are much stiffer, or particles much lighter, than all
-    others. The equations are solved by conjugate gradients without ever being assembled, preconditioned by the
-    inverses of the diagonal blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
+    effects act explicitly. Of driven particles Δv is given: their way in the substep over h, less v.
+    It is for a few springs that are much stiffer, or particles much lighter, than all others. The equations are
+    solved by conjugate gradients without ever being assembled, preconditioned by the inverses of the diagonal
+    blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
     by up to v h in a substep, so long steps bounce hard there.
     Of dampers that are not linear B has the steepest slope, so that long steps weaken their force.
     Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
@@ -90,12 +91,17 @@ class LinearlyImplicitEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then = state.here, state.there
-        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=work.r)
-        add_linearised(dynamics.model, now.x, now.v, work.r, spring=1.0, damper=0.0, scale=-h * h)
+        now, then, drives = state.here, state.there, dynamics.drives
+        add = functools.partial(add_linearised, dynamics.model, now.x, everyone=drives)
+        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=work.r, given=work.z)
+        add(now.v, work.r, spring=1.0, damper=0.0, scale=-h * h)
+        if drives:  # their Δv is known: it goes to the right-hand side
+            add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
         self._solve(dynamics, now.x, work, h)
+        if drives:  # what the others' Δv, now known, gives to them
+            add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
         motion = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
-        dynamics.launch(implicit_finish, h=h, dv=work.dv, **motion)
+        dynamics.launch(implicit_finish, h=h, dv=work.dv, impulse=work.r, **motion)
         state.flip()
 
     def _solve(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from .. import checks
 from ..bodies import System
-from ..integrators import UnstableStep
-from ..world import Change, Gravity, Load, bound, check_loads, differ_in_values
+from ..engine import resists
+from ..integrators import Integrator, UnstableStep
+from ..world import Change, Gravity, Load, Touch, bound, check_loads, differ_in_values, with_touch
 from .pace import Pace
 from .present import Present
 
@@ -39,13 +40,15 @@ class Changing(Present):
         release: Any = None,
         gravity: Gravity | None = None,
         loads: Sequence[Load] | None = None,
+        touch: Touch | Sequence[Touch] | None = None,
         **parameters: Any,
     ) -> None:
-        """Change gravity, loads, velocity, mass, stiffness, damping or rest_length between frames.
+        """Change gravity, loads, touch, velocity, mass, stiffness, damping or rest_length between frames.
 
         Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
         the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it
-        for other velocities, but energies and the stability limit are found again: a few passes over the body.
+        for other velocities, which cost copies of these; with `Wind` the stability limit is found again, in a few
+        passes over the body.
         What is thrown goes on as from a start with its velocity, and the energy that it gets is no
         sign of divergence. A mass of inf pins a particle where it is.
         Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
@@ -56,6 +59,10 @@ class Changing(Present):
         loads
             What acts from now on, in place of all loads before. Those of the latter that are among them stay as
             they are; others take what they take from a start from the present. A checkpoint does not hold them.
+            How bodies touch stays, unless a `Touch` is among them.
+        touch
+            How bodies touch from now on, in place of all that said it before; () for not at all. A checkpoint does
+            not hold it.
         group, freeze, release, gravity, parameters
             What changes, and to what; see `msdwarp.at`.
 
@@ -65,14 +72,18 @@ class Changing(Present):
             If a name is none of these, or a value is out of its range; nothing has changed then.
         """
         change = Change(self.time, group, freeze, parameters, release, gravity)
-        if loads is None:
+        if loads is None and touch is None:
             self._apply(change)
             return
         if freeze or parameters or release is not None or gravity is not None:
+            name, whose = ("loads", "loads") if loads is not None else ("touch", "rules of contact")
             raise ValueError(
-                "loads takes the place of all loads; it must be the only thing that changes in a call"
+                f"{name} takes the place of all {whose}; nothing but loads and touch may change in that call"
             )
-        self._replace_loads(loads)
+        given = self._acting if loads is None else checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        if touch is None and not any(isinstance(one, Touch) for one in given):
+            touch = tuple(one for one in self._acting if isinstance(one, Touch))
+        self._replace_loads(given if touch is None else with_touch(given, touch))
 
     def _apply(self, change: Change) -> None:
         """Go on with the system, its gravity and its loads, as a change makes them."""
@@ -114,20 +125,20 @@ class Changing(Present):
         before = self.frame().velocity
         velocity = change.velocities(self.system, before, held)
         self.model.check_range(velocity, "velocity")
-        chosen = change.chosen(self.system)[0] & ~held
-        above = 0.0 if self._pace is None else self._pace.above(self.stepping)
-        self.stepping.throw(velocity, chosen)
-        try:
-            self._choose_anew()
-        except UnstableStep:  # forces that depend on speed may be steeper now
-            self.stepping.throw(before.astype(np.float64), chosen)
-            raise
+        chosen = change.particles(self.system) & ~held
+        added = self.stepping.throw(velocity, chosen)
+        if resists(self.model):  # forces that depend on speed may be steeper now
+            try:
+                self._choose_anew()
+            except UnstableStep:
+                self.stepping.throw(before.astype(np.float64), chosen)
+                raise
         if self._pace is not None:
-            self._pace.begin(self.stepping, above)
+            self._pace.throw(added)
 
-    def _replace_loads(self, loads: Sequence[Load]) -> None:
+    def _replace_loads(self, given: tuple[Load, ...]) -> None:
         """Go on with other loads: in place where they differ in values alone."""
-        given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        check_bears_touch(self.integrator, given)
         before = self._surroundings["loads"]
         # Those that were there have taken what they take from a start.
         known = {id(one): acting for one, acting in zip(self._acting, before, strict=True)}
@@ -146,3 +157,9 @@ class Changing(Present):
                 raise
             self._surroundings = self._surroundings | {"loads": tuple(after)}
         self._acting = given
+
+
+def check_bears_touch(method: Integrator, loads: Sequence[Load]) -> None:
+    """Raise ValueError where bodies are to touch, and the method's steps are too long for that."""
+    if not method.bears_touch and any(isinstance(one, Touch) for one in loads):
+        raise ValueError(f"integrator is {method}; where bodies touch it must be another, such as Leapfrog()")

@@ -124,10 +124,14 @@ class Pace:
 
     def fall(self, stepping: Stepping, added: float) -> None:
         """Go on under another gravity, which has added so much to the energy [J]."""
+        self.throw(added)
+        self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
+
+    def throw(self, added: float) -> None:
+        """Go on with other velocities, which have added so much to the energy [J]: places are as before."""
         self.least, self.floor, self.low, self.high = (
             one + added for one in (self.least, self.floor, self.low, self.high)
         )
-        self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
         self.interval, self.since = 1, 0
 
     def above(self, stepping: Stepping) -> float:

@@ -43,7 +43,7 @@ from ..world import (
 )
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
-from .changing import Changing
+from .changing import Changing, check_bears_touch
 from .divergence import SimulationDiverged, describe
 from .headline import headline
 from .pace import Hopeless, Pace
@@ -153,10 +153,7 @@ class Simulation(Changing):
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         self._given = with_touch(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), touch)
         self._loads, self._gravity = bound(self._given, system), gravity
-        if not self._method.bears_touch and any(isinstance(one, Touch) for one in self._given):
-            raise ValueError(
-                f"integrator is {self._method}; where bodies touch it must be another, such as Leapfrog()"
-            )
+        check_bears_touch(self._method, self._given)
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,

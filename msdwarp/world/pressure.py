@@ -7,35 +7,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import Facets, System, facets_of, run_back
 from .loads import Load, values_at
-from .wind import surface_corners
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pressed(Load):
     """What loads on a surface from one side share."""
 
-    def corners(self, system: System) -> NDArray[np.int32]:
-        """Return the particles at the corners of the triangles that it acts on, shape [triangle_count, 3]."""
-        corner = surface_corners(system)
-        return corner[self.particles(system)[corner].all(axis=1)]
+    def facets(self, system: System) -> Facets:
+        """Return the triangles that it acts on."""
+        return facets_of(system).of(self.particles(system))
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
-        if not len(self.corners(system)):
-            raise ValueError(
-                f"on is {checks.said(self.on)}; it must hold the corners of a surface in space that lies "
-                "on particles itself"
-            )
+        if not len(self.facets(system).corner):
+            raise ValueError(f"on is {checks.said(self.on)}; it must hold the corners of a surface in space")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pressure(Pressed):
     """A pressure on the back of a surface, which pushes it outwards.
 
-    A triangle with the area vector a feels p a, a third of it at each corner.
+    A triangle with the area vector a feels p a, a third of it at each corner. A corner that is a mixture of
+    particles hands it on by their shares, so that its work is p dV there too.
 
     Parameters
     ----------
@@ -47,7 +43,7 @@ class Pressure(Pressed):
     Raises
     ------
     ValueError
-        If it is not finite, or there is no surface of particles.
+        If it is not finite, or there is no surface.
     """
 
     pressure: Any
@@ -106,16 +102,16 @@ class Gas(Pressed):
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
-        corner = self.corners(system)
-        edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]]).astype(np.int64)
-        there, back = (edges[:, a] * system.particle_count + edges[:, b] for a, b in ((0, 1), (1, 0)))
-        open_edges = len(np.setdiff1d(there, back)) + len(there) - len(np.unique(there))
+        facets = self.facets(system)
+        corner = facets.corner
+        edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+        open_edges = int(np.count_nonzero(~run_back(edges, len(facets.particle))))
         if open_edges:
             raise ValueError(
                 f"on is {checks.said(self.on)}; the surface there must be closed, and {open_edges} of its edges "
                 "are not between two triangles"
             )
-        if (enclosed := volume(corner, system.position)) <= 0:
+        if (enclosed := volume(corner, facets.points(system.position))) <= 0:
             raise ValueError(
                 f"on encloses {enclosed:.3g} m³; it must be more than 0, with triangles that face out"
             )
@@ -125,10 +121,11 @@ class Gas(Pressed):
         if self.volume is not None:
             return self
         self.check(system)
-        return replace(self, volume=volume(self.corners(system), system.position))
+        facets = self.facets(system)
+        return replace(self, volume=volume(facets.corner, facets.points(system.position)))
 
 
 def volume(corner: NDArray[np.int32], position: NDArray) -> float:
-    """Return the volume that triangles enclose [m³], by the divergence theorem."""
+    """Return the volume that triangles between these points enclose [m³], by the divergence theorem."""
     a, b, c = (np.asarray(position[corner[:, k]], dtype=np.float64) - position[corner[0, 0]] for k in range(3))
     return float(np.einsum("td,td->", a, np.cross(b, c)) / 6)

@@ -38,6 +38,11 @@ class Change:
         """Check the arguments."""
         object.__setattr__(self, "time", checks.non_negative("time", self.time))
         for name in self.parameters:
+            if name in ("loads", "touch"):
+                raise ValueError(
+                    f"{name} is given to a schedule, which cannot hold it; "
+                    f"simulation.change({name}=...) replaces it between two frames"
+                )
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
         checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
@@ -115,7 +120,7 @@ class Change:
         ValueError
             If the group is unknown, all its particles are held, or a velocity is out of its range.
         """
-        chosen, value = self._particles(system), self.parameters["velocity"]
+        chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
             group = "all" if self.group is None else checks.said(self.group)
             raise ValueError(f"velocity is given to group {group}, whose particles are all pinned or driven")
@@ -136,11 +141,11 @@ class Change:
 
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which particles are meant, and which connections: those between them; ValueError if unknown."""
-        chosen = self._particles(system)
+        chosen = self.particles(system)
         return chosen, np.all(chosen[system.connections], axis=1)
 
-    def _particles(self, system: System) -> NDArray[np.bool_]:
-        """Return which particles are meant."""
+    def particles(self, system: System) -> NDArray[np.bool_]:
+        """Return which particles are meant, shape [particle_count]; ValueError if there is no such group."""
         if self.group is None:
             return np.ones(system.particle_count, dtype=bool)
         if isinstance(self.group, str):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import Facets, System, facets_of
 from .loads import Load, is_device_function, values_at
 
 
@@ -19,7 +19,10 @@ class Wind(Load):
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    on both sides; see `msdwarp.kernels.loads.wind`. Air at rest is `Wind((0, 0, 0))`: it slows what falls.
+    on both sides. A closed surface has air outside alone: its triangles feel that where they face the wind, so
+    that a convex body of drag C_d falls at the speed where ½ ρ C_d A v² = m g, A being the area that it shows.
+    Vertices may be particles or, in balls, cylinders, cones and meshes, mixtures of them, which then take a force
+    by their shares. See `msdwarp.kernels.loads.wind`. Air at rest is `Wind((0, 0, 0))`: it slows what falls.
 
     Parameters
     ----------
@@ -29,7 +32,7 @@ class Wind(Load):
     on
         The particles that it blows on, by default all (see `Load`): the triangles whose corners all are of them.
     drag
-        C_d, of a plate across the flow about 1.2.
+        C_d: of a plate across the flow about 1.2, of a sphere 0.47.
     lift
         C_l.
     density
@@ -41,7 +44,7 @@ class Wind(Load):
     Raises
     ------
     ValueError
-        If a number is out of its range, or the wind is given neither a surface of particles nor an area.
+        If a number is out of its range, or the wind is given neither a surface nor an area.
     """
 
     velocity: Any
@@ -74,10 +77,10 @@ class Wind(Load):
             self.at(np.zeros(1), system.dim, "velocity")
         if self.area is not None:
             self.areas(system)
-        elif not len(self.corners(system)):
+        elif not len(self.facets(system).corner):
             raise ValueError(
                 "area is None; it must be the area of each particle [m²], for nothing that this wind blows on has "
-                "a surface of its own particles in three dimensions"
+                "a surface in three dimensions"
             )
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "velocity") -> NDArray[np.float64]:
@@ -90,19 +93,6 @@ class Wind(Load):
         checks.within("area", areas, (lambda a: np.isfinite(a) & (a >= 0), "finite and not negative"))
         return areas
 
-    def corners(self, system: System) -> NDArray[np.int32]:
-        """Return the particles at the corners of the triangles that it blows on, shape [triangle_count, 3]."""
-        corner = surface_corners(system)
-        return corner[self.particles(system)[corner].all(axis=1)]
-
-
-def surface_corners(system: System) -> NDArray[np.int32]:
-    """Return the particles at the corners of each triangle of the surface, shape [triangle_count, 3].
-
-    None where the system has no surface, one that is carried by the mixtures of particles, or less than three
-    coordinates.
-    """
-    surface = system.surface
-    if surface is None or surface.weights is not None or system.dim < 3:
-        return np.zeros((0, 3), dtype=np.int32)
-    return surface.particle[surface.triangles]
+    def facets(self, system: System) -> Facets:
+        """Return the triangles that it blows on."""
+        return facets_of(system).of(self.particles(system))

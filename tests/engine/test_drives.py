@@ -62,7 +62,14 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
 
 
 @pytest.mark.parametrize(
-    ("method", "blocks"), [*((method, "auto") for method in METHODS), (Leapfrog(), None), (RK4(), None)], ids=str
+    ("method", "blocks"),
+    [
+        *((method, "auto") for method in METHODS),
+        (Leapfrog(), None),
+        (RK4(), None),
+        (LinearlyImplicitEuler(40), None),
+    ],
+    ids=str,
 )
 def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
     # Galilei: hung from particles that move at w, seen by somebody who moves with them.

@@ -9,8 +9,8 @@ import warp as wp
 from problems import EPS64
 
 from msdwarp import RK4, Simulation, SymplecticEuler, System, Wind, chain, sheet, stability_limit
+from msdwarp.bodies import facets_of
 from msdwarp.engine.rates import rate_bounds
-from msdwarp.world.wind import surface_corners
 
 RHO, DRAG, G = 1.225, 1.2, 9.82
 
@@ -18,7 +18,7 @@ RHO, DRAG, G = 1.225, 1.2, 9.82
 def falling_sheet() -> System:
     """Return a flat sheet whose masses are as the areas around its particles, so that it falls flat."""
     cloth = sheet((7, 7), 0.1, stiffness=200.0, damping=0.2)
-    share = np.bincount(surface_corners(cloth).ravel(), minlength=cloth.particle_count) / 3
+    share = np.bincount(facets_of(cloth).corner.ravel(), minlength=cloth.particle_count) / 3
     return cloth.replace(mass=0.1 * share / share.sum())
 
 

@@ -8,12 +8,15 @@ import pytest
 
 from msdwarp import (
     RK4,
+    RKC2,
     Attachment,
     Box,
     Capsule,
     Drive,
+    ExplicitEuler,
     Force,
     Leapfrog,
+    LinearlyImplicitEuler,
     Plane,
     Simulation,
     SimulationDiverged,
@@ -74,6 +77,69 @@ def test_what_a_drive_does_an_undamped_body_has(device, method, order, blocks):
     coarse, fine = drifts(20, make)
     assert math.log2(coarse / fine) == pytest.approx(order, abs=0.6 if order == 4 else 0.1)
     assert fine < {1: 0.01, 2: 1e-4, 4: 1e-9}[order]  # (hω/2)^order and less: hω = 0.02
+
+
+def pulled(method, substeps: int, device: str, damping: float) -> tuple[float, float]:
+    """Return the work in 1 s of what pulls a mass on a spring at constant speed, and that by the closed form [J].
+
+    The end of the spring goes at V from the start on; seen from there the mass is thrown at −V, and swings:
+    u'' = −2g u' − ω² u.
+    The force of the drive is all that acts, so that it does V times the momentum which the mass has got.
+    """
+    k, m, speed = 40.0, 0.5, 0.3
+    system = System(
+        position=[[0.0], [1.0]], mass=m, connections=[(0, 1)], stiffness=k, damping=damping, rest_length=1.0
+    )
+    how = options(device, integrator=method, substeps=substeps, allow_unstable=True, energy_limit=math.inf)
+    simulation = Simulation(system, loads=[Drive([0], lambda t: (speed * t,))], **how)
+    simulation.step(20)
+    g = damping / (2 * m)
+    w = math.sqrt(k / m - g * g)
+    relative = -speed * math.exp(-g) * (math.cos(w) - g / w * math.sin(w))
+    return simulation.measure().external_work, m * (relative + speed) * speed
+
+
+PULLED = [
+    (SymplecticEuler(), 2.0, 1),
+    (Leapfrog(), 0.0, 2),
+    (Leapfrog(damper_extrapolation=0.5), 2.0, 2),
+    (RK4(), 2.0, 4),
+    (RKC2(4), 2.0, 1),  # its first stage alone counts
+    (ExplicitEuler(), 2.0, 1),
+    (LinearlyImplicitEuler(), 0.0, 1),
+    (LinearlyImplicitEuler(), 2.0, 1),
+]
+
+
+@pytest.mark.parametrize(("method", "damping", "order"), PULLED, ids=str)
+def test_what_pulls_a_mass_evenly_does_speed_times_momentum(device, method, damping, order):
+    coarse, fine = (
+        abs(found - exact) / exact for found, exact in (pulled(method, n, device, damping) for n in (20, 40))
+    )
+    assert math.log2(coarse / fine) == pytest.approx(order, abs=0.1)  # hω/2 beyond it: 0.01
+    # First order: h ω times the cycles, 0.0125 · 9 / 2, as energy grows or is lost by (hω)²/2 in each substep.
+    assert fine < {1: 0.05, 2: 1e-4, 4: 1e-8}[order]
+
+
+def test_an_implicit_method_loses_energy_and_never_makes_any(device):
+    # In one dimension springs are linear. With x += h v and v at the end of the substep each one makes heat of
+    # m Δv²/2 + k Δl²/2 exactly: energy less work only falls, at steps far beyond the explicit limit too.
+    line = chain(6, 0.5, mass=0.5, stiffness=400.0, dim=1)
+    loads = [Drive([0], lambda t: (0.05 * np.sin(7 * t),)), Drive([5], lambda t: (0.1 * t,))]
+    how = options(device, integrator=LinearlyImplicitEuler(30), substeps=1, energy_limit=math.inf)
+    simulation = Simulation(line, loads=loads, **how)
+    left = [balance(simulation)[0]]
+    for _ in range(40):
+        before = simulation.frame()
+        simulation.step()
+        after = simulation.frame()
+        free = slice(1, 5)
+        heat = 0.25 * ((after.velocity[free] - before.velocity[free]) ** 2).sum()
+        heat += 200.0 * (np.diff(after.position[:, 0] - before.position[:, 0]) ** 2).sum()
+        left.append(balance(simulation)[0])
+        # Rounding of 30 iterations with 4 unknowns, of energies of 0.1 J.
+        assert left[-2] - left[-1] == pytest.approx(heat, abs=1e-13)
+    assert left[0] - left[-1] > 0.01
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from msdwarp import (
     Simulation,
     SymplecticEuler,
     System,
+    Touch,
     Wind,
     at,
     box,
@@ -189,6 +190,66 @@ def test_what_was_there_stays_as_it_is(device):
     np.testing.assert_allclose(simulation.frame().position[0], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)
 
 
+def meeting() -> System:
+    """Return two particles that come towards each other along x, and would meet in the middle after 0.5 s."""
+    position, velocity = [[-0.5, 0, 0], [0.5, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]]
+    return System(position=position, velocity=velocity, mass=1.0, connections=np.zeros((0, 2), int))
+
+
+CONTACT = Touch(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
+
+
+@pytest.mark.parametrize(
+    "after", [Force((0.0, 2.0, 0.0)), Wind((0.0, 0.0, 0.0), area=1e-3)], ids=["value", "other"]
+)
+def test_bodies_still_touch_when_loads_change(device, after):
+    # In place, and by building anew: they bounce by 0.45 s, and do not pass through each other.
+    simulation = Simulation(
+        meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=CONTACT, **options(device, substeps=100)
+    )
+    effects = simulation.model.effects
+    simulation.step(2)
+    simulation.change(loads=[after])
+    assert (simulation.model.effects is effects) == isinstance(after, Force)
+    simulation.step(6)
+    assert simulation.frame().velocity[0, 0] < -0.9
+    simulation.change(loads=[Touch(between="none")])  # what stands among the loads counts as before
+    simulation.change(loads=[])
+    assert not any(type(one).__name__ == "Touching" for one in simulation.model.effects)
+
+
+def test_bodies_begin_and_cease_to_touch_by_a_change(device):
+    bouncing, passing = (
+        Simulation(
+            meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=touch, **options(device, substeps=100)
+        )
+        for touch in (None, CONTACT)
+    )
+    for simulation, touch in ((bouncing, CONTACT), (passing, ())):
+        simulation.step(2)
+        simulation.change(touch=touch)
+        simulation.step(6)
+    assert bouncing.frame().velocity[0, 0] < -0.9
+    assert passing.frame().velocity[0, 0] == 1.0
+    for simulation in (bouncing, passing):  # the force has gone on: y = t²/2, to h/2 of the speed
+        np.testing.assert_allclose(simulation.frame().position[:, 1], 0.32, rtol=0, atol=0.8 / 1000)
+    bouncing.reset()
+    bouncing.step(8)
+    assert bouncing.frame().velocity[0, 0] == 1.0  # as it was given
+
+
+def test_a_method_that_cannot_touch_is_not_made_to(device):
+    simulation = Simulation(free(), integrator=RKC2(), **options(device))
+    with pytest.raises(ValueError, match="where bodies touch it must be another"):
+        simulation.change(touch=CONTACT)
+
+
+@pytest.mark.parametrize("what", [{"loads": []}, {"touch": CONTACT}], ids=["loads", "touch"])
+def test_a_schedule_says_that_it_holds_no_loads(what):
+    with pytest.raises(ValueError, match="is given to a schedule, which cannot hold it"):
+        at(1.0, **what)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -197,9 +258,12 @@ def test_what_was_there_stays_as_it_is(device):
         ({"gravity": lambda t: (1.0, 2.0)}, "gravity has 2 numbers; it must have 3"),
         ({"loads": [3]}, r"loads\[0\] is 3; it must be a Load"),
         ({"loads": [Force((1.0, 2.0))]}, r"loads\[0\].*force"),
-        ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; it must be the only thing"),
+        ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; nothing but loads and touch may"),
+        ({"touch": Touch(), "mass": 2.0}, "touch takes the place of all rules of contact; nothing but loads and"),
+        ({"touch": 3}, r"touch\b.*must be"),
+        ({"touch": Touch(groups=("one", "other"))}, "a name in groups is 'one'"),
     ],
-    ids=["shape", "inf", "function", "kind", "numbers", "beside"],
+    ids=["shape", "inf", "function", "kind", "numbers", "beside", "touch beside", "no touch", "groups"],
 )
 def test_bad_changes_are_refused_by_name_and_change_nothing(changes, message):
     simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], **options("cpu"))

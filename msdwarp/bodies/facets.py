@@ -1,0 +1,107 @@
+"""Facets: the triangles of a system's surface between different vertices, each a mixture of particles."""
+
+import functools
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .connectivity import pieces
+from .surface import Surface
+from .system import System
+
+
+class Facets(NamedTuple):
+    """Triangles of a surface; vertices that are drawn twice, for sharp edges or seams, are one here."""
+
+    particle: NDArray[np.int64]
+    """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
+    weight: NDArray[np.float64]
+    """Their shares, which sum to 1."""
+    corner: NDArray[np.int32]
+    """The vertices of each triangle, shape [triangle_count, 3]."""
+    closed: NDArray[np.bool_]
+    """Whether each belongs to a surface that has an inside, shape [triangle_count]."""
+    mixed: bool
+    """Whether any vertex is no particle; else vertex number i is particle i."""
+
+    def points(self, x: NDArray) -> NDArray[np.float64]:
+        """Return a quantity of the vertices, of that of the particles [particle_count, d]."""
+        values = np.asarray(x, dtype=np.float64)
+        return np.einsum("vk,vkd->vd", self.weight, values[self.particle]) if self.mixed else values
+
+    def spread(self, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+        """Return Wᵀ y, shape [particle_count, …], for numbers or vectors y of the vertices, W being weights."""
+        if not self.mixed:
+            return values
+        result = np.zeros((count, *values.shape[1:]))
+        shares = self.weight.reshape(*self.weight.shape, *[1] * (values.ndim - 1))
+        np.add.at(result, self.particle, shares * values[:, None])
+        return result
+
+    def bound(self, sums: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+        """Return bounds of Σ_j |WᵀAW|_ij for particles i, of the sums Σ_w |A|_vw for vertices v: |Wᵀ| |A| |W|."""
+        size = np.abs(self.weight)
+        most = float(size.sum(axis=1).max(initial=0.0))
+        return self._replace(weight=most * size).spread(sums, count)
+
+    def of(self, chosen: NDArray[np.bool_]) -> Self:
+        """Return those whose particles all are chosen, a mask of shape [particle_count]."""
+        mine = (chosen[self.particle] | (self.weight == 0)).all(axis=1)[self.corner].all(axis=1)
+        return self._replace(corner=self.corner[mine], closed=self.closed[mine])
+
+
+def facets_of(system: System) -> Facets:
+    """Return the triangles of a system's surface; none where it has none, or less than three coordinates."""
+    if system.surface is None or system.dim < 3:
+        none = np.zeros((0, 1))
+        return Facets(none.astype(np.int64), none, np.zeros((0, 3), np.int32), np.zeros(0, bool), False)
+    return _facets(system.surface, system.particle_count)
+
+
+@functools.lru_cache(maxsize=4)
+def _facets(surface: Surface, particle_count: int) -> Facets:
+    """Return the facets of a surface, which does not change."""
+    particle, weight, corner = different_vertices(surface)
+    single = np.count_nonzero(weight, axis=1) == 1
+    mixed = not single.all()
+    if not mixed:
+        own = particle[np.arange(len(particle)), np.argmax(np.abs(weight), axis=1)]
+        corner, particle = own[corner], np.arange(particle_count)[:, None]
+        weight = np.ones((particle_count, 1))
+    return Facets(particle, weight, corner.astype(np.int32), closed_parts(corner, len(particle)), mixed)
+
+
+def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the different vertices of a surface as particles and weights, and its triangles by them."""
+    particle = surface.particle.astype(np.int64)
+    if surface.weights is None:
+        different, number = np.unique(particle[:, None], axis=0, return_inverse=True)
+        weights = np.ones((len(different), 1))
+    else:
+        rows = np.hstack([particle, np.round(1e9 * surface.weights).astype(np.int64)])
+        _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        different, weights = particle[chosen], surface.weights[chosen]
+    triangles = number.reshape(-1)[surface.triangles]
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # at a pole some are lines
+    return different, weights, triangles[whole]
+
+
+def closed_parts(corner: NDArray[np.integer], vertex_count: int) -> NDArray[np.bool_]:
+    """Return whether each triangle is of a part whose edges all are run through once in either direction."""
+    runs = np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
+    part = pieces(vertex_count, runs.astype(np.int32))
+    is_open = np.zeros(vertex_count, dtype=bool)
+    is_open[part[runs[~run_back(runs, vertex_count), 0]]] = True
+    return ~is_open[part[corner[:, 0]]]
+
+
+def run_back(runs: NDArray[np.integer], vertex_count: int) -> NDArray[np.bool_]:
+    """Return which directed edges are there once, and once in the other direction, shape [edge_count]."""
+    if not len(runs):
+        return np.zeros(0, dtype=bool)
+    whole = runs.astype(np.int64)
+    there, back = whole[:, 0] * vertex_count + whole[:, 1], whole[:, 1] * vertex_count + whole[:, 0]
+    different, counts = np.unique(there, return_counts=True)
+    place = np.minimum(np.searchsorted(different, back), len(different) - 1)
+    return (different[place] == back) & (counts[place] == 1) & (counts[np.searchsorted(different, there)] == 1)

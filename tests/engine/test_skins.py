@@ -1,0 +1,222 @@
+"""Wind and pressure on skins: surfaces whose vertices are mixtures of particles; and on any closed one."""
+
+import math
+
+import numpy as np
+import pytest
+from surfaces import area_vectors, triangles_of, volume
+
+from msdwarp import (
+    RK4,
+    Gas,
+    Leapfrog,
+    Pressure,
+    Simulation,
+    Wind,
+    ball,
+    box,
+    cone,
+    cylinder,
+    icosphere,
+    sheet,
+    shell,
+)
+from msdwarp.bodies import facets_of
+from msdwarp.engine.rates import rate_bounds
+
+RHO, G = 1.225, 9.82
+BODIES = {
+    "ball": lambda **how: ball(0.5, 0.25, mass=0.01, stiffness=300.0, **how),
+    "cylinder": lambda **how: cylinder(0.3, 0.8, 0.2, mass=0.01, stiffness=300.0, **how),
+    "cone": lambda **how: cone(0.4, 0.8, 0.2, mass=0.01, stiffness=300.0, **how),
+}
+
+
+def options(device, **more):
+    return {"gravity": 0.0, "precision": "float64", "device": device, **more}
+
+
+def forces(system, loads, device) -> np.ndarray:
+    """Return the force on each particle [N]: what it gets in a substep of a microsecond.
+
+    A velocity of 1 m/s is rounded to 2e-16: over a microsecond, of 0.1 kg, to 1e-11 N.
+    """
+    simulation = Simulation(system, loads=loads, **options(device, fps=1e6, substeps=1))
+    simulation.step()
+    return 1e6 * system.mass[:, None] * (simulation.frame().velocity - system.velocity)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_facets_are_what_is_drawn(name):
+    system = BODIES[name]()
+    facets = facets_of(system)
+    assert facets.mixed
+    assert facets.closed.all()
+    # Of what is drawn but for triangles without an area, vertex by vertex the same mixtures.
+    drawn = triangles_of(system)
+    drawn = drawn[np.linalg.norm(area_vectors(system), axis=1) > 0]
+    np.testing.assert_allclose(facets.points(system.position)[facets.corner], drawn, rtol=0, atol=1e-15)
+    half = facets.of(system.position[:, 2] > 0)
+    assert 0 < len(half.corner) < len(facets.corner)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_pressure_on_a_skin_moves_no_body(device, name):
+    # Σ a = 0 and Σ x × a = 0 over a closed surface, and weights reproduce places: momenta stay, but for rounding
+    # of forces of up to 10 N that sum to nothing, for 0.1 s.
+    body = BODIES[name](damping=0.1).rotate(0.3, axis=(1, 2, 3))
+    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), Gas(100.0)]
+    simulation = Simulation(body, loads=loads, integrator=Leapfrog(), **options(device))
+    simulation.step(6)
+    measures = simulation.measure()
+    assert abs(measures.external_work) > 1e-5
+    assert np.abs(measures.momentum).max() < 1e-13
+    assert np.abs(measures.angular_momentum).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_force_of_wind_is_the_sum_over_facets(device, name):
+    system = BODIES[name]().with_velocity((0.5, -1.0, 0.2))
+    air, drag, lift = np.array([4.0, 1.0, -2.0]), 0.8, 0.3
+    found = forces(system, [Wind(air, drag=drag, lift=lift)], device)
+    a, u = area_vectors(system), np.array([0.5, -1.0, 0.2]) - air
+    through, speed, area = a @ u, np.linalg.norm(u), np.linalg.norm(a, axis=1)
+    windward = (through > 0) & (area > 0)
+    a, through, n = a[windward], through[windward, None], a[windward] / area[windward, None]
+    each = -0.5 * RHO * (drag * through * u + lift * through * (speed * n - (n @ u)[:, None] * u / speed))
+    # Of some hundred particles that are rounded as `forces` says.
+    np.testing.assert_allclose(found.sum(axis=0), each.sum(axis=0), rtol=0, atol=1e-9)
+    # And their torque: a force at the centre of its triangle is what its mixtures of particles get.
+    torque = np.cross(triangles_of(system)[windward].mean(axis=1), each).sum(axis=0)
+    np.testing.assert_allclose(np.cross(system.position, found).sum(axis=0), torque, rtol=0, atol=1e-9)
+
+
+def test_wind_sees_how_a_skin_turns(device):
+    # Around its axis a cylinder turns with no drag to speak of but at its rough edge: a turn about another one is
+    # slowed, as its triangles go through the air that rests, by their own speeds.
+    system = BODIES["cylinder"]()
+    rate = np.array([3.0, 0.0, 0.0])
+    spinning = system.with_velocity(np.cross(rate, system.position))
+    found = forces(spinning, [Wind((0, 0, 0), drag=1.0, lift=0.0)], device)
+    centre, a = triangles_of(system).mean(axis=1), area_vectors(system)
+    u = np.cross(rate, centre)
+    through = np.maximum((u * a).sum(axis=1), 0.0)
+    each = -0.5 * RHO * through[:, None] * u
+    torque = np.cross(centre, each).sum(axis=0)
+    assert torque[0] < -0.01
+    np.testing.assert_allclose(np.cross(system.position, found).sum(axis=0), torque, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("exponent", "gas"), [(None, False), (1.0, True), (1.4, True)], ids=["given", "1", "1.4"])
+def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
+    # p ΔV; p V ln(V'/V); p V (1 − (V/V')^(γ−1))/(γ − 1). RK4, with hω below 0.05: (hω)⁴ of what swings.
+    body, pressure = BODIES["ball"](damping=1.0), 400.0
+    load = Gas(pressure, outside=0.0, exponent=exponent) if gas else Pressure(pressure)
+    simulation = Simulation(body, loads=[load], integrator=RK4(), **options(device, substeps=100))
+    simulation.step(10)
+    before, after = volume(body), volume(simulation.snapshot())
+    assert after > 1.01 * before
+    expected = {
+        None: pressure * (after - before),
+        1.0: pressure * before * math.log(after / before),
+        1.4: pressure * before * (1 - (before / after) ** 0.4) / 0.4,
+    }[exponent]
+    found = simulation.measure()
+    assert found.external_work == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
+def test_precisions_agree(device, precision):
+    body = BODIES["ball"](damping=1.0).translate((0, 0, 3.0))
+    loads = [Gas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
+    places = []
+    for one in ("float64", precision):
+        simulation = Simulation(body, loads=loads, gravity=0.0, substeps=40, precision=one, device=device)
+        simulation.step(12)
+        places.append(simulation.frame().position)
+    exact, found = places
+    assert np.abs(exact - body.position).max() > 1e-3
+    # Places of 3 m, rounded to 2e-7 m (in float32 in each of 480 substeps), and springs that pull them back.
+    atol = 1e-5 if precision == "float32" else 1e-6
+    np.testing.assert_allclose(found, exact, rtol=0, atol=atol)
+
+
+def test_beside_a_skin_other_surfaces_feel_the_same(device):
+    # A box, whose vertices are particles, by itself and in one system with a ball.
+    block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0).rotate(0.4, axis=(1, 2, 0)).named("block")
+    both = block + BODIES["ball"]().translate((3, 0, 0)).named("ball")
+    loads = [Wind((3.0, 1.0, 0.0), on="block"), Gas(300.0, on="block")]
+    alone, beside = forces(block, loads, device), forces(both, loads, device)
+    assert np.abs(alone).max() > 0.1
+    np.testing.assert_allclose(beside[:27], alone, rtol=0, atol=1e-9)  # as above
+    np.testing.assert_allclose(beside[27:], 0.0, atol=1e-9)
+
+
+def silhouette(system) -> float:
+    """Return the area that a convex body shows from below [m²]."""
+    return float(np.abs(area_vectors(system)[:, 2]).sum() / 2)
+
+
+FALLING = {
+    "skin": lambda: ball(0.2, 0.1, mass=1e-3, stiffness=400.0, damping=0.5),
+    "shell": lambda: shell(icosphere(0.2, 2), mass=0.03, stiffness=400.0, damping=0.5),
+    "box": lambda: box((3, 3, 3), 0.1, mass=1e-3, stiffness=400.0, damping=0.5),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FALLING)
+def test_a_closed_body_falls_at_the_terminal_speed_of_its_drag(device, name):
+    # ½ ρ C_d A v² = m g with the C_d of a sphere, A being what it shows: v_t tanh(g t / v_t) from rest, here for
+    # 5 v_t / g and more. Its own weight and the air deform it by a per mille.
+    system, drag = FALLING[name](), 0.47
+    shown, mass = silhouette(system), float(system.mass.sum())
+    if name != "box":
+        assert shown == pytest.approx(math.pi * 0.2**2, rel=0.05)
+    speed = math.sqrt(2 * mass * G / (RHO * drag * shown))
+    simulation = Simulation(
+        system, loads=[Wind((0, 0, 0), drag=drag, lift=0.0)], device=device, precision="float64"
+    )
+    simulation.step(math.ceil(60 * 5 * speed / G))
+    velocity = simulation.measure().momentum / mass
+    assert velocity[2] == pytest.approx(-speed, rel=2e-3)  # tanh 5 = 1 − 9e-5
+    assert np.abs(velocity[:2]).max() < 1e-3 * speed
+
+
+def test_of_a_closed_body_and_an_open_one_each_feels_its_own(device):
+    # One system and one wind: the lid of a box feels the wind once, on top; a sheet of its size feels it as much.
+    block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0)
+    both = block + sheet((3, 3), 0.1, mass=0.01).translate((2, 0, 0))
+    found = forces(both, [Wind((0.0, 0.0, -4.0), drag=1.1, lift=0.0)], device)
+    expected = -0.5 * RHO * 1.1 * 0.04 * 16
+    for mine in (slice(0, 27), slice(27, None)):
+        np.testing.assert_allclose(found[mine].sum(axis=0), [0, 0, expected], rtol=0, atol=1e-10)
+    floor = np.flatnonzero(np.isclose(block.position[:, 2], block.position[:, 2].min()))
+    np.testing.assert_allclose(found[floor], 0.0, rtol=0, atol=1e-10)
+
+
+def test_the_bound_knows_a_skin_of_gas(plain_device):
+    # A gas of stiffness γ p / V for its volume: the rate of Σ |∂V/∂x|²/m, by differences of the volume.
+    system, outside = BODIES["cylinder"](), 1e6
+    simulation = Simulation(system, loads=[Gas(0.0, outside=outside)], **options(plain_device))
+    rate = rate_bounds(simulation.system, simulation.model, simulation.state).effect_stiffness
+    slope = np.zeros(system.position.shape)
+    for i, k in np.ndindex(*slope.shape):
+        off = np.zeros(slope.shape)
+        off[i, k] = 1e-4
+        slope[i, k] = (volume(system.replace(position=system.position + off)) - volume(system)) / 1e-4
+    exact = outside / volume(system) * float(((slope**2).sum(axis=1) / system.mass).sum())
+    assert exact * (1 - 1e-3) < rate < 1.01 * exact  # a step of 1e-4 of 0.2 m
+    simulation.step(10)
+    assert simulation.measure().kinetic_energy < 1e-9
+
+
+def test_what_has_no_surface_there_is_refused():
+    body = BODIES["ball"]()
+    inside = np.argsort(np.linalg.norm(body.position, axis=1))[:3]
+    with pytest.raises(ValueError, match=r"loads\[0\]\.on is .*; it must hold the corners of a surface in space"):
+        Simulation(body, loads=[Pressure(1.0, on=inside)], device="cpu")
+    with pytest.raises(ValueError, match=r"loads\[0\]\.area is None"):
+        Simulation(body, loads=[Wind((1.0, 0, 0), on=inside)], device="cpu")
+    with pytest.raises(ValueError, match="the surface there must be closed"):
+        Simulation(body, loads=[Gas(1.0, on=body.position[:, 2] > 0)], device="cpu")
