@@ -1,6 +1,7 @@
 """Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
 
 from .evaluate import energy_of_touch, place_vertices, touch
+from .felt import add_impulses
 from .nearest import nearest_on_triangle
 from .search import box_bodies, box_facets, find_rows, forget_boxes
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
@@ -12,6 +13,7 @@ __all__ = [
     "LONGEST_ROW",
     "MOVED",
     "Surfaces",
+    "add_impulses",
     "box_bodies",
     "box_facets",
     "energy_of_touch",

@@ -110,6 +110,12 @@ class Effect:
         does so, each stage is a launch of its own.
         """
 
+    def add_up(self, seconds: float) -> None:
+        """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
+
+        Together that is the length of a substep; what is only looked at is not summed.
+        """
+
     def look(self) -> None:
         """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
 
@@ -157,3 +163,7 @@ class Effect:
     def dissipated_power(self, x: wp.array, v: wp.array) -> float:
         """Return what it turns to heat when the particles are at x and move at v [W]."""
         return 0.0
+
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        """Return both, the energy [J] and what turns to heat [W]: at once, where one pass finds both."""
+        return self.energy(x), self.dissipated_power(x, v)

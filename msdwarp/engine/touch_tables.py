@@ -121,6 +121,34 @@ def chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
 
 
+def check_stiffness(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], kind: NDArray[np.int32], rule: NDArray[np.int32]
+) -> None:
+    """Raise ValueError for bodies that have no stiffness where none is given."""
+    soft = surfaces.stiffness <= 0
+    for number, one in enumerate(rules):
+        meant = (rule == number).any(axis=1)[kind]
+        if one.stiffness is None and (soft & meant).any():
+            raise ValueError(
+                f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
+                "to take it from; it must be a number [N/m]"
+            )
+
+
+def hops_apart(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], kind: NDArray[np.int32], rule: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """Return within how many edges of it nothing of a body touches a vertex, shape [body_count]."""
+    own = rule[kind, kind]
+    given = np.array([-1.0 if one.thickness is None else one.thickness for one in rules])[own]
+    thickness = np.where(given < 0, 2.0 * surfaces.radius, given)
+    within = np.array([one.between == "all" for one in rules])[own] & (own >= 0)
+    hops = np.zeros(len(own), dtype=np.int64)
+    wide = within & (surfaces.spacing > 0)
+    hops[wide] = 1.5 * thickness[wide] / surfaces.spacing[wide]
+    return hops
+
+
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -101,6 +101,8 @@ class Simulation(Changing):
         Changes of parameters at set times, made by `msdwarp.at`.
     probes
         What is measured, by name; see `msdwarp.Probe`. What they told is in `readings`.
+    contact_forces
+        Sum what contacts push each particle with, for `contact_force`, pictures and files.
 
     Raises
     ------
@@ -137,6 +139,7 @@ class Simulation(Changing):
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
         probes: Mapping[str, Probe] | None = None,
+        contact_forces: bool = False,
     ) -> None:
         checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
@@ -147,7 +150,8 @@ class Simulation(Changing):
             )
         self._forced = forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
-        for name, choice in (("refresh", refresh), ("allow_unstable", allow_unstable)):
+        choices = {"refresh": refresh, "allow_unstable": allow_unstable, "contact_forces": contact_forces}
+        for name, choice in choices.items():
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
@@ -162,10 +166,11 @@ class Simulation(Changing):
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
-            "probes": checked_probes(probes or {}, system, colliders),
+            "probes": checked_probes(probes or {}, system, colliders, self._given),
             "device": device,
             "precision": precision,
             "route": route,
+            "contact_forces": contact_forces,
         }
         self._blocks: Blocks = blocks
         self._initial = system
