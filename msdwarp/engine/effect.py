@@ -123,6 +123,10 @@ class Effect:
         """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
         return False
 
+    def doubt(self) -> str | None:
+        """Return words about what in the frame that was waited for may have gone wrong; None where nothing did."""
+        return None
+
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
         return False

@@ -31,6 +31,29 @@ def harmonic_mean(a: Any, b: Any) -> Any:
     return 2 * a * b / (a + b)
 
 
+def stiffness_of_pairs(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], rule: NDArray[Any], a: NDArray[Any], b: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Return the stiffness of contacts between bodies a and b, by the numbers of their rules [N/m]."""
+    given = np.array([-1.0 if one.stiffness is None else one.stiffness for one in rules])[rule]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        own = harmonic_mean(surfaces.stiffness[a], surfaces.stiffness[b])
+    return np.where(given < 0, own, given)
+
+
+def led_apart(
+    surfaces: TouchingSurfaces, bodies: tuple[int, int], deep: float, points: int, seconds: float
+) -> str:
+    """Return words about the two bodies that overlap most at the start, by so much [m]."""
+    particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in bodies]
+    return (
+        f"the body of particle {particles[0]} starts {deep:.3g} m inside that of particle {particles[1]} "
+        f"({points} points of surfaces start inside other bodies): they are led apart within "
+        f"{seconds} s, as far as they are no deeper than half a spacing; move them apart, or have them "
+        "ignore each other by Touch(groups=..., between='none')"
+    )
+
+
 def contact_blocks(
     model: "Model",
     surfaces: TouchingSurfaces,

@@ -15,6 +15,7 @@ from ..kernels.touch import (
     HISTORY,
     LONGEST_ROW,
     MOVED,
+    NOTED,
     Surfaces,
     add_impulses,
     box_bodies,
@@ -28,15 +29,17 @@ from ..kernels.touch import (
 )
 from ..world import Load, Touch
 from .effect import Effect
+from .overrun import Overrun
 from .rows import rows
 from .touch_tables import (
     check_stiffness,
     chunks,
     contact_blocks,
-    harmonic_mean,
     hops_apart,
+    led_apart,
     neighbourhoods,
     rules_by_kind,
+    stiffness_of_pairs,
 )
 
 if TYPE_CHECKING:
@@ -126,6 +129,8 @@ class Touching(Effect):
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
         data.allowed = wp.zeros(points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
+        data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
+        self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
         data.corner = array(surfaces.corner, wp.vec3i)
         data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
         data.kind, data.closed = array(kind, int), array(surfaces.closed.astype(np.int32), int)
@@ -182,6 +187,7 @@ class Touching(Effect):
         self._bodies = wp.Bvh(self._low, self._high)
         self._flags = wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
+        self._overrun = np.zeros(NOTED)
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         self._unread = wp.zeros_like(self._flags)
@@ -205,11 +211,8 @@ class Touching(Effect):
             return
         a, b = data.body.numpy()[points], data.whose.numpy()[0, points]
         kind = data.kind.numpy()
-        given = data.given.numpy()[data.rule.numpy()[kind[a], kind[b]]]
-        k_a, k_b = surfaces.stiffness[a], surfaces.stiffness[b]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            k = np.where(given < 0, harmonic_mean(k_a, k_b), given) * data.density.numpy()[a]
-        deep = np.sqrt(2 * stored[points] / k)
+        k = stiffness_of_pairs(surfaces, self._rules, data.rule.numpy()[kind[a], kind[b]], a, b)
+        deep = np.sqrt(2 * stored[points] / (k * data.density.numpy()[a]))
         p = int(np.argmax(deep))
         if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
             return
@@ -218,13 +221,7 @@ class Touching(Effect):
         data.allowed.assign(allowed.astype(model.dtype))
         self._sunk, data.outwards = True, float(deep[p]) / LED_APART_IN
         self.done = data.done = wp.zeros(len(stored), dtype=wp.float64, device=model.device)
-        particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in (a[p], b[p])]
-        self._overlapping = (
-            f"the body of particle {particles[0]} starts {deep[p]:.3g} m inside that of particle {particles[1]} "
-            f"({len(points)} points of surfaces start inside other bodies): they are led apart within "
-            f"{LED_APART_IN} s, as far as they are no deeper than half a spacing; move them apart, or have them "
-            "ignore each other by Touch(groups=..., between='none')"
-        )
+        self._overlapping = led_apart(surfaces, (int(a[p]), int(b[p])), float(deep[p]), len(points), LED_APART_IN)
 
     def overlapping(self) -> str | None:
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
@@ -294,14 +291,18 @@ class Touching(Effect):
         """Launch what tells whether lists held."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
+            wp.copy(self._noted, self._touch.overrun)
             self._flags.zero_()
+            self._touch.overrun.zero_()
 
     def is_void(self) -> bool:
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
         flags = self._found.numpy()
         moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
+        self._overrun = self._noted.numpy().copy()
         if self._found is self._flags:
             self._flags.zero_()
+            self._touch.overrun.zero_()
         if not moved < FARTHEST_WAY * self._farthest * self.search_every:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
@@ -322,6 +323,11 @@ class Touching(Effect):
         room = self._touch.row.shape[0]
         self.is_stale |= self._make_room(longest)
         return not held or longest > room
+
+    def doubt(self) -> str | None:
+        """Return words about the first contact that was overrun in the frame that was waited for."""
+        found = Overrun.of(self._overrun, self._touch, self._surfaces, self._rules)
+        return found and found.described(self._model.system, self._surfaces, self.steps.substeps, self._dt)
 
     def _make_room(self, longest: int) -> bool:
         """Make room for more than the longest row; tell whether there was not.

@@ -180,8 +180,7 @@ class TrajectoryWriter:
         is not given. `broken_at`, of the same shape, says when connections broke [s], inf where they are whole; it
         is kept where the system can tear. `readings` are the rows that it adds to the tables by "frame" and by
         "substep": times [s], and beside them the numbers of all such probes, in their order. `contact_force` is
-        what contacts push each particle with [N], shape [particle_count, d]; it is kept where `contact_forces` says
-        so.
+        what contacts push each particle with [N], shape [particle_count, d], kept where `contact_forces` says so.
 
         Raises
         ------

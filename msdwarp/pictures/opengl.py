@@ -99,8 +99,6 @@ class OpenGL:
 
     def _add_in_front(self, pv: Any, arrows: Arrows) -> tuple[Any, Any]:
         """Add arrows in a layer in front of all else; return its renderer, and their mesh."""
-        from vtkmodules.vtkRenderingCore import vtkRenderer
-
         mesh = pv.PolyData.from_regular_faces(np.zeros((len(arrows.points), 3), np.float32), arrows.triangles)
         mesh.points = arrows.points.numpy()  # Warp's memory, as that of bodies
         mesh.point_data["Normals"] = arrows.normals.numpy()
@@ -109,7 +107,8 @@ class OpenGL:
         actor.mapper.scalar_visibility = False
         actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
         actor.prop.ambient, actor.prop.diffuse = self.drawing.ambient, self.drawing.diffuse
-        front, behind = vtkRenderer(), self._plotter.renderer
+        behind = self._plotter.renderer
+        front = behind.NewInstance()
         front.AddActor(actor)
         for light in behind.lights:
             front.AddLight(light)

@@ -1,6 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
@@ -199,7 +200,7 @@ class Simulation(Changing):
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due = list(self._schedule)
+        self._due, self._overrun_told = list(self._schedule), False
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity}
         self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
@@ -238,6 +239,12 @@ class Simulation(Changing):
         SimulationDiverged
             If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
             of them did not help). It is then back at the last good frame.
+
+        Warns
+        -----
+        ContactOverrun
+            Once, where bodies that touch come so fast, or press so hard, that one may come out of the other on the
+            wrong side.
         """
         for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -250,6 +257,9 @@ class Simulation(Changing):
             self.frame_index += 1
             if self.readings:
                 self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
+            if not self._overrun_told and (doubt := self.stepping.doubt()):
+                self._overrun_told = True
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""

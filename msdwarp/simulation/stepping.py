@@ -314,6 +314,11 @@ class Stepping:
             velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
         return Frame(time, position, velocity)
 
+    def doubt(self) -> str | None:
+        """Return words about what may have gone wrong in the last frame; None where nothing did."""
+        doubts = (effect.doubt() for effect in self.model.effects)
+        return next((one for one in doubts if one is not None), None)
+
     def contact_force(self) -> NDArray:
         """Return the mean contact force on each particle over the last frame [N]; see `Simulation`."""
         if self.felt is None:
