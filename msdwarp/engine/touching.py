@@ -299,7 +299,7 @@ class Touching(Effect):
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
         flags = self._found.numpy()
         moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
-        self._overrun = self._noted.numpy().copy()
+        self._overrun = np.array(self._noted.numpy(), dtype=np.float64)
         if self._found is self._flags:
             self._flags.zero_()
             self._touch.overrun.zero_()
