@@ -39,7 +39,7 @@ from .bodies import (
     Surface,
     System,
 )
-from .checks import DoubtfulStart
+from .checks import ContactOverrun, DoubtfulStart
 from .engine import Measures
 from .files import Trajectory, TrajectoryWriter
 from .integrators import (
@@ -93,6 +93,7 @@ __all__ = [
     "Box",
     "Capsule",
     "Cone",
+    "ContactOverrun",
     "CoulombDamper",
     "DoubtfulStart",
     "Drive",

@@ -13,6 +13,10 @@ _MOST_SAID = 200
 """Characters of the longest value that a message shows whole."""
 
 
+class ContactOverrun(UserWarning):
+    """Bodies that touch come so fast, or press so hard, that one may come out of the other on the wrong side."""
+
+
 class DoubtfulStart(UserWarning):
     """What was asked for can be simulated, but as it starts it will hardly do what is meant."""
 

@@ -46,7 +46,7 @@ def build(
         name = f"cube {k + 1}"
         system = system + cube.translate((0, 0, (k + 0.5) * width)).named(name)
         looks[name] = Look(texture=tiles(PAINT[k % len(PAINT)], "#f6efe2", count=3), gloss=0.35)
-    touch = Touch(friction=friction, restitution=0.3)
+    touch = Touch(friction=friction, restitution=0.3, stiffness=2 * stiffness)
     floor = Plane(restitution=0.1, friction=0.6)
     look = Look(azimuth=-66, elevation=14)
     return Scene(system=system, colliders=[floor], touch=touch, duration=4.0, look=look, looks=looks)

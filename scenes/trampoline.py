@@ -48,7 +48,7 @@ def build(
         Capsule((*a, high), (*b, high), 0.03) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
     legs = [Capsule((*a, 0), (*a, high), 0.03) for a in corners]
-    colliders, touch = [Plane(), *frame, *legs], Touch(friction=0.4, restitution=0.8)
+    colliders, touch = [Plane(), *frame, *legs], Touch(friction=0.4, restitution=0.8, thickness=0.025)
     look = Look(azimuth=-62, elevation=14, obstacle="#38424d")
     return Scene(system=bed + ball, colliders=colliders, touch=touch, duration=5.0, look=look, looks=looks)
 

@@ -2,6 +2,7 @@
 
 from .depths import distances
 from .distance import KINDS, solids
+from .felt import mean_forces, sum_impulses
 from .obstacles import NO_CONTACT, Contact, NoColliders, fixed_contact, moving_contact
 from .rule import Needed
 
@@ -13,6 +14,8 @@ __all__ = [
     "NoColliders",
     "distances",
     "fixed_contact",
+    "mean_forces",
     "moving_contact",
     "solids",
+    "sum_impulses",
 ]

@@ -1,5 +1,16 @@
 """What is drawn: points, normals and colours that follow the particles, and rays cast at them."""
 
+from .arrows import HEAD, RINGS, SIDES, THICK, WIDE, place_arrows
 from .drawing import STRAIN_STOPS, VALUE_STOPS, halve_over
 
-__all__ = ["STRAIN_STOPS", "VALUE_STOPS", "halve_over"]
+__all__ = [
+    "HEAD",
+    "RINGS",
+    "SIDES",
+    "STRAIN_STOPS",
+    "THICK",
+    "VALUE_STOPS",
+    "WIDE",
+    "halve_over",
+    "place_arrows",
+]

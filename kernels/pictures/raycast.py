@@ -174,3 +174,32 @@ def refine(
         wp.uint8(255.0 * wp.max(colour[1], 0.0) + 0.5),
         wp.uint8(255.0 * wp.max(colour[2], 0.0) + 0.5),
     )
+
+
+@kernel
+def lay_over(
+    body: Body,
+    view: Surroundings,
+    # In and out:
+    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+):
+    """Draw triangles over a picture, through all that is in it: four rays a pixel, where any meets one."""
+    row, column = wp.tid()
+    met = int(0)
+    colour = wp.vec3()
+    for k in range(4):
+        x = float(column) + 0.25 + 0.5 * float(k % 2)
+        y = float(row) + 0.25 + 0.5 * float(k / 2)
+        ray = wp.normalize(view.corner + x * view.across + y * view.down)
+        hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
+        if hit.result:
+            met += 1
+            colour += wp.min(seen_body(body, view, hit, ray), wp.vec3(1.0, 1.0, 1.0))
+    if met > 0:
+        below = pixels[row, column]
+        share = 1.0 - 0.25 * float(met)
+        pixels[row, column] = wp.vec3ub(
+            wp.uint8(255.0 * 0.25 * colour[0] + share * float(below[0]) + 0.5),
+            wp.uint8(255.0 * 0.25 * colour[1] + share * float(below[1]) + 0.5),
+            wp.uint8(255.0 * 0.25 * colour[2] + share * float(below[2]) + 0.5),
+        )

@@ -1,17 +1,27 @@
 """Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
 
 from .evaluate import energy_of_touch, place_vertices, touch
+from .felt import add_impulses
 from .nearest import nearest_on_triangle
+from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
 from .search import box_bodies, box_facets, find_rows, forget_boxes
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
 
 __all__ = [
+    "COUNT",
     "DEEPEST",
+    "FACET",
     "FLAGS",
+    "GAP",
     "HISTORY",
     "LONGEST_ROW",
     "MOVED",
+    "NOTED",
+    "PLACE",
+    "POINT",
+    "SPEED",
     "Surfaces",
+    "add_impulses",
     "box_bodies",
     "box_facets",
     "energy_of_touch",

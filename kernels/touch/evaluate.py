@@ -19,6 +19,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
+from .overrun import note_overrun
 from .pairs import bodies_in_rows, pairs, places
 from .surfaces import DEEPEST, MOVED, Surfaces
 
@@ -76,7 +77,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
     point_of, corner_of, place_on, nearest_to = places(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
-    next_body = bodies_in_rows(scalar)
+    next_body, note = bodies_in_rows(scalar), note_overrun(scalar)
     zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
@@ -85,6 +86,14 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         """Return the unit normal out of a facet; 0 of one that has none."""
         a = corner_of(data, facet, 0)
         return wp.normalize(wp.cross(corner_of(data, facet, 1) - a, corner_of(data, facet, 2) - a))
+
+    @wp.func
+    def velocity_on(data: Data, facet: int, w: V) -> V:
+        """Return how fast the place on a facet moves that has these weights of its corners."""
+        speed = data.v[data.corner[facet][0]] * w[0]
+        speed += data.v[data.corner[facet][1]] * w[1]
+        speed += data.v[data.corner[facet][2]] * w[2]
+        return speed
 
     @wp.func
     def add_to(data: Data, vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
@@ -212,10 +221,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         mobility += w[k] * w[k] * data.mobility[data.corner[facet][k]]
                     if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        speed = data.v[data.corner[facet][0]] * w[0]
-                        speed += data.v[data.corner[facet][1]] * w[1]
-                        speed += data.v[data.corner[facet][2]] * w[2]
-                        u = v - speed
+                        u = v - velocity_on(data, facet, w)
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         # As it has a share of the stiffness, a point has one of the mass.
@@ -259,12 +265,32 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                                 data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
                             if float(overlap) > flags[wp.static(DEEPEST)]:
                                 wp.atomic_max(flags, wp.static(DEEPEST), float(overlap))
+                            if h > zero:
+                                # The vertex of a point bears as much for each of its other points.
+                                u_n += h * f_n * mobility / data.density[mine]
+                                least = zero
+                                if closed:
+                                    least = -reach
+                                if wp.static(sunk):
+                                    least = least - data.allowed[p]
+                                note(data, p, facet, x, gap + h * u_n, least, -u_n)
                         if new_partner_0 < 0:
                             new_partner_0 = other
                             new_slip_0 = slip
                         elif new_partner_1 < 0:
                             new_partner_1 = other
                             new_slip_1 = slip
+                elif h > zero:
+                    # What comes so fast that a substep takes it through has never been in touch.
+                    q = place_on(data, facet, w)
+                    gap = wp.sqrt(best)
+                    u_n = wp.dot(v - velocity_on(data, facet, w), x - q) / gap
+                    least = zero
+                    if data.closed[other] != 0 and mine != other:
+                        least = -reach
+                        if wp.dot(x - q, normal_of(data, facet)) < zero:
+                            u_n = zero  # it is within, and lost already
+                    note(data, p, facet, x, gap + h * u_n, least, -u_n)
                 r = next_body(data, p, n, other)
             if wp.static(not measuring):
                 if h > zero:

@@ -51,6 +51,7 @@ def Surfaces(scalar: type):
         allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]
         outwards: scalar  # how fast that shrinks [m/s]
         done: wp.array(dtype=wp.float64)  # the work of what shrinks it [J]
+        overrun: wp.array(dtype=wp.float64)  # the first contact that may end on the wrong side; see `overrun`
         # Facets:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each, shape [facet_count]
         owner: wp.array(dtype=int)  # its body

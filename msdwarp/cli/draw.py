@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
-from ..files import Trajectory
+from ..files import FrameArray, Trajectory
 from ..pictures import ADVICE, Renderer, Scale, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
@@ -84,14 +84,19 @@ def _draw(
     colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
     size = parse_resolution(pictures.resolution)
     seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
-    renderer = Renderer(scene, np.concatenate(seen), resolution=size, colouring=colouring, zoom=pictures.zoom)
+    forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
+    how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest}
+    renderer = Renderer(scene, np.concatenate(seen), resolution=size, **how)
     _end_if(asked)
     if not renderer.uses_opengl:
         progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
     if not pictures.frames == pictures.video == "none":
         drawing = progress.track(shown, count, description="drawing")
-        images = (renderer.image(positions[k], times[k], values and values(k)) for k in _until(asked, drawing))
+        images = (
+            renderer.image(positions[k], times[k], values and values(k), None if forces is None else forces[k])
+            for k in _until(asked, drawing)
+        )
         formats = {"frames": pictures.frames, "video": pictures.video}
         path = write_film(images, count, folder, name=name, fps=fps, **formats)
         drawn.append(f"{count} frame{'s' if count > 1 else ''}")
@@ -144,8 +149,26 @@ def _colouring(
     return Scale(label, _rounded_up(largest)), values
 
 
+def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
+    """Return the contact forces in the frames, and the force of the longest arrow [N].
+
+    A tenth of the forces on particles that touch is above it in half of the frames: by the force of an impact,
+    which lasts a moment, all others would be too short to be seen.
+    """
+    forces, large = trajectory.contact_forces, list[float]()
+    for k in shown:
+        sizes = np.linalg.norm(forces[k].astype(np.float64), axis=1)
+        if sizes.any():
+            large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
+    return forces, _rounded_up(float(np.median(large)) if large else 0.0)
+
+
 def _speeds(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
     return np.linalg.norm(trajectory.velocities[k].astype(np.float64), axis=1)
+
+
+def _contact_forces(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
+    return np.linalg.norm(trajectory.contact_forces[k].astype(np.float64), axis=1)
 
 
 def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
@@ -155,6 +178,7 @@ def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float6
 _SHOWN: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
     "velocity": ("speed [m/s]", _speeds),
     "energy": ("energy of a particle and half its connections [J]", _energies),
+    "contact": ("contact force on a particle [N]", _contact_forces),
 }
 """What can be shown of particles, by name: what it is called, and its values in a frame."""
 

@@ -41,14 +41,17 @@ class Pictures:
         How many times nearer the camera comes than where it sees everything.
     colour
         The surface as it looks, connections from green (rest) to red (strained), or the body by the speed or the
-        energy of its particles; by default as the scene looks best.
+        energy of its particles, or by what contacts push them with; by default as the scene looks best.
+    arrows
+        Draw what contacts push particles with as arrows, seen through the bodies.
     """
 
     frames: Literal["png", "none"] = "png"
     video: Literal["webp", "mp4", "gif", "none"] = "webp"
     overlay: Whole | None = None
     resolution: str = "1280x720"
-    colour: Literal["texture", "strain", "velocity", "energy"] | None = None
+    colour: Literal["texture", "strain", "velocity", "energy", "contact"] | None = None
+    arrows: Annotated[bool, Parameter(negative=())] = False
     azimuth: float | None = None
     elevation: float | None = None
     zoom: float = 1.0
@@ -57,6 +60,11 @@ class Pictures:
     def any(self) -> bool:
         """Whether anything is to be drawn."""
         return self.overlay is not None or not self.frames == self.video == "none"
+
+    @property
+    def of_contact(self) -> bool:
+        """Whether contact forces are to be shown."""
+        return self.arrows or self.colour == "contact"
 
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
         """Tell whether all that is to be drawn of so many frames has been."""
@@ -131,6 +139,8 @@ class Options:
         Keep and draw every Nth frame, beginning with the first.
     strain
         Keep the strain of every connection too: in a lattice twice as many numbers as all else.
+    contact_forces
+        Keep what contacts push each particle with too, a vector each; so it is too where pictures show it.
     restart
         Seconds of computing after which restart.h5 is written anew beside the trajectory; `msdwarp resume` goes on
         from it. It is written at the end too; 0 writes none.
@@ -162,6 +172,7 @@ class Options:
     trajectory: Literal["plain", "compressed", "none"] = "plain"
     every: Whole = 1
     strain: bool = True
+    contact_forces: Annotated[bool, Parameter(negative=())] = False
     restart: float = 60.0
     log: str | None = None
     force: Annotated[bool, Parameter(negative=())] = False
@@ -172,6 +183,11 @@ class Options:
         """Raise ValueError unless a run up to frame `last` can be kept and drawn as they say."""
         checks.non_negative("restart", self.restart)
         self.pictures.check(last // checks.count("every", self.every, 1) + 1)
+
+    @property
+    def sums_contact(self) -> bool:
+        """Whether contact forces are to be kept, or shown."""
+        return self.contact_forces or self.pictures.of_contact
 
     @property
     def logs_in_folder(self) -> bool:

@@ -111,6 +111,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
         device=options.device,
         precision=options.precision or "float32",
         route=options.route,
+        contact_forces=options.sums_contact,
     )
 
 
@@ -225,6 +226,7 @@ class Run:
             compress=self.options.trajectory == "compressed",
             every=self.options.every,
             strain=self._strain,
+            contact_forces=self.options.sums_contact,
             attributes=self.made_by,
             readings=described(self.scene.probes, self.scene.system.dim),
             scene=None if behind else self._scene_as_stored(last),
@@ -246,7 +248,8 @@ class Run:
         asked: list[int],
     ) -> None:
         """Simulate frame by frame, until a signal asks to end."""
-        simulation, readback = self.simulation, Readback(self.simulation, strain=self._strain)
+        simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
+        readback = Readback(simulation, **kept)
         saved = time.monotonic()
         for k in progress.track(range(behind, last + 1), description="simulating"):
             if k:

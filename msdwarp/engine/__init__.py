@@ -7,6 +7,7 @@ implicit Euler launches its own solver.
 from .balance import Balance, Ledger, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Effect, Steps
+from .feeling import Felt, felt_by
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
@@ -24,6 +25,7 @@ __all__ = [
     "Blocks",
     "Dynamics",
     "Effect",
+    "Felt",
     "Ledger",
     "Measures",
     "Model",
@@ -36,6 +38,7 @@ __all__ = [
     "add_linearised",
     "check_blocks",
     "doubt_start",
+    "felt_by",
     "measure",
     "potential",
     "rate_bounds",

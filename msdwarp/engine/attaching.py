@@ -147,13 +147,13 @@ class Attached(Effect):
 
     def energy(self, x: wp.array) -> float:
         """Return Σ k (|x − p| − l0)²/2 [J]."""
-        return self._measured(x, x)[0]
+        return self.energy_and_power(x, x)[0]
 
     def dissipated_power(self, x: wp.array, v: wp.array) -> float:
         """Return Σ b |v − u|², along the axis where there is a rest length [W]."""
-        return self._measured(x, v)[1]
+        return self.energy_and_power(x, v)[1]
 
-    def _measured(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
         """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
         count, device = len(self.data.member), self._model.device
         sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]

@@ -71,6 +71,7 @@ class Contact(Effect):
             felt=felt,
             sunk=self._deepest > 0.0,
         )
+        self.felt = felt
         data = self.data = self.piece.Colliders()
         if self._deepest > 0.0:
             data.inverse_mass = self._inverse_mass

@@ -71,7 +71,9 @@ class Dynamics:
         self._steps, self._last_stage, self._looking = Steps(1.0, 1), 0, False
         self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
         self._searching = [one for one in model.effects if type(one).search is not Effect.search]
+        self._summing = [one for one in self._preceding if type(one).add_up is not Effect.add_up]
         self._in_frame = self._begins = False
+        self._stage = 0
         self._recorded: list[tuple[Any, Any]] | None = None
 
     def _place(self, effect: Effect) -> None:
@@ -160,6 +162,7 @@ class Dynamics:
             if substep % effect.search_every == 0:
                 effect.search(state.here.x, state.here.v, state.here.lost)
         self._in_frame = self._begins = True
+        self._stage = 0
         self.go_to(substep)
 
     def go_to(self, substep: int) -> None:
@@ -200,6 +203,9 @@ class Dynamics:
                 effect.search(step.x, step.v, step.lost)
             for effect in self._preceding:
                 effect.before_forces(step.x, step.v, step.lost, self._begins and not self._looking)
+            if self._in_frame and not self._looking:
+                for effect in self._summing:
+                    effect.add_up(self._steps.dt * self._steps.weights[self._stage])
             self._begins = self._begins and self._looking
         if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
@@ -215,6 +221,8 @@ class Dynamics:
             wp.launch(kernel, threads, [self.world, step], device=model.device)
         if self.composition.timed and not self._looking and self.world.stage < self._last_stage:
             self.world.stage += 1
+        if not self._looking:
+            self._stage += 1
         self.have_begun()
 
     @property

@@ -110,12 +110,22 @@ class Effect:
         does so, each stage is a launch of its own.
         """
 
+    def add_up(self, seconds: float) -> None:
+        """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
+
+        Together that is the length of a substep; what is only looked at is not summed.
+        """
+
     def look(self) -> None:
         """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
 
     def is_void(self) -> bool:
         """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
         return False
+
+    def doubt(self) -> str | None:
+        """Return words about what in the frame that was waited for may have gone wrong; None where nothing did."""
+        return None
 
     def begin_substep(self, substep: int) -> bool:
         """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
@@ -157,3 +167,7 @@ class Effect:
     def dissipated_power(self, x: wp.array, v: wp.array) -> float:
         """Return what it turns to heat when the particles are at x and move at v [W]."""
         return 0.0
+
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        """Return both, the energy [J] and what turns to heat [W]: at once, where one pass finds both."""
+        return self.energy(x), self.dissipated_power(x, v)

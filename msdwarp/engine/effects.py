@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
-from ..world import CONTACT_FORCE, Collider, Load, Probe
+from ..world import CONTACT_FORCE, TOUCH_FORCE, Collider, Load, Probe
 from .actuating import actuating
 from .attaching import attaching
 from .blowing import blowing
@@ -36,12 +36,17 @@ class Surroundings(NamedTuple):
     """What else acts on the system."""
     probes: Mapping[str, Probe] = MappingProxyType({})
     """What is measured, by name."""
+    contact_forces: bool = False
+    """Whether what contacts push each particle with is asked for."""
+
+    def asks_for(self, *quantities: str) -> bool:
+        """Tell whether a probe asks for one of these, or the contact forces are asked for as they are."""
+        return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
 def contact(model: "Model", around: Surroundings) -> Contact:
     """Return the effect of the obstacles that there are."""
-    felt = any(probe.what == CONTACT_FORCE for probe in around.probes.values())
-    return Contact(model, around.colliders, around.contact, felt)
+    return Contact(model, around.colliders, around.contact, around.asks_for(CONTACT_FORCE))
 
 
 EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
@@ -56,7 +61,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: pressing(model, around.loads),
     lambda model, around: attaching(model, around.loads),
     lambda model, around: actuating(model, around.loads),
-    lambda model, around: touching(model, around.loads),
+    lambda model, around: touching(model, around.loads, around.asks_for(CONTACT_FORCE, TOUCH_FORCE)),
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -66,6 +66,7 @@ def measure(
         What the positions have lost by rounding, in compensated precision.
     """
     v, sums = state.v if velocity is None else velocity, Sums(model)
+    others = [one.energy_and_power(state.x, v) for one in model.effects]
     sums.launch(state.x, v, x_lost)
     particles, connections, _ = sums.totals()
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
@@ -73,11 +74,11 @@ def measure(
         float(particles[columns.KINETIC]),
         float(connections[columns.ELASTIC]),
         float(particles[columns.POTENTIAL]),
-        float(connections[columns.DISSIPATED]) + sum(one.dissipated_power(state.x, v) for one in model.effects),
+        float(connections[columns.DISSIPATED]) + sum(power for _, power in others),
         particles[columns.MOMENTUM :][: model.dim],
         particles[columns.ANGULAR_MOMENTUM :][turning],
         float(connections[columns.STRAIN]),
-        sum(one.energy(state.x) for one in model.effects),
+        sum(energy for energy, _ in others),
         0.0 if model.work is None else model.work.total(state.x, state.v),
     )
 

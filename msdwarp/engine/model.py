@@ -11,6 +11,8 @@ from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.records import record_length
 from ..world import (
+    CONTACT_FORCE,
+    TOUCH_FORCE,
     Collider,
     Falling,
     Gravity,
@@ -76,6 +78,7 @@ class Model:
         device: str | None = None,
         precision: str = "float32",
         route: str = "auto",
+        contact_forces: bool = False,
     ) -> None:
         checks.one_of("precision", precision, PRECISIONS)
         checks.one_of("contact", contact, CONTACT_RULES)
@@ -124,8 +127,11 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
-        self.probes = checked_probes(probes or {}, system, colliders)
-        self.effects = effects_of(self, Surroundings(tuple(colliders), contact, loads, self.probes))
+        self.probes = checked_probes(probes or {}, system, colliders, loads)
+        around = Surroundings(tuple(colliders), contact, loads, self.probes, contact_forces)
+        self.feels_contact = around.asks_for(CONTACT_FORCE, TOUCH_FORCE)
+        """Whether effects sum what contacts push particles with."""
+        self.effects = effects_of(self, around)
 
     def fall(self, gravity: ArrayLike) -> None:
         """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..kernels.integrators import force_on_each
 from ..kernels.reductions import fold, probes, sum_of_group, sum_strain
-from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
-from .contact import Contact
+from ..world import CONTACT_FORCE, FORCE, POSITION, STRAIN, TOUCH_FORCE, VELOCITY, Probe, probes_by
 from .dynamics import Dynamics
+from .feeling import Felt
 from .measures import FEW_EACH, MOST_THREADS, ROWS
 from .model import Model
 from .state import State
@@ -30,10 +30,18 @@ class Sensors:
         How often they are read in a frame.
     seconds
         Length of a frame [s].
+    felt
+        What sums the contact forces, where any probe asks for such.
     """
 
     def __init__(
-        self, dynamics: Dynamics, state: State, asked_for: Mapping[str, Probe], readings: int, seconds: float
+        self,
+        dynamics: Dynamics,
+        state: State,
+        asked_for: Mapping[str, Probe],
+        readings: int,
+        seconds: float,
+        felt: Felt | None,
     ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
         self._model, self._readings, self._seconds = model, readings, seconds / readings
@@ -45,18 +53,12 @@ class Sensors:
         self.moves = VELOCITY in asked or FORCE in asked
         """Whether it needs the velocities at the instant of the positions."""
         self._force = model.vectors() if FORCE in asked else None
-        contact = next((effect for effect in model.effects if isinstance(effect, Contact)), None)
-        self._impulse = contact.data.impulse if contact is not None and CONTACT_FORCE in asked else None
+        self._felt = felt if CONTACT_FORCE in asked or TOUCH_FORCE in asked else None
         on_gpu = model.device.is_cuda
         self._each = ROWS if on_gpu else 1
         self._rows = wp.zeros((readings * self._each, first), dtype=wp.float64, device=model.device)
         # What the host reads: on a GPU pinned, as what the watch has found is.
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
-
-    def begin(self) -> None:
-        """Launch what a frame begins with; it may be recorded."""
-        if self._impulse is not None:
-            self._impulse.zero_()
 
     def launch(self, v: wp.array, k: int = 0) -> None:
         """Launch the sums of reading number k of a frame; it may be recorded.
@@ -72,12 +74,15 @@ class Sensors:
         assert isinstance(rows, wp.array)
         if self._force is not None:
             self._dynamics.launch(force_on_each, lost=now.lost, x=now.x, v=v, force=self._force)
+        pushed = {}
+        if self._felt is not None:
+            pushed = {CONTACT_FORCE: self._felt.by_all(), TOUCH_FORCE: self._felt.by_bodies}
         for one in self._sums:
             if one.what == STRAIN:
                 one.launch_strain(now.x, now.lost.x, rows)
                 continue
             lost = {POSITION: now.lost.x, VELOCITY: now.lost.v}.get(one.what)
-            values = {POSITION: now.x, VELOCITY: v, FORCE: self._force, CONTACT_FORCE: self._impulse}[one.what]
+            values = ({POSITION: now.x, VELOCITY: v, FORCE: self._force} | pushed)[one.what]
             one.launch(values, lost, rows)
         if k == self._readings - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
@@ -137,7 +142,7 @@ class _Sum:
             known = np.where(count > 0, count, np.nan)  # of nothing that holds still there is none
             largest = np.where(count > 0, own[:, :, probes.LARGEST].max(axis=1), np.nan)
             return np.stack([total[:, probes.SUM] / known, largest], axis=1)
-        if self.what == CONTACT_FORCE:  # impulses are summed since the frame began
+        if self.what in (CONTACT_FORCE, TOUCH_FORCE):  # impulses are summed since the frame began
             return np.diff(total, axis=0, prepend=0.0) / seconds
         if self.what == FORCE:
             return total + self._mass * np.array(list(model.gravity), dtype=np.float64)
@@ -149,22 +154,22 @@ def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     free = np.isfinite(mass)
     own = np.where(free, mass, 0.0)
     total = float(own.sum())
-    if what == CONTACT_FORCE:
-        return own, total
-    if what == FORCE:
+    if what in (FORCE, CONTACT_FORCE, TOUCH_FORCE):
         return np.ones(len(mass)), total
     return (own / total if free.any() else np.full(len(mass), 1.0 / len(mass))), total
 
 
-def sensors_of(dynamics: Dynamics, state: State, every: str, readings: int, seconds: float) -> Sensors | None:
+def sensors_of(
+    dynamics: Dynamics, state: State, every: str, readings: int, seconds: float, felt: Felt | None
+) -> Sensors | None:
     """Return what measures for the probes of a model that are read every frame, or substep; None if it has none.
 
     Parameters
     ----------
-    dynamics, state, readings, seconds
+    dynamics, state, readings, seconds, felt
         See `Sensors`.
     every
         "frame" or "substep".
     """
     asked_for = probes_by(every, dynamics.model.probes)
-    return Sensors(dynamics, state, asked_for, readings, seconds) if asked_for else None
+    return Sensors(dynamics, state, asked_for, readings, seconds, felt) if asked_for else None

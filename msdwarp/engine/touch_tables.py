@@ -31,6 +31,29 @@ def harmonic_mean(a: Any, b: Any) -> Any:
     return 2 * a * b / (a + b)
 
 
+def stiffness_of_pairs(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], rule: NDArray[Any], a: NDArray[Any], b: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Return the stiffness of contacts between bodies a and b, by the numbers of their rules [N/m]."""
+    given = np.array([-1.0 if one.stiffness is None else one.stiffness for one in rules])[rule]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        own = harmonic_mean(surfaces.stiffness[a], surfaces.stiffness[b])
+    return np.where(given < 0, own, given)
+
+
+def led_apart(
+    surfaces: TouchingSurfaces, bodies: tuple[int, int], deep: float, points: int, seconds: float
+) -> str:
+    """Return words about the two bodies that overlap most at the start, by so much [m]."""
+    particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in bodies]
+    return (
+        f"the body of particle {particles[0]} starts {deep:.3g} m inside that of particle {particles[1]} "
+        f"({points} points of surfaces start inside other bodies): they are led apart within "
+        f"{seconds} s, as far as they are no deeper than half a spacing; move them apart, or have them "
+        "ignore each other by Touch(groups=..., between='none')"
+    )
+
+
 def contact_blocks(
     model: "Model",
     surfaces: TouchingSurfaces,
@@ -119,6 +142,34 @@ def chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
     firsts = np.concatenate([np.arange(a, b, CHUNK) for a, b in zip(begins, ends, strict=True)])
     lasts = np.minimum(firsts + CHUNK, ends[np.searchsorted(begins, firsts, side="right") - 1])
     return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
+
+
+def check_stiffness(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], kind: NDArray[np.int32], rule: NDArray[np.int32]
+) -> None:
+    """Raise ValueError for bodies that have no stiffness where none is given."""
+    soft = surfaces.stiffness <= 0
+    for number, one in enumerate(rules):
+        meant = (rule == number).any(axis=1)[kind]
+        if one.stiffness is None and (soft & meant).any():
+            raise ValueError(
+                f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
+                "to take it from; it must be a number [N/m]"
+            )
+
+
+def hops_apart(
+    surfaces: TouchingSurfaces, rules: Sequence[Touch], kind: NDArray[np.int32], rule: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """Return within how many edges of it nothing of a body touches a vertex, shape [body_count]."""
+    own = rule[kind, kind]
+    given = np.array([-1.0 if one.thickness is None else one.thickness for one in rules])[own]
+    thickness = np.where(given < 0, 2.0 * surfaces.radius, given)
+    within = np.array([one.between == "all" for one in rules])[own] & (own >= 0)
+    hops = np.zeros(len(own), dtype=np.int64)
+    wide = within & (surfaces.spacing > 0)
+    hops[wide] = 1.5 * thickness[wide] / surfaces.spacing[wide]
+    return hops
 
 
 def neighbourhoods(

@@ -15,7 +15,9 @@ from ..kernels.touch import (
     HISTORY,
     LONGEST_ROW,
     MOVED,
+    NOTED,
     Surfaces,
+    add_impulses,
     box_bodies,
     box_facets,
     energy_of_touch,
@@ -27,8 +29,18 @@ from ..kernels.touch import (
 )
 from ..world import Load, Touch
 from .effect import Effect
+from .overrun import Overrun
 from .rows import rows
-from .touch_tables import chunks, contact_blocks, harmonic_mean, neighbourhoods, rules_by_kind
+from .touch_tables import (
+    check_stiffness,
+    chunks,
+    contact_blocks,
+    hops_apart,
+    led_apart,
+    neighbourhoods,
+    rules_by_kind,
+    stiffness_of_pairs,
+)
 
 if TYPE_CHECKING:
     from .model import Model
@@ -59,12 +71,12 @@ UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
 
-def touching(model: "Model", loads: Sequence[Load]) -> Effect | None:
-    """Return the effect of contact between the bodies of a scene, if they touch."""
+def touching(model: "Model", loads: Sequence[Load], felt: bool) -> Effect | None:
+    """Return the effect of contact between the bodies of a scene, if they touch; `felt` as for `Touching`."""
     rules = [one for one in loads if isinstance(one, Touch)]
     if not any(one.between != "none" for one in rules):
         return None
-    return Touching(model, rules)
+    return Touching(model, rules, felt)
 
 
 class Touching(Effect):
@@ -73,14 +85,23 @@ class Touching(Effect):
     Facets near a point are listed. A list holds until something has moved by half of its skin: lists are made anew
     before every few substeps, and a frame in which that was not often enough is repeated with a larger skin. What
     is listed and not touched changes nothing, so that results do not depend on the skin.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    rules
+        Which bodies touch, and how; where several hold for a pair, the last.
+    felt
+        Whether what bodies push each other's particles with is summed, in `impulse`.
     """
 
-    def __init__(self, model: "Model", rules: Sequence[Touch]) -> None:
+    def __init__(self, model: "Model", rules: Sequence[Touch], felt: bool = False) -> None:
         self._model, self._rules, self._dt = model, rules, 0.0
         surfaces = self._surfaces = touching_surfaces(model.system)
         scalar, device, dtype = model.scalar, model.device, model.dtype
         kind, rule = rules_by_kind(model, surfaces, rules)
-        self._check_stiffness(kind, rule)
+        check_stiffness(surfaces, rules, kind, rule)
 
         def array(values: Any, kind: Any) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
@@ -94,7 +115,7 @@ class Touching(Effect):
         mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
         data.mobility = array(mobility, scalar)
         start = np.einsum("vk,vkd->vd", surfaces.weight, model.system.position[surfaces.particle])
-        first, near = neighbourhoods(surfaces, self._hops(kind, rule))
+        first, near = neighbourhoods(surfaces, hops_apart(surfaces, rules, kind, rule))
         data.first_near, data.near = array(first, int), array(near, int)
         for name in ("x", "v", "x_found"):
             setattr(data, name, wp.zeros(vertices, dtype=model.vector, device=device))
@@ -108,6 +129,8 @@ class Touching(Effect):
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
         data.allowed = wp.zeros(points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
+        data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
+        self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
         data.corner = array(surfaces.corner, wp.vec3i)
         data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
         data.kind, data.closed = array(kind, int), array(surfaces.closed.astype(np.int32), int)
@@ -149,6 +172,8 @@ class Touching(Effect):
         self.data.vertex = array(np.repeat(np.arange(vertices), each.sum(axis=1))[order], int)
         self.data.weight = array(surfaces.weight[each][order], scalar)
         self.data.force = data.force
+        self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if felt else None
+        """What other bodies have pushed each particle with since it was zeroed [N s]; None where nobody asks."""
         stiffest = max(float(surfaces.stiffness.max(initial=0.0)), *(one.stiffness or 0.0 for one in rules))
         self.data.unit = stiffest * max(self._farthest, 1e-30) * UNITS
         data.x.assign(start.astype(dtype))
@@ -162,6 +187,7 @@ class Touching(Effect):
         self._bodies = wp.Bvh(self._low, self._high)
         self._flags = wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
+        self._overrun = np.zeros(NOTED)
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         self._unread = wp.zeros_like(self._flags)
@@ -172,28 +198,6 @@ class Touching(Effect):
         self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
         self._flags.zero_()
         self._sink()
-
-    def _check_stiffness(self, kind: NDArray, rule: NDArray) -> None:
-        """Raise ValueError for bodies that have no stiffness where none is given."""
-        soft = self._surfaces.stiffness <= 0
-        for number, one in enumerate(self._rules):
-            meant = (rule == number).any(axis=1)[kind]
-            if one.stiffness is None and (soft & meant).any():
-                raise ValueError(
-                    f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
-                    "to take it from; it must be a number [N/m]"
-                )
-
-    def _hops(self, kind: NDArray, rule: NDArray) -> NDArray[np.int64]:
-        """Return within how many edges of it nothing of a body touches a vertex, shape [body_count]."""
-        surfaces, own = self._surfaces, rule[kind, kind]
-        given = np.array([-1.0 if one.thickness is None else one.thickness for one in self._rules])[own]
-        thickness = np.where(given < 0, 2.0 * surfaces.radius, given)
-        within = np.array([one.between == "all" for one in self._rules])[own] & (own >= 0)
-        hops = np.zeros(len(own), dtype=np.int64)
-        wide = within & (surfaces.spacing > 0)
-        hops[wide] = 1.5 * thickness[wide] / surfaces.spacing[wide]
-        return hops
 
     def _sink(self) -> None:
         """Find out which points start inside other bodies, and let them stay there for a moment."""
@@ -207,11 +211,8 @@ class Touching(Effect):
             return
         a, b = data.body.numpy()[points], data.whose.numpy()[0, points]
         kind = data.kind.numpy()
-        given = data.given.numpy()[data.rule.numpy()[kind[a], kind[b]]]
-        k_a, k_b = surfaces.stiffness[a], surfaces.stiffness[b]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            k = np.where(given < 0, harmonic_mean(k_a, k_b), given) * data.density.numpy()[a]
-        deep = np.sqrt(2 * stored[points] / k)
+        k = stiffness_of_pairs(surfaces, self._rules, data.rule.numpy()[kind[a], kind[b]], a, b)
+        deep = np.sqrt(2 * stored[points] / (k * data.density.numpy()[a]))
         p = int(np.argmax(deep))
         if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
             return
@@ -220,13 +221,7 @@ class Touching(Effect):
         data.allowed.assign(allowed.astype(model.dtype))
         self._sunk, data.outwards = True, float(deep[p]) / LED_APART_IN
         self.done = data.done = wp.zeros(len(stored), dtype=wp.float64, device=model.device)
-        particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in (a[p], b[p])]
-        self._overlapping = (
-            f"the body of particle {particles[0]} starts {deep[p]:.3g} m inside that of particle {particles[1]} "
-            f"({len(points)} points of surfaces start inside other bodies): they are led apart within "
-            f"{LED_APART_IN} s, as far as they are no deeper than half a spacing; move them apart, or have them "
-            "ignore each other by Touch(groups=..., between='none')"
-        )
+        self._overlapping = led_apart(surfaces, (int(a[p]), int(b[p])), float(deep[p]), len(points), LED_APART_IN)
 
     def overlapping(self) -> str | None:
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
@@ -285,18 +280,29 @@ class Touching(Effect):
         outputs = [self._flags, self._nowhere, self._nowhere]
         wp.launch(touch(model.scalar, self._sunk), len(data.share), inputs, outputs, device=model.device)
 
+    def add_up(self, seconds: float) -> None:
+        """Launch the sum of what bodies push each other's particles with, where that is asked for."""
+        model = self._model
+        if self.impulse is not None:
+            kernel = add_impulses(model.dim, model.scalar, model.compensated)
+            wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
+
     def look(self) -> None:
         """Launch what tells whether lists held."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
+            wp.copy(self._noted, self._touch.overrun)
             self._flags.zero_()
+            self._touch.overrun.zero_()
 
     def is_void(self) -> bool:
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
         flags = self._found.numpy()
         moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
+        self._overrun = np.array(self._noted.numpy(), dtype=np.float64)
         if self._found is self._flags:
             self._flags.zero_()
+            self._touch.overrun.zero_()
         if not moved < FARTHEST_WAY * self._farthest * self.search_every:
             return False  # it flies apart, which the watch sees
         held = moved <= 0.5 * self._skin_now
@@ -317,6 +323,11 @@ class Touching(Effect):
         room = self._touch.row.shape[0]
         self.is_stale |= self._make_room(longest)
         return not held or longest > room
+
+    def doubt(self) -> str | None:
+        """Return words about the first contact that was overrun in the frame that was waited for."""
+        found = Overrun.of(self._overrun, self._touch, self._surfaces, self._rules)
+        return found and found.described(self._model.system, self._surfaces, self.steps.substeps, self._dt)
 
     def _make_room(self, longest: int) -> bool:
         """Make room for more than the longest row; tell whether there was not.
@@ -361,13 +372,14 @@ class Touching(Effect):
 
     def energy(self, x: wp.array) -> float:
         """Return what contacts store [J]."""
-        return self._measured(x, self._model.vectors())[0]
+        return self.energy_and_power(x, self._model.vectors())[0]
 
     def dissipated_power(self, x: wp.array, v: wp.array) -> float:
         """Return what contacts turn to heat [W]."""
-        return self._measured(x, v)[1]
+        return self.energy_and_power(x, v)[1]
 
-    def _measured(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        """Return what contacts store [J], and what they turn to heat [W]."""
         stored, heated = self._stored_and_heated(x, v)
         return float(stored.numpy().sum()), float(heated.numpy().sum())
 

@@ -1,9 +1,10 @@
 """Trajectories and restart files on disk, and exports. The only importer of h5py."""
 
 from .export import export
+from .frame_array import FrameArray
 from .probe import probe
 from .restart import read_restart, write_restart
 from .trajectory import Trajectory
 from .writer import TrajectoryWriter
 
-__all__ = ["Trajectory", "TrajectoryWriter", "export", "probe", "read_restart", "write_restart"]
+__all__ = ["FrameArray", "Trajectory", "TrajectoryWriter", "export", "probe", "read_restart", "write_restart"]

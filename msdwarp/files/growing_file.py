@@ -36,10 +36,16 @@ class GrowingFile:
         self._file: Any = None
 
     def append(
-        self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None, rows: Rows
+        self,
+        frame: Frame,
+        strain: NDArray | None,
+        substeps: int,
+        broken_at: NDArray | None,
+        rows: Rows,
+        contact_force: NDArray | None = None,
     ) -> None:
         """Write a frame, and what probes told since the one before, and flush it."""
-        one = partial(self._append, frame, strain, substeps, broken_at, rows)
+        one = partial(self._append, frame, strain, substeps, broken_at, rows, contact_force)
         if self._file is None:
             self._create(frame.position.dtype == np.float64, one)
         else:
@@ -121,11 +127,17 @@ class GrowingFile:
         self._size = os.fstat(self._room).st_size
 
     def _append(
-        self, frame: Frame, strain: NDArray | None, substeps: int, broken_at: NDArray | None, rows: Rows
+        self,
+        frame: Frame,
+        strain: NDArray | None,
+        substeps: int,
+        broken_at: NDArray | None,
+        rows: Rows,
+        contact_force: NDArray | None,
     ) -> None:
         self._check_there()
         self._reserve(self._layout.growth(self.written, rows))
-        self._layout.append(self.written, frame, strain, substeps, broken_at, rows)
+        self._layout.append(self.written, frame, strain, substeps, broken_at, rows, contact_force)
         self._size = os.fstat(self._room).st_size
 
     def _check_there(self) -> None:

@@ -10,6 +10,8 @@ FORMAT = 1
 """Version of the group `msdwarp` in a file; VTK's own has another."""
 OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
+CONTACT = "PointData/contact_force"
+"""What contacts push each particle with [N], the mean over the frame; where that was asked for."""
 BROKEN_AT = "CellData/broken_at"
 """When each connection broke [s], inf where it is whole; of a triangle, when it parted (`Edges`). There is
 one for all frames, for what breaks in a later one does not change the earlier ones."""

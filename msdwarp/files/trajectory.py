@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from .frame_array import FrameArray
-from .names import BROKEN_AT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .reading_tables import ReadingTables
 from .sound import too_large, unsound
 from .stored_system import read_system
@@ -69,7 +69,12 @@ class Trajectory:
 
     def _check_sizes(self, root: Any) -> None:
         """Raise ValueError unless what is said to be in the frames can be in the file."""
-        each = {POINTS: (self._points, 3), VELOCITY: (self._points, 3), STRAIN: (self._cells, 1)}
+        each = {
+            POINTS: (self._points, 3),
+            VELOCITY: (self._points, 3),
+            CONTACT: (self._points, 3),
+            STRAIN: (self._cells, 1),
+        }
         for name, (rows, width) in each.items():
             if name not in root:
                 continue
@@ -160,6 +165,21 @@ class Trajectory:
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
         return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
+
+    @property
+    def contact_forces(self) -> FrameArray:
+        """What contacts push particles with [N], shape [frame_count, particle_count, d], read where indexed.
+
+        The mean over the frame that ends there, as `Simulation.contact_force` has it; 0 in the first frame.
+
+        Raises
+        ------
+        ValueError
+            If the trajectory was written without it.
+        """
+        if CONTACT not in self._file[ROOT]:
+            raise ValueError(f"{self.path} was written without contact forces")
+        return FrameArray(self._file[ROOT][CONTACT], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
     def broken_at(self) -> NDArray[np.float32]:

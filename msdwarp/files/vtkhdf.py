@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..bodies import AXES, Edges, System, broken_before
 from .names import (
     BROKEN_AT,
+    CONTACT,
     COUNT,
     FORMAT,
     GZIP,
@@ -61,6 +62,8 @@ class Layout:
         Whether there is a time at which each connection broke; by default where any can.
     readings
         What probes tell, if any do.
+    contact_forces
+        Whether there is a force of contact on each particle.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class Layout:
         strain: bool,
         tears: bool | None = None,
         readings: Columns | None = None,
+        contact_forces: bool = False,
     ) -> None:
         self._system, self._dtype, self._compress = system, dtype, compress
         surface = system.surface
@@ -80,6 +84,8 @@ class Layout:
         self._points = n + (0 if self._embedded is None else len(self._embedded.particle))
         self._cells = _cells(system)
         self._per_frame = {POINTS: self._points, VELOCITY: self._points}
+        if contact_forces:
+            self._per_frame[CONTACT] = self._points
         if strain and system.connection_count:
             cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
             self._per_frame[STRAIN] = cells
@@ -95,7 +101,8 @@ class Layout:
         root = file[ROOT]
         values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(root, "Steps/Values", (), "f")
         compressed, strain, tears = values.compression is not None, STRAIN in root, BROKEN_AT in root
-        return cls(system, values.dtype, times.chunks[0], compressed, strain, tears)
+        contact_forces = CONTACT in root
+        return cls(system, values.dtype, times.chunks[0], compressed, strain, tears, contact_forces=contact_forces)
 
     @property
     def static_size(self) -> int:
@@ -206,6 +213,7 @@ class Layout:
         substeps: int,
         broken_at: NDArray | None = None,
         rows: Rows = MappingProxyType({}),
+        contact_force: NDArray | None = None,
     ) -> None:
         """Write frame k, behind the others, and what probes told up to it, and flush it."""
         if self._broken_at is not None and self._edges is not None and broken_at is not None:
@@ -230,7 +238,7 @@ class Layout:
             count = self._per_frame[name]
             _at_least(dataset, (k + 1) * count)
             start = k * count
-            for values in self._parts(name, frame, strain):
+            for values in self._parts(name, frame, strain, contact_force):
                 dataset[start : start + len(values)] = values
                 start += len(values)
         # VTK's reader writes past its memory where there are more times than frames.
@@ -250,6 +258,8 @@ class Layout:
         """Return what the arrays of offsets in Steps grow by from frame to frame."""
         strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
+        if CONTACT in self._per_frame:
+            strides["PointDataOffsets/contact_force"] = self._points
         if STRAIN in self._per_frame:
             strides["CellDataOffsets/strain"] = self._per_frame[STRAIN]
         if self._tears:
@@ -282,11 +292,20 @@ class Layout:
             result[n:, AXES[dim]] = self._embedded.points(values)
         return result
 
-    def _parts(self, name: str, frame: tuple[float, NDArray, NDArray], strain: NDArray | None) -> list[NDArray]:
+    def _parts(
+        self,
+        name: str,
+        frame: tuple[float, NDArray, NDArray],
+        strain: NDArray | None,
+        contact_force: NDArray | None,
+    ) -> list[NDArray]:
         """Return what a frame adds to an array, in parts that follow each other."""
         _, position, velocity = frame
-        if name != STRAIN:
-            return [self._in_space(position if name == POINTS else velocity)]
+        if name == CONTACT and contact_force is None:
+            raise ValueError("contact_force is None; the file has what contacts push particles with in each frame")
+        of_points = {POINTS: position, VELOCITY: velocity, CONTACT: contact_force}
+        if (values := of_points.get(name)) is not None:
+            return [self._in_space(values)]
         # The strain of every cell: connections come first, and NaN for what is none. A part of what is compressed
         # would be compressed with the part before it, again.
         parts = [self._strain(position) if strain is None else strain, self._no_connections]

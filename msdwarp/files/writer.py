@@ -42,6 +42,10 @@ class Pending(Protocol):
         """Wait for it; return when connections broke [s], inf where they are whole, if any can."""
         ...
 
+    def contact_force(self) -> NDArray | None:
+        """Wait for it; return what contacts push each particle with [N], if that comes with it."""
+        ...
+
     def release(self) -> None:
         """Have its memory back: the frame is on disk."""
         ...
@@ -69,6 +73,8 @@ class TrajectoryWriter:
         Keep the first frame and each `every`-th after it.
     strain
         Write the strain of every connection: one number each, of which a lattice has many more than positions.
+    contact_forces
+        Write what contacts push each particle with, a vector each, which comes with every frame then.
     attributes
         What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
     readings
@@ -106,6 +112,7 @@ class TrajectoryWriter:
         compress: bool = False,
         every: int = 1,
         strain: bool = True,
+        contact_forces: bool = False,
         attributes: Mapping[str, Any] | None = None,
         readings: Columns | None = None,
         scene: Scene | None = None,
@@ -126,8 +133,15 @@ class TrajectoryWriter:
         if self.path.exists() and not force and not behind:
             raise FileExistsError(f"path is {self.path}, which exists; name another file or add --force")
         layout = partial(
-            Layout, system, frame_count=frame_count, compress=compress, strain=strain, readings=readings
+            Layout,
+            system,
+            frame_count=frame_count,
+            compress=compress,
+            strain=strain,
+            readings=readings,
+            contact_forces=contact_forces,
         )
+        self._contact_forces = contact_forces
         self._widths = ReadingTables(readings or {}).widths
         self._file = GrowingFile(self.path, force, layout, about)
         if behind:
@@ -157,6 +171,7 @@ class TrajectoryWriter:
         strain: NDArray | None = None,
         broken_at: NDArray | None = None,
         readings: Rows = MappingProxyType({}),
+        contact_force: NDArray | None = None,
     ) -> None:
         """Hand over a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
 
@@ -164,7 +179,8 @@ class TrajectoryWriter:
         `strain`, shape [connection_count], is computed from the positions and the system's rest lengths where it
         is not given. `broken_at`, of the same shape, says when connections broke [s], inf where they are whole; it
         is kept where the system can tear. `readings` are the rows that it adds to the tables by "frame" and by
-        "substep": times [s], and beside them the numbers of all such probes, in their order.
+        "substep": times [s], and beside them the numbers of all such probes, in their order. `contact_force` is
+        what contacts push each particle with [N], shape [particle_count, d], kept where `contact_forces` says so.
 
         Raises
         ------
@@ -174,13 +190,21 @@ class TrajectoryWriter:
             If an earlier frame could not be written.
         """
         frame = Frame(*frame)
-        for name, values in zip(("position", "velocity"), frame[1:], strict=True):
+        vectors = {"position": frame.position, "velocity": frame.velocity}
+        if contact_force is not None:
+            vectors["contact_force"] = contact_force
+        for name, values in vectors.items():
             _check_shape(name, values, self._system.position.shape)
         for name, given in (("strain", strain), ("broken_at", broken_at)):
             if given is not None:
                 _check_shape(name, given, self._system.rest_length.shape)
+        if self._contact_forces and contact_force is None:
+            raise ValueError(
+                "contact_force is None; the file is laid out for what contacts push particles with, which must be "
+                "in each frame"
+            )
         kept = self.wants_next()
-        self._hand_over(_Arrived(frame, strain, broken_at) if kept else None, readings)
+        self._hand_over(_Arrived(frame, strain, broken_at, contact_force) if kept else None, readings)
 
     def wants_next(self) -> bool:
         """Tell whether the next frame is one of those to keep; raise as `write` does."""
@@ -264,7 +288,7 @@ class TrajectoryWriter:
         if frame is None:
             self._file.append_rows(rows)
         else:
-            self._file.append(*frame.arrived(), frame.substeps, frame.broken_at(), rows)
+            self._file.append(*frame.arrived(), frame.substeps, frame.broken_at(), rows, frame.contact_force())
 
     def _attempt(self, action: Callable[[], None]) -> None:
         try:
@@ -309,14 +333,20 @@ def _check_continuation(path: Path, system: System, fps: float, kept: int, readi
 class _Arrived:
     """A frame that was on the host from the start."""
 
-    def __init__(self, frame: Frame, strain: NDArray | None, broken_at: NDArray | None) -> None:
-        self._both, self.substeps, self._broken_at = (frame, strain), 0, broken_at
+    def __init__(
+        self, frame: Frame, strain: NDArray | None, broken_at: NDArray | None, contact_force: NDArray | None
+    ) -> None:
+        self._both, self.substeps = (frame, strain), 0
+        self._broken_at, self._contact_force = broken_at, contact_force
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
         return self._both
 
     def broken_at(self) -> NDArray | None:
         return self._broken_at
+
+    def contact_force(self) -> NDArray | None:
+        return self._contact_force
 
     def release(self) -> None:
         pass

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ..kernels.pictures import STRAIN_STOPS
+from ..kernels.pictures import HEAD, STRAIN_STOPS, THICK, WIDE
+from .arrows import COLOUR
 from .drawing import Scale
 
 STOPS = STRAIN_STOPS
@@ -41,4 +42,21 @@ def with_bar(image: NDArray[np.uint8], scale: Scale, stops: Stops) -> NDArray[np
     picture = Image.fromarray(image)
     legend = _bar(picture.height, scale, stops)
     picture.paste(legend, (picture.width - legend.width, picture.height - legend.height), legend)
+    return np.asarray(picture)
+
+
+def with_arrow(image: NDArray[np.uint8], label: str, share: float) -> NDArray[np.uint8]:
+    """Return the picture with an arrow in its lower left corner, so long by its height, and what it stands for."""
+    picture = Image.fromarray(image)
+    unit = picture.height / 720
+    size, length = max(9, round(19 * unit)), share * picture.height
+    font, ink = ImageFont.load_default(size), (60, 66, 72, 255)
+    wide = math.ceil(length + font.getlength(label) + 3 * size)
+    legend = Image.new("RGBA", (wide, 2 * size), (255, 255, 255, 150))
+    pen, colour = ImageDraw.Draw(legend), tuple(round(255 * c) for c in COLOUR)
+    tip, head = size + length, HEAD * length
+    pen.line([(size, size), (tip - head, size)], colour, max(1, round(2 * THICK * length)))
+    pen.polygon([(tip, size), (tip - head, size - WIDE * length), (tip - head, size + WIDE * length)], colour)
+    pen.text((tip + size / 2, size), label, ink, font, anchor="lm")
+    picture.paste(legend, (0, picture.height - legend.height), legend)
     return np.asarray(picture)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import halve_over
+from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .stage import HEAD, KEY, SHADOW, VIEW_ANGLE, Stage
 
@@ -21,7 +22,7 @@ class OpenGL:
     stands still, so the ground is drawn once, and every picture laid over it.
     """
 
-    def __init__(self, drawing: Drawing, stage: Stage) -> None:
+    def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of VTK's and PyVista's own making, at import
             import pyvista as pv
@@ -50,6 +51,9 @@ class OpenGL:
             self._plotter.remove_actor(bare, render=False)
             self._shadow = self._add_shadow(pv, texture)
         self._bodies = self._add_bodies(pv)
+        self._arrows = arrows
+        if arrows is not None:
+            self._front, self._arrow_mesh = self._add_in_front(pv, arrows)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
@@ -92,6 +96,29 @@ class OpenGL:
         assert self.ground is not None
         origin = self.ground.centre - below * self.ground.normal
         actor.mapper.AddClippingPlane(pv.generate_plane(self.ground.normal, origin))
+
+    def _add_in_front(self, pv: Any, arrows: Arrows) -> tuple[Any, Any]:
+        """Add arrows in a layer in front of all else; return its renderer, and their mesh."""
+        mesh = pv.PolyData.from_regular_faces(np.zeros((len(arrows.points), 3), np.float32), arrows.triangles)
+        mesh.points = arrows.points.numpy()  # Warp's memory, as that of bodies
+        mesh.point_data["Normals"] = arrows.normals.numpy()
+        mesh.GetPointData().SetActiveNormals("Normals")
+        actor = pv.Actor(mapper=pv.DataSetMapper(mesh))
+        actor.mapper.scalar_visibility = False
+        actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
+        actor.prop.ambient, actor.prop.diffuse = self.drawing.ambient, self.drawing.diffuse
+        behind = self._plotter.renderer
+        front = behind.NewInstance()
+        front.AddActor(actor)
+        for light in behind.lights:
+            front.AddLight(light)
+        front.SetAutomaticLightCreation(False)
+        camera = front.GetActiveCamera()
+        camera.DeepCopy(behind.GetActiveCamera())
+        front.SetLayer(1)
+        self._plotter.render_window.SetNumberOfLayers(2)
+        self._plotter.render_window.AddRenderer(front)
+        return front, mesh
 
     def _add_bodies(self, pv: Any) -> list[Any]:
         """Add the drawing's triangles, those of one gloss together: VTK has one for all that it draws at once."""
@@ -145,6 +172,11 @@ class OpenGL:
             self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)
             self._shadow.GetPointData().GetTCoords().Modified()
             drawn.append(landed)
+        if self._arrows is not None:
+            self._arrow_mesh.GetPoints().Modified()
+            self._arrow_mesh.GetPointData().GetNormals().Modified()
+            self._front.ResetCameraClippingRange()
+            drawn.append(self._arrows.points.numpy())
         return self._picture(self.camera.frame(np.concatenate(drawn), *self._pixels.shape))
 
     def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:

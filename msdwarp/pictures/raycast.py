@@ -1,6 +1,7 @@
 """Pictures without OpenGL: a ray caster on Warp, with the same camera, look and shadow."""
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import raycast
+from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .stage import HEAD, KEY, SHADOW, VIEW_ANGLE, Stage
 
@@ -20,8 +22,10 @@ def _image(pixels: NDArray[np.uint8], device: str) -> wp.array:
 class RayCaster:
     """Draws a drawing by casting rays at it, on the device of the drawing."""
 
-    def __init__(self, drawing: Drawing, stage: Stage) -> None:
+    def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self.drawing, device = drawing, drawing.device
+        self._arrows, self._over = arrows, raycast.Body()
+        self._over_mesh: wp.Mesh | None = None
         camera, ground = stage.camera, stage.ground
         self._size = width, height = stage.width, stage.height
         self._mesh: wp.Mesh | None = None
@@ -65,4 +69,21 @@ class RayCaster:
         inputs = [self._body, self._view]
         wp.launch(raycast.cast, (height, width), inputs, [self._rays], device=device)
         wp.launch(raycast.refine, (height, width), [*inputs, self._rays], [self._pixels], device=device)
+        if self._arrows is not None:
+            over = self._body_of(self._arrows)
+            wp.launch(raycast.lay_over, (height, width), [over, self._view], [self._pixels], device=device)
         return self._pixels.numpy().astype(np.uint8)  # a copy
+
+    def _body_of(self, arrows: Arrows) -> Any:
+        """Return the arrows as they are now, as what rays can meet."""
+        over, device = self._over, self.drawing.device
+        if self._over_mesh is None:
+            count = len(arrows.points)
+            triangles = wp.array(arrows.triangles.ravel(), dtype=int, device=device)
+            self._over_mesh = wp.Mesh(points=arrows.points, indices=triangles)
+            over.mesh, over.normals, over.textured = self._over_mesh.id, arrows.normals, 0
+            over.colours = wp.full(count, wp.vec3(*COLOUR), dtype=wp.vec3, device=device)
+            over.uv, over.texture = wp.zeros(count, dtype=wp.vec2, device=device), self._body.texture
+            over.gloss = wp.zeros(len(arrows.triangles), dtype=float, device=device)
+        self._over_mesh.refit()
+        return over

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..quiet import start_warp
 from ..world import Scene
+from .arrows import LONGEST, Arrows
 from .drawing import Drawing, Scale
-from .legend import with_bar
+from .legend import with_arrow, with_bar
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
 from .raycast import RayCaster
@@ -46,6 +47,9 @@ class Renderer:
         "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
     zoom
         How many times nearer the camera comes than where it sees everything, above 0.
+    arrows
+        Draw forces on particles, which come with each frame, as arrows that are seen through all else: the force
+        of the longest arrow [N], as which larger ones are drawn too; None for no arrows.
 
     Raises
     ------
@@ -64,6 +68,7 @@ class Renderer:
         colouring: str | Scale | None = None,
         backend: str = "auto",
         zoom: float = 1.0,
+        arrows: float | None = None,
     ) -> None:
         checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
@@ -78,6 +83,8 @@ class Renderer:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
         checks.every("positions", positions, np.isfinite(positions), "finite")
         self.stage = Stage(scene, positions, (width, height), zoom)
+        count = scene.system.particle_count
+        self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         window = opengl_window()
         if backend == "opengl" and window is None:
             raise RuntimeError(f"no OpenGL library was found; {ADVICE}")
@@ -85,11 +92,17 @@ class Renderer:
         if self.uses_opengl:
             if window:
                 os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
-            self._backend: Backend = OpenGL(self.drawing, self.stage)
+            self._backend: Backend = OpenGL(self.drawing, self.stage, self.arrows)
         else:
-            self._backend = RayCaster(self.drawing, self.stage)
+            self._backend = RayCaster(self.drawing, self.stage, self.arrows)
 
-    def image(self, position: NDArray, time: float = 0.0, values: ArrayLike | None = None) -> NDArray[np.uint8]:
+    def image(
+        self,
+        position: NDArray,
+        time: float = 0.0,
+        values: ArrayLike | None = None,
+        forces: ArrayLike | None = None,
+    ) -> NDArray[np.uint8]:
         """Return the picture of a frame, uint8 of shape [height, width, 3].
 
         Parameters
@@ -101,14 +114,16 @@ class Renderer:
         values
             A number per particle, in the unit of the `Scale` that the colouring is, shape [particle_count];
             None where it is none.
+        forces
+            A force on each particle [N], shape [particle_count, d], where there are `arrows`; None for none.
 
         Raises
         ------
         ValueError
-            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
-            asked for.
+            If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
+            or values or forces are not asked for.
         """
-        return self.with_legend(self.bare(position, time, values=values))
+        return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
     def bare(
         self,
@@ -117,26 +132,38 @@ class Renderer:
         *,
         shadows: bool = True,
         values: ArrayLike | None = None,
+        forces: ArrayLike | None = None,
     ) -> NDArray[np.uint8]:
         """Return the picture of a frame without a legend; without the body where `position` is None.
 
         Raises
         ------
         ValueError
-            If `position` or `values` is not finite or not of the system's shape, or values are missing or not
-            asked for.
+            If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
+            or values or forces are not asked for.
         """
+        if forces is not None and self.arrows is None:
+            raise ValueError("forces is given; it must be None unless the renderer was made with arrows")
         if position is None:
+            if self.arrows is not None:
+                self.arrows.follow(np.zeros(self._shape), None)
             camera = self.stage.camera
             self.drawing.follow_without_body(camera.eye - camera.forward, time)
             return self._backend.draw(shadows=shadows)
         checks.non_negative("time", time)
-        position = _numbers("position", position)
-        if position.shape != self._shape:
-            raise ValueError(f"position has shape {position.shape}; it must be {self._shape}")
-        checks.every("position", position, np.isfinite(position), "finite")
+        position = self._vectors("position", position)
+        if self.arrows is not None:
+            self.arrows.follow(position, None if forces is None else self._vectors("forces", forces))
         self.drawing.follow(position, time, self._checked(values))
         return self._backend.draw(shadows=shadows)
+
+    def _vectors(self, name: str, value: ArrayLike) -> NDArray:
+        """Return a vector for each particle; raise ValueError unless it is that."""
+        given = _numbers(name, value)
+        if given.shape != self._shape:
+            raise ValueError(f"{name} has shape {given.shape}; it must be {self._shape}")
+        checks.every(name, given, np.isfinite(given), "finite")
+        return given
 
     def _checked(self, values: ArrayLike | None) -> NDArray[np.float64] | None:
         """Return values of the particles, where the drawing is by value; raise ValueError unless they are."""
@@ -154,8 +181,10 @@ class Renderer:
         return given
 
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture with the bar of what its colours tell, where they tell something."""
+        """Return a picture with the bar of what its colours tell, and the longest arrow, where it has such."""
         scale = self.drawing.scale
+        if self.arrows is not None:
+            image = with_arrow(image, f"{self.arrows.full:g} N or more", LONGEST)
         return image if scale is None else with_bar(image, scale, self.drawing.stops)
 
 

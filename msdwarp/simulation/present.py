@@ -87,6 +87,20 @@ class Present:
         """Return the present positions and velocities."""
         return self.stepping.frame(self.time)
 
+    def contact_force(self) -> NDArray:
+        """Return what obstacles and other bodies push each particle with [N], shape [particle_count, d].
+
+        It is the mean over the frame before: the sum of the impulses of contact in it, over its length. It is 0
+        before the first frame, and behind a change that uploads the system anew. Obstacles push no pinned or
+        driven particles.
+
+        Raises
+        ------
+        ValueError
+            If the simulation was made without `contact_forces=True`, and no probe asks for such forces.
+        """
+        return self.stepping.contact_force()
+
     def snapshot(self) -> System:
         """Return the system as it is now: present positions and velocities, present parameters."""
         _, position, velocity = self.frame()

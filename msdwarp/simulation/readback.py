@@ -26,6 +26,8 @@ class Readback:
         What is copied. It may be changed, reset and restored meanwhile.
     strain
         Whether the strain of every connection comes with it.
+    contact_forces
+        Whether what contacts push each particle with comes with it, which `Simulation(contact_forces=True)` sums.
     depth
         Frames that may be on their way at a time: each has room of its own, allocated here, on the device and
         on the host.
@@ -33,12 +35,17 @@ class Readback:
     Raises
     ------
     ValueError
-        If `depth` is not a whole number of at least 1.
+        If `depth` is not a whole number of at least 1, or the simulation sums no contact forces and they are
+        asked for.
     """
 
-    def __init__(self, simulation: Simulation, *, strain: bool = True, depth: int = 6) -> None:
+    def __init__(
+        self, simulation: Simulation, *, strain: bool = True, contact_forces: bool = False, depth: int = 6
+    ) -> None:
         checks.count("depth", depth, 1)
-        self._simulation, self._strain = simulation, strain
+        if contact_forces and simulation.stepping.felt is None:
+            raise ValueError("contact_forces is True; the simulation must be made with contact_forces=True then")
+        self._simulation, self._strain, self._contact_forces = simulation, strain, contact_forces
         device = simulation.model.device
         self._stream = wp.Stream(device) if device.is_cuda else None
         self._place: wp.array | None = None
@@ -46,7 +53,7 @@ class Readback:
         # What was released last is taken first: on the CPU, memory that is never touched is never there.
         self._free: queue.LifoQueue[_Room] = queue.LifoQueue()
         for _ in range(depth):
-            self._free.put(_Room(simulation.model, strain))
+            self._free.put(_Room(simulation.model, strain, contact_forces))
 
     def take(self) -> "Taken":
         """Return the present frame, which is on its way; wait while `depth` others have not been released."""
@@ -64,6 +71,8 @@ class Readback:
             write_in_order(
                 stepping.model.tearing.broken_at, self._place_in(stepping.model), room.here["broken_at"]
             )
+        if self._contact_forces and stepping.felt is not None:
+            stepping.felt.write_force(room.here["contact_force"])
         if self._stream is not None:
             room.send(self._stream)
         return Taken(self._simulation, room, self._free)
@@ -120,6 +129,15 @@ class Taken:
         self._room.wait()
         return self._room.there.get("broken_at")
 
+    def contact_force(self) -> NDArray | None:
+        """Wait for it, and return what contacts push each particle with [N]; None where it was not asked for.
+
+        It is what `Simulation.contact_force` returned at its time, shape [particle_count, d]. As for `arrived`,
+        the array is overwritten once this one has been released.
+        """
+        self._room.wait()
+        return self._room.there.get("contact_force")
+
     def release(self) -> None:
         """Give its memory back, for a frame to come; it may be called again."""
         if not self._released:
@@ -130,11 +148,13 @@ class Taken:
 class _Room:
     """Memory for a frame, on the device and on the host; on the CPU both are one."""
 
-    def __init__(self, model: Model, strain: bool) -> None:
+    def __init__(self, model: Model, strain: bool, contact_forces: bool) -> None:
         n, device = model.particle_count, model.device
         kinds: dict[str, tuple[int, Any]] = {"position": (n, model.vector), "velocity": (n, model.vector)}
         if model.compensated:
             kinds |= {f"{name}_lost": kind for name, kind in kinds.items()}
+        if contact_forces:
+            kinds["contact_force"] = (n, model.vector)
         if strain:
             kinds["strain"] = (model.connection_count, model.scalar)
         if model.tearing is not None:

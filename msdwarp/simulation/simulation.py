@@ -1,6 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
@@ -101,6 +102,8 @@ class Simulation(Changing):
         Changes of parameters at set times, made by `msdwarp.at`.
     probes
         What is measured, by name; see `msdwarp.Probe`. What they told is in `readings`.
+    contact_forces
+        Sum what contacts push each particle with, for `contact_force`, pictures and files.
 
     Raises
     ------
@@ -137,6 +140,7 @@ class Simulation(Changing):
         blocks: Blocks = "auto",
         schedule: Sequence[Change] = (),
         probes: Mapping[str, Probe] | None = None,
+        contact_forces: bool = False,
     ) -> None:
         checks.instance("system", system, System, "chain(5)")
         self.fps = checks.positive("fps", fps)
@@ -147,7 +151,8 @@ class Simulation(Changing):
             )
         self._forced = forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
-        for name, choice in (("refresh", refresh), ("allow_unstable", allow_unstable)):
+        choices = {"refresh": refresh, "allow_unstable": allow_unstable, "contact_forces": contact_forces}
+        for name, choice in choices.items():
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
@@ -159,10 +164,11 @@ class Simulation(Changing):
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
             "contact": contact,
-            "probes": checked_probes(probes or {}, system, colliders),
+            "probes": checked_probes(probes or {}, system, colliders, self._given),
             "device": device,
             "precision": precision,
             "route": route,
+            "contact_forces": contact_forces,
         }
         self._blocks: Blocks = blocks
         self._initial = system
@@ -191,7 +197,7 @@ class Simulation(Changing):
         """Go back to the system as it was given, at time 0, with the parameters it was given."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due = list(self._schedule)
+        self._due, self._overrun_told = list(self._schedule), False
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity}
         self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
@@ -230,6 +236,12 @@ class Simulation(Changing):
         SimulationDiverged
             If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
             of them did not help). It is then back at the last good frame.
+
+        Warns
+        -----
+        ContactOverrun
+            Once, where bodies that touch come so fast, or press so hard, that one may come out of the other on the
+            wrong side.
         """
         for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -242,6 +254,9 @@ class Simulation(Changing):
             self.frame_index += 1
             if self.readings:
                 self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
+            if not self._overrun_told and (doubt := self.stepping.doubt()):
+                self._overrun_told = True
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""

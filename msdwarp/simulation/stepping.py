@@ -22,6 +22,7 @@ from ..engine import (
     Stepper,
     Steps,
     Watch,
+    felt_by,
     potential,
     sensors_of,
     size,
@@ -77,6 +78,8 @@ class Stepping:
         The method as it is best used with these substeps.
     graph
         A frame as it was recorded with the first one; None before.
+    felt
+        What contacts have pushed particles with in the last frame; None where nobody asks for it.
     """
 
     def __init__(
@@ -102,8 +105,9 @@ class Stepping:
         self.backup = Backup(state)
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
-        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps)
-        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps)
+        self.felt = felt_by(self.model, 1.0 / choice.fps)
+        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps, self.felt)
+        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps, self.felt)
         self.stepper = Stepper(
             dynamics,
             state,
@@ -236,9 +240,8 @@ class Stepping:
     def _launch_frame(self) -> None:
         """Launch the substeps of a frame, and what looks at the state behind them."""
         self.backup.save()
-        for sensors in (self._sensors, self._by_substep):
-            if sensors is not None:
-                sensors.begin()
+        if self.felt is not None:
+            self.felt.begin()
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
@@ -311,6 +314,19 @@ class Stepping:
             position = position.astype(np.float64) - self.state.lost.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
         return Frame(time, position, velocity)
+
+    def doubt(self) -> str | None:
+        """Return words about what may have gone wrong in the last frame; None where nothing did."""
+        doubts = (effect.doubt() for effect in self.model.effects)
+        return next((one for one in doubts if one is not None), None)
+
+    def contact_force(self) -> NDArray:
+        """Return the mean contact force on each particle over the last frame [N]; see `Simulation`."""
+        if self.felt is None:
+            raise ValueError("contact_forces is False; it must be True for these forces to be summed")
+        force = wp.zeros(self.model.particle_count, dtype=self.model.vector, device=self.model.device)
+        self.felt.write_force(force)
+        return to_host(force)
 
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that substeps have changed, but for positions and velocities."""

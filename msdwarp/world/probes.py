@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System
 from .colliders import Collider
-from .loads import particles_meant
+from .loads import Load, particles_meant
+from .touch import Touch
 
-POSITION, VELOCITY, FORCE, CONTACT_FORCE, STRAIN = "position", "velocity", "force", "contact force", "strain"
-QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, STRAIN)
+POSITION, VELOCITY, FORCE, STRAIN = "position", "velocity", "force", "strain"
+CONTACT_FORCE, TOUCH_FORCE = "contact force", "touch force"
+QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, TOUCH_FORCE, STRAIN)
 FRAME, SUBSTEP = "frame", "substep"
-UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", STRAIN: ""}
+UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", TOUCH_FORCE: "N", STRAIN: ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +33,14 @@ class Probe:
 
         - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
           particles count only where the group has no others, all alike then.
-        - "force" [N]: the sum of the forces that connections, loads and gravity exert on the group where the frame
-          ends. What the group's particles exert on each other cancels. On a support (a group that is pinned or
-          driven, and has no weight) it is what pulls at it: what a load cell under the support reads. On a free
-          group it is the mass times the acceleration that it has without obstacles.
-        - "contact force" [N]: what obstacles push the group with, the mean over the frame: the sum of the impulses
-          m (v' − v) of all contacts in it, over its length. Pinned and driven particles feel none.
+        - "force" [N]: the sum of the forces that connections, loads, other bodies and gravity exert on the group
+          where the frame ends. What the group's particles exert on each other cancels. On a support (a group that
+          is pinned or driven, and has no weight) it is what pulls at it: what a load cell under the support reads.
+          On a free group it is the mass times the acceleration that it has without obstacles.
+        - "contact force" [N]: what obstacles and other bodies push the group with, the mean over the frame: the
+          sum of all impulses of contact in it, over its length. That of an obstacle is m (v' − v), and pinned and
+          driven particles feel none of it; that of another body is ∫ f dt as the method takes it.
+        - "touch force" [N]: the share of other bodies in that. What two bodies exert on each other cancels.
         - "strain": the mean of length / rest length − 1 over the connections within the group that are not broken,
           and the largest of its absolute values.
     every
@@ -79,23 +83,31 @@ class Probe:
             return ["strain_mean", "strain_largest"]
         return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
 
-    def check(self, system: System, colliders: Sequence[Collider]) -> None:
+    def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
         """Raise ValueError if there is nothing of a system to be measured."""
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
             raise ValueError(f"on is {checks.said(self.on)}; for the strain it must hold a connection")
-        if self.what == CONTACT_FORCE and not colliders:
-            raise ValueError(f"what is {self.what!r}; there must be colliders then, that may touch the group")
+        if self.what == CONTACT_FORCE and not colliders and not touches:
+            raise ValueError(
+                f"what is {self.what!r}; there must be colliders then, that may touch the group, or bodies that "
+                "touch (touch=Touch())"
+            )
+        if self.what == TOUCH_FORCE and not touches:
+            raise ValueError(f"what is {self.what!r}; bodies must touch then (touch=Touch())")
 
 
-def checked_probes(probes: object, system: System, colliders: Sequence[Collider]) -> dict[str, Probe]:
+def checked_probes(
+    probes: object, system: System, colliders: Sequence[Collider], loads: Sequence[Load] = ()
+) -> dict[str, Probe]:
     """Return probes by name; raise ValueError that names one which cannot measure this system."""
     named = dict(checks.mapping("probes", probes))
+    touches = any(isinstance(one, Touch) for one in loads)
     for name, one in named.items():
         checks.instance("a name in probes", name, str, "'foot'")
         checks.instance(f"probes[{name!r}]", one, Probe, "Probe('foot', 'force')")
         try:
-            one.check(system, colliders)
+            one.check(system, colliders, touches)
         except ValueError as error:
             raise ValueError(f"probes[{name!r}].{error}") from error
     return named

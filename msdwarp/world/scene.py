@@ -90,7 +90,7 @@ class Scene:
         checks.positive("duration", self.duration)
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
-        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders))
+        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 

@@ -1,0 +1,48 @@
+"""What obstacles and other bodies together push particles with."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+
+
+@functools.cache
+def sum_impulses(dim: int):
+    """Compose the kernel, over particles, that sums the impulses of obstacles and of other bodies."""
+    Wide = vector(dim, wp.float64)
+
+    @kernel
+    def sum_up(
+        mass: wp.array(dtype=wp.float64),  # [kg], 0 of what obstacles do not move, shape [particle_count]
+        by_obstacles: wp.array(dtype=Wide),  # by mass [m/s], shape [particle_count]
+        by_bodies: wp.array(dtype=Wide),  # [N s], shape [particle_count]
+        # Out:
+        impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
+    ):
+        i = wp.tid()
+        impulse[i] = mass[i] * by_obstacles[i] + by_bodies[i]
+
+    return sum_up
+
+
+@functools.cache
+def mean_forces(dim: int, scalar: type):
+    """Compose the kernel, over particles, that turns impulses to their mean force over some time."""
+    V, Wide = vector(dim, scalar), vector(dim, wp.float64)
+
+    @kernel
+    def take_means(
+        impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
+        seconds: wp.float64,  # [s]
+        # Out:
+        force: wp.array(dtype=V),  # [N], shape [particle_count]
+    ):
+        i = wp.tid()
+        mean = impulse[i] / seconds
+        result = V()
+        for k in range(wp.static(dim)):
+            result[k] = scalar(mean[k])
+        force[i] = result
+
+    return take_means

@@ -1,0 +1,78 @@
+"""Arrows in pictures: forces on particles, seen through all else."""
+
+import math
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import in_space
+from ..kernels.pictures import RINGS, SIDES, place_arrows
+from .stage import VIEW_ANGLE, Stage
+
+MOST_ARROWS = 1500
+"""Where more particles bear a force, the largest forces are drawn."""
+LONGEST = 0.16
+"""Length of the longest arrow by the height of the picture, where the camera looks at."""
+FAINTEST = 0.02
+"""Forces below this share of the full one are not drawn."""
+COLOUR = (0.0, 0.62, 0.66)
+"""Neither on the scale of values nor on that of strain."""
+
+
+class Arrows:
+    """Arrows from particles along the forces on them, as long as these are large.
+
+    Parameters
+    ----------
+    full
+        The force of the longest arrow [N]; larger ones are drawn as long.
+    particle_count
+        How many particles there are.
+    stage
+        Where they are seen.
+    """
+
+    def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
+        self.full = checks.positive("arrows", full)
+        away = float(np.linalg.norm(stage.camera.eye - stage.camera.target))
+        self.longest = LONGEST * 2 * away * math.tan(math.radians(VIEW_ANGLE) / 2)
+        """Length of the longest arrow [m]."""
+        self.device, self._nowhere = device, stage.camera.target.astype(np.float32)
+        self._count = min(particle_count, MOST_ARROWS)
+        self.triangles = _triangles(self._count)
+        vertices = RINGS * SIDES * self._count
+        self.points, self.normals = (wp.zeros(vertices, dtype=wp.vec3, device=device) for _ in "pn")
+        self._start, self._way = (wp.zeros(self._count, dtype=wp.vec3, device=device) for _ in "sw")
+
+    def follow(self, position: NDArray, force: NDArray | None) -> None:
+        """Lay the arrows of forces [N] on particles at these places [m], shape [particle_count, d] both.
+
+        Without forces there are none.
+        """
+        start, way = np.tile(self._nowhere, (self._count, 1)), np.zeros((self._count, 3), dtype=np.float32)
+        if force is not None:
+            size = np.linalg.norm(force.astype(np.float64), axis=1)
+            largest = np.argsort(size, kind="stable")[::-1][: self._count]
+            drawn = largest[size[largest] > FAINTEST * self.full]
+            scale = self.longest / np.maximum(size[drawn], self.full)
+            start[: len(drawn)] = in_space(position[drawn])
+            way[: len(drawn)] = in_space(force[drawn] * scale[:, None])
+        self._start.assign(start)
+        self._way.assign(way)
+        inputs = [self._start, self._way, self.longest]
+        wp.launch(place_arrows, self._count, inputs, [self.points, self.normals], device=self.device)
+
+
+def _triangles(count: int) -> NDArray[np.int32]:
+    """Return the triangles of so many arrows, shape [any, 3]."""
+    k = np.arange(SIDES)
+    ahead = (k + 1) % SIDES
+    shaft = np.concatenate(
+        [np.stack([k, ahead, k + SIDES], axis=1), np.stack([k + SIDES, ahead, ahead + SIDES], axis=1)]
+    )
+    head = np.stack([k, ahead, k + SIDES], axis=1) + 2 * SIDES
+    base = 4 * SIDES + np.stack([np.zeros(SIDES - 2, int), k[2:], k[1:-1]], axis=1)
+    one = np.concatenate([shaft, head, base])
+    return (one + RINGS * SIDES * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32)

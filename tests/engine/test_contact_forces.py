@@ -1,0 +1,126 @@
+"""What contacts push bodies with: what probes tell of it, and the force on each particle."""
+
+import numpy as np
+import pytest
+from problems import EPS64
+
+from msdwarp import (
+    RK4,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    Probe,
+    Simulation,
+    SymplecticEuler,
+    System,
+    Touch,
+    box,
+)
+
+G = 9.82
+
+
+def two_blocks(**constants) -> System:
+    """Return a block that lies on another one on the floor; 27 particles of 20 g each."""
+    die = box((3, 3, 3), 0.1, **({"mass": 0.02, "stiffness": 2e4, "damping": 20.0} | constants))
+    low = die.translate((0, 0, 0.1)).named("low")
+    return low + die.rotate(0.3, axis=(0, 0, 1)).translate((0.02, 0.01, 0.3)).named("high")
+
+
+WEIGHT = 27 * 0.02 * G
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
+    probes = {
+        "floor": Probe("low", "contact force"),
+        "on low": Probe("low", "touch force"),
+        "on high": Probe("high", "touch force"),
+        "all on high": Probe("high", "contact force"),
+        "both": Probe(np.arange(54), "contact force"),
+        "cancels": Probe(np.arange(54), "touch force"),
+    }
+    floor = Plane(friction=0.5)
+    options = {"colliders": [floor], "touch": Touch(), "device": device, "precision": precision}
+    simulation = Simulation(two_blocks(), probes=probes, contact_forces=True, **options)
+    simulation.step(90)
+    told = {name: simulation.readings[name].values[-1] for name in probes}
+    # Damped for 1.5 s, what is left of their motion is below a thousandth of g.
+    up = np.array([0.0, 0.0, WEIGHT])
+    settled = {"rtol": 0, "atol": 1e-3 * WEIGHT}
+    np.testing.assert_allclose(told["on high"], up, **settled)
+    np.testing.assert_allclose(told["on low"], -up, **settled)
+    np.testing.assert_allclose(told["both"], 2 * up, **settled)  # what the floor bears
+    np.testing.assert_allclose(told["floor"], up, **settled)  # 2 weights from below, 1 from above
+    np.testing.assert_array_equal(told["all on high"], told["on high"])
+    # Forces are whole numbers of a unit, and cancel: what is left is that shares of particles are rounded, each
+    # of some hundred times by the precision that they are stored in.
+    eps = EPS64 if precision == "float64" else 1.2e-7
+    for told_of_both in simulation.readings["cancels"].values:
+        np.testing.assert_allclose(told_of_both, 0.0, rtol=0, atol=100 * eps * WEIGHT)
+    # The same particle by particle.
+    force = simulation.contact_force()
+    assert force.shape == (54, 3)
+    rounded = {"rtol": 0, "atol": 54 * eps * WEIGHT}
+    np.testing.assert_allclose(force[27:].sum(axis=0), told["all on high"], **rounded)
+    np.testing.assert_allclose(force[:27].sum(axis=0), told["floor"], **rounded)
+
+
+@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4(), LinearlyImplicitEuler()], ids=str)
+def test_touch_impulses_are_what_momentum_lacks(plain_device, method):
+    # p' − p = ∫ f dt for each of two blocks that collide in free flight: every method adds up h f, by its weights.
+    blocks, high = two_blocks(stiffness=2e3, damping=0.5), np.arange(54)[:, None] >= 27
+    speed = np.where(high, (0.2, 0.0, -1.0), (0.0, 0.0, 1.0))
+    blocks = blocks.replace(position=blocks.position + 0.01 * high, velocity=speed)
+    probes = {name: Probe(name, "touch force") for name in ("low", "high")}
+    probes["by substep"] = Probe("high", "touch force", every="substep")
+    options = {"gravity": 0.0, "touch": Touch(), "device": plain_device, "precision": "float64"}
+    simulation = Simulation(blocks, integrator=method, probes=probes, **options)
+    simulation.step(6)
+    frame = simulation.frame()
+    gained = 0.02 * (frame.velocity - speed)
+    assert np.abs(gained).sum() > 0.1  # they have collided
+    # In leapfrog's family the velocity where a frame ends has half of the next force, in contact or not.
+    assert simulation.measure().effect_energy == 0.0
+    for name, own in (("low", gained[:27]), ("high", gained[27:])):
+        impulse = simulation.readings[name].values.sum(axis=0) / 60
+        np.testing.assert_allclose(impulse, own.sum(axis=0), rtol=0, atol=1e-10 * np.abs(gained).sum())
+    by_substep = simulation.readings["by substep"].values.reshape(6, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(by_substep, simulation.readings["high"].values, rtol=0, atol=1e-9)
+
+
+def test_support_counts_on_what_is_pinned(device):
+    # A pinned block below feels what lies on it, though no obstacle's push on it would count.
+    blocks = two_blocks()
+    blocks = blocks.pin(np.arange(27))
+    simulation = Simulation(blocks, touch=Touch(), device=device, contact_forces=True)
+    simulation.step(90)
+    force = simulation.contact_force()
+    np.testing.assert_allclose(force[:27].sum(axis=0), (0, 0, -WEIGHT), rtol=0, atol=1e-3 * WEIGHT)
+    # Only the upper face of it: the lower two layers hold no point that touches.
+    low = blocks.position[:27, 2] < blocks.position[:27, 2].max() - 0.05
+    assert not force[:27][low].any()
+
+
+def test_nothing_is_summed_unless_asked_for(device):
+    plain = {"colliders": [Plane()], "touch": Touch(), "device": device, "precision": "float64"}
+    without, asked = (Simulation(two_blocks(), contact_forces=kept, **plain) for kept in (False, True))
+    assert without.stepping.felt is None
+    with pytest.raises(ValueError, match="contact_forces is False; it must be True"):
+        without.contact_force()
+    assert not asked.contact_force().any()  # before the first frame
+    for one in (without, asked):
+        one.step(3)
+    # Two programs of the same operations: equal but for how a compiler joins them.
+    np.testing.assert_allclose(asked.frame().position, without.frame().position, rtol=0, atol=1e-12)
+    assert asked.contact_force().any()
+
+
+def test_a_probe_of_what_cannot_touch_is_refused():
+    alone = two_blocks()
+    with pytest.raises(ValueError, match=r"probes\['a'\]\.what is 'touch force'; bodies must touch then"):
+        Simulation(alone, probes={"a": Probe("low", "touch force")}, colliders=[Plane()])
+    with pytest.raises(ValueError, match="there must be colliders then, that may touch the group, or bodies"):
+        Simulation(alone, probes={"a": Probe("low", "contact force")})
+    with pytest.raises(ValueError, match=r"contact_forces is 1\.5"):
+        Simulation(alone, contact_forces=1.5)

@@ -1,0 +1,81 @@
+"""Contacts that are overrun: said once, with who, where, how fast, what would help; and not where all is well."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from msdwarp import ContactOverrun, Simulation, System, Touch, ball, box, sheet
+
+THICKNESS = 0.01
+
+
+def shot(speed: float) -> System:
+    """Return a ball that flies upright at a sheet, which is held at its rim."""
+    cloth = sheet((9, 9), 0.05, mass=0.002, stiffness=200.0, damping=0.1).named("cloth")
+    x = cloth.position
+    rim = np.abs(x[:, :2]).max(axis=1) > np.abs(x[:, :2]).max() - 1e-6
+    shell = ball(0.08, 0.04, mass=0.01, stiffness=500.0, damping=0.5).named("ball")
+    lowest = shell.surface.points(shell.position)[:, 2].min() if shell.surface else shell.position[:, 2].min()
+    shell = shell.translate((0.01, 0.02, 0.03 - lowest)).with_velocity((0, 0, -speed))
+    return cloth.pin(np.flatnonzero(rim)) + shell
+
+
+def simulated(speed: float, device: str, **options) -> Simulation:
+    touch = Touch(thickness=THICKNESS, **options)
+    return Simulation(shot(speed), touch=touch, gravity=0.0, device=device)
+
+
+def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(device):
+    simulation = simulated(60.0, device)  # in a frame it flies 1 m, in a substep some centimetres
+    assert 60.0 * simulation.dt > THICKNESS
+    with pytest.warns(ContactOverrun) as told:
+        simulation.step(3)
+    assert len(told) == 1
+    said = str(told[0].message)
+    assert said.startswith("up to 0.01667 s a point of ")
+    assert "'ball'" in said
+    assert "'cloth'" in said
+    # Where: on the way of the ball. How fast: as the ball flies, the sheet being light.
+    place = [float(one) for one in re.search(r"near \((.*?)\) m", said)[1].split(", ")]
+    assert np.abs(place[:2]).max() < 0.12
+    assert abs(place[2]) < 0.1
+    assert float(re.search(r"at ([\d.]+) m/s", said)[1]) == pytest.approx(60.0, rel=0.2)
+    # What would help: substeps in which it comes by half of the thickness, at most.
+    needed = int(re.search(r"substeps=(\d+) or more", said)[1])
+    assert 60.0 / (60 * needed) <= 0.55 * THICKNESS
+    assert f"the present {simulation.substeps} it comes" in said
+    # It has gone through.
+    assert simulation.frame().position[81:, 2].mean() < -0.3
+    # After a reset it is said anew.
+    simulation.reset()
+    with pytest.warns(ContactOverrun):
+        simulation.step()
+
+
+def test_what_is_said_to_help_does(device):
+    # At 6 m/s the ball takes the sheet along, and then is pressed through it: contact is too soft.
+    simulation = simulated(6.0, device)
+    with pytest.warns(ContactOverrun, match=r"would help: Touch\(stiffness=\.\.\.\) of more than the present 286"):
+        simulation.step(9)
+    assert simulation.frame().position[81:, 2].mean() < -0.3
+    simulation = simulated(6.0, device, stiffness=3000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulation.step(9)
+    assert simulation.frame().position[81:, 2].mean() > 0.1  # it has bounced
+
+
+def test_a_body_that_is_pressed_into_another_is_reported(device):
+    # Two cubes, the upper 100 times as heavy and fast, and contact much softer than what it must stop.
+    low = box((3, 3, 3), 0.1, mass=0.02, stiffness=2e4, damping=8.0).pin(np.arange(27)).named("low")
+    high = box((3, 3, 3), 0.1, mass=2.0, stiffness=2e4, damping=80.0).translate((0.01, 0.02, 0.21)).named("high")
+    system = low + high.with_velocity((0, 0, -2.0))
+    simulation = Simulation(system, touch=Touch(stiffness=10.0), gravity=0.0, device=device)
+    with pytest.warns(ContactOverrun, match=r"a point of '(low|high)' goes .* m deep into '(low|high)'") as told:
+        simulation.step(30)
+    assert len(told) == 1
+    said = str(told[0].message)
+    assert "out of it points are pushed from 0.05" in said  # about half a spacing
+    assert "what would help: Touch(stiffness=...) of more than the present 10 N/m" in said
