@@ -9,7 +9,7 @@ import numpy as np
 from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
-from ..world import Change, Gravity, Load, bound, check_loads, differ_in_values
+from ..world import Change, Gravity, Hand, Load, bound, check_loads, differ_in_values
 from .pace import Pace
 from .present import Present
 
@@ -138,11 +138,15 @@ class Changing(Present):
             self._go_on_with(system, {"loads": bound(after, system)})
         else:
             check_loads(after, self.system)
+            pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
+            above = 0.0 if pulled is None else pulled.above(self.stepping)
             self.stepping.exchange(others)
             try:
                 self._choose_anew()
             except UnstableStep:
                 self.stepping.exchange({new: old for old, new in others.items()})
                 raise
+            if pulled is not None:  # what the springs of a hand store jumps as it moves
+                pulled.begin(self.stepping, above)
             self._surroundings = self._surroundings | {"loads": tuple(after)}
         self._acting = given
