@@ -71,7 +71,9 @@ class Hand(Load):
 
     def stored(self, position: NDArray) -> float:
         """Return the energy of its springs with all particles at `position` [m], shape [particle_count, d] [J]."""
-        return 0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1)) if len(self.on) else 0.0
+        return (
+            0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1)) if len(self.on) else 0.0
+        )
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the particles that it holds, which may be none, shape [particle_count]."""
