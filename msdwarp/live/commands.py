@@ -2,10 +2,11 @@
 
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..simulation import SimulationDiverged
@@ -162,8 +163,8 @@ class Commands:
 
     # The hand.
 
-    def _grab(self, holder: Any, point: Sequence[float]) -> None:
-        """Take hold of the body at a point of its surface [m]; `holder` tells hands apart, of which the last holds."""
+    def _grab(self, holder: Any, point: ArrayLike) -> None:
+        """Take hold of the body at a point of its surface [m]; of several holders the last one holds."""
         handling = self._handling("pulled")
         at = place("point", point)
         gravity = float(np.linalg.norm(handling.simulation.model.gravity))
@@ -181,7 +182,7 @@ class Commands:
         if point is not None:
             self._grab(holder, point)
 
-    def _drag(self, holder: Any, point: Sequence[float] | None = None, ray: Any = None) -> None:
+    def _drag(self, holder: Any, point: ArrayLike | None = None, ray: Any = None) -> None:
         """Pull what is held towards a point [m], or to a ray: (origin, direction, normal of the screen)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
@@ -191,7 +192,7 @@ class Commands:
             if way <= 0:
                 return
             point = origin + direction * float((self.hand.target - origin) @ normal) / way
-        self.hand = self.hand._replace(target=place("point", point))
+        self.hand = self.hand._replace(target=place("point", () if point is None else point))
 
     def _let_go(self, holder: Any = None) -> None:
         """Let go, if it is this hand that holds."""

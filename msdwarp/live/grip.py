@@ -82,10 +82,17 @@ class Grip(NamedTuple):
         target
             Where the point that was taken should be [m], shape [3].
         """
-        here = (position[self.particles].astype(np.float64) - self.offset).mean(axis=0)
+        here = self._here(position)
         way = _in_plane(target, position.shape[1]) - here
         far = float(np.linalg.norm(way))
         return here + way * min(1.0, self.reach / max(far, 1e-30)) + self.offset
+
+    def _here(self, position: NDArray) -> NDArray[np.float64]:
+        return (position[self.particles].astype(np.float64) - self.offset).mean(axis=0)
+
+    def here(self, position: NDArray) -> NDArray[np.float64]:
+        """Return where the point that was taken is now [m], shape [3], with all particles at `position`."""
+        return in_space(self._here(position), np.float64)
 
 
 class Pull(NamedTuple):

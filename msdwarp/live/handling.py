@@ -47,7 +47,7 @@ class Handling:
 
     def _begin(self) -> None:
         self.deeds: list[Deed] = []
-        self.factors = dict.fromkeys(SCALED, 1.0)
+        self.factors: dict[str, float] = dict.fromkeys(SCALED, 1.0)
         self.loads = list(self.scene.loads)
         self.gravity = self.scene.gravity
 
@@ -86,7 +86,8 @@ class Handling:
         held = np.isinf(self.simulation.system.mass)
         if name == "mass" and held.any():  # what was pinned on the way stays so
             values, uniform = np.where(held, np.inf, values), False
-        self.simulation.change(**{name: float(values[0]) if uniform else values})
+        value: Any = float(values[0]) if uniform else values
+        self.simulation.change(**{name: value})
         self.factors[name] = factor
 
     def _freeze(self) -> None:

@@ -49,8 +49,7 @@ class Recording:
         source.behind.append(self._write)
 
     def _write(self) -> None:
-        broken = self._source.broken_at()
-        self._writer.write(self._source.frame(), **({} if broken is None else {"broken_at": broken}))
+        self._writer.write(self._source.frame(), broken_at=self._source.broken_at())
 
     def close(self) -> str:
         """End, with what was done by hand beside the frames; return what to say."""
@@ -85,7 +84,7 @@ def read_deeds(folder: Path) -> list[dict[str, Any]] | None:
 
 
 def drawn(source: Source, scene: Scene, path: str | Path | None = None) -> Path:
-    """Draw the present frame into a PNG file, by default out/NAME.png or the next that is free; return its path."""
+    """Draw the present frame into a PNG file, by default the next free out/NAME.png; return its path."""
     if path is None:
         Path("out").mkdir(exist_ok=True)
         path = _free(Path("out"), source.title or "view", ".png")

@@ -1,6 +1,7 @@
 """Sources: what a view shows, a simulation as it runs or a trajectory as it is played."""
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -37,10 +38,26 @@ class Source(Protocol):
     """What it is called."""
     fps: float
     """Frames per second of simulated time."""
-    handling: Handling | None
-    """What is done by hand; None where nothing can be."""
-    frame_count: int | None
-    """How many frames there are; None where it goes on."""
+
+    @property
+    def handling(self) -> Handling | None:
+        """What is done by hand; None where nothing can be."""
+        ...
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """What the scene was built with, by name."""
+        ...
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there are; None where it goes on."""
+        ...
+
+    @property
+    def index(self) -> int:
+        """The number of the present frame."""
+        ...
 
     @property
     def time(self) -> float:
@@ -116,6 +133,11 @@ class Running:
         """Simulated time [s]."""
         return self._simulation.time
 
+    @property
+    def index(self) -> int:
+        """The number of the present frame."""
+        return self._simulation.frame_index
+
     def advance(self) -> bool:
         """Go on by a frame; raise SimulationDiverged if that cannot be."""
         self._simulation.step()
@@ -165,6 +187,7 @@ class Played:
     """
 
     handling = None
+    parameters: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, trajectory: Trajectory, scene: Scene, title: str = "") -> None:
         if not len(trajectory):
@@ -179,7 +202,7 @@ class Played:
         return float(self._trajectory.times[self._k])
 
     @property
-    def position(self) -> int:
+    def index(self) -> int:
         """The number of the present frame."""
         return self._k
 

@@ -62,8 +62,8 @@ class Screen(Protocol):
 class View(Commands):
     """A simulation, or a trajectory, that people look at and handle while it runs.
 
-    Its loop does what was asked for since the last time, simulates the frames that are due, and shows the last one.
-    What comes from other threads goes through `post`: nothing else of a view may be called there.
+    Its loop does what was asked for since the last time, simulates the frames that are due, and shows the last
+    one. What comes from other threads goes through `post`: nothing else of a view may be called there.
 
     Parameters
     ----------
@@ -122,17 +122,17 @@ class View(Commands):
 
     # The loop.
 
-    def run(self) -> None:
-        """Run until every screen is closed, or `close` is called."""
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Run until a screen is closed, `close` is called, or `until` says so."""
         opened: list[Screen] = []
         try:
             for screen in self.screens:
                 screen.open(self)
                 opened.append(screen)
             self._stage()
-            while not self._ends.is_set():
-                # Each is asked, whatever the others say.
-                if not all([screen.poll() for screen in opened]):
+            while not self._ends.is_set() and not until():
+                open_yet = [screen.poll() for screen in opened]  # each is asked
+                if not all(open_yet):
                     break
                 began = time.perf_counter()
                 self._obey()
@@ -252,6 +252,11 @@ class View(Commands):
         self._is_shown = False
         for screen in self.screens:
             screen.stage()
+
+    @property
+    def can_rebuild(self) -> bool:
+        """Whether the scene can be built with other parameters."""
+        return self._rebuild is not None
 
     # What is written.
 

@@ -62,10 +62,10 @@ class Drawing:
     The surface of the system, and a tube along each connection of bodies that have none, or between bodies. Where
     `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
     connection and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
-    system's `broken_at` says is broken by the time of a frame is not drawn. `points`,
-    `normals` and `colours` are float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `body` are the parts
-    that follow the particles, `obstacles` those of the colliders. `scale` is what
-    colours tell: of values of the particles, of the strain of connections, or None where they tell nothing.
+    system's `broken_at` says is broken by the time of a frame is not drawn. `points`, `normals` and `colours` are
+    float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `body` are the parts that follow the
+    particles, `obstacles` those of the colliders. `scale` is what colours tell: of values of the particles, of the
+    strain of connections, or None where they tell nothing.
     """
 
     def __init__(self, scene: Scene, colouring: str | Scale, device: str = "cpu") -> None:

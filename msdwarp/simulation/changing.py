@@ -9,7 +9,7 @@ import numpy as np
 from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
-from ..world import Change, Gravity, Hand, Load, bound, check_loads, differ_in_values
+from ..world import Change, Collider, Gravity, Hand, Load, bound, check_loads, differ_in_values
 from .pace import Pace
 from .present import Present
 
@@ -22,6 +22,21 @@ class Changing(Present):
     _acting: tuple[Load, ...]
     """The loads that act, as they were given."""
     _pace: Pace | None
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """What acts on the system beside gravity and obstacles, as it was given."""
+        return self._acting
+
+    @property
+    def colliders(self) -> tuple[Collider, ...]:
+        """The obstacles."""
+        return tuple(self._surroundings["colliders"])
+
+    @property
+    def gravity(self) -> Gravity:
+        """Acceleration of free fall [m/s²], as it was given."""
+        return self._surroundings["gravity"]
 
     @abstractmethod
     def _load(self, system: System) -> None:

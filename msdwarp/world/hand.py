@@ -16,8 +16,8 @@ class Hand(Load):
     """A spring and a damper from each of some particles to a point of the world, F = −k (x − p) − b v.
 
     It is what a person at the screen pulls with. Unlike an `Attachment` it may hold nobody, and
-    `Simulation.change(loads=...)` exchanges it for another `Hand` of the same room in place: nothing is compiled or
-    recorded anew.
+    `Simulation.change(loads=...)` exchanges it for another `Hand` of the same room in place: nothing is compiled
+    or recorded anew.
 
     Parameters
     ----------

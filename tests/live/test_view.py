@@ -267,12 +267,10 @@ def test_colours_and_wires_are_drawn_anew():
 
 
 def test_scenes_lie_on_number_keys():
-    view, screen = played(
-        lambda v: v.press("2"), 0, 0, scenes={"one": running, "two": lambda: running(gravity=1.0)}
-    )
+    view, _ = played(lambda v: v.press("2"), 0, 0, scenes={"one": running, "two": lambda: running(gravity=1.0)})
     assert view.source.scene.gravity == 1.0
-    assert "two" in view.keys()
-    view, screen = played(lambda v: v.press("3"), 0, 0, scenes={"one": running})
+    assert "two" in view.keys()  # noqa: SIM118
+    view, _ = played(lambda v: v.press("3"), 0, 0, scenes={"one": running})
     assert "no scene 3" in view.notice
 
 
