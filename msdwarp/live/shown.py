@@ -12,6 +12,8 @@ from ..world import Scene
 
 COLOURS = ("look", "speed", "strain")
 """What colours can show."""
+LEAST_SHARE = 0.05
+"""Least end of a scale of colours, over the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
 
 
@@ -43,6 +45,7 @@ class Shown:
         self.drawing = Drawing(scene, colouring)
         self.frame: Frame | None = None
         self._broken = 0
+        self._largest = 0.0
 
     def tears(self, broken_at: NDArray, time: float) -> bool:
         """Tell whether more, or fewer, connections are broken by `time` [s] than the drawing has."""
@@ -66,8 +69,11 @@ class Shown:
         values, scale = self._values(frame), self.drawing.scale
         assert scale is not None
         largest = float(np.quantile(values, 0.99))
+        self._largest = max(self._largest, largest)
         if largest > scale.full or largest < 0.2 * scale.full:
-            self.drawing.scale = scale._replace(full=max(1.25 * largest, 1e-12))
+            # At rest colours would else show nothing but trembling.
+            full = max(1.25 * largest, LEAST_SHARE * self._largest)
+            self.drawing.scale = scale._replace(full=full or 1.0)
         self.drawing.follow(frame.position, frame.time, values)
 
     def _values(self, frame: Frame) -> NDArray[np.float64]:
