@@ -19,12 +19,14 @@ from .file_commands import (
     render_command,
     rerun_command,
     resume_command,
+    view_command,
 )
 from .options import Options
 from .process import finish, start_warp, understood
 from .run import run_scene
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .tune import TuneOptions, tune_scene
+from .view import ViewOptions, view_scene
 from .whole import with_wholes
 
 app = App(
@@ -118,6 +120,28 @@ def tune_command(scene: Name, /, *flags: Words) -> None:
         The scene's own flags, and those of every tuning.
     """
     _with_scene("tune", scene, flags, TuneOptions, tune_scene)
+
+
+@app.command(name="view", help_flags=())
+def view(scene: Name, /, *flags: Words) -> None:
+    """Show a scene live, in a window or a browser, or play a trajectory.
+
+    `msdwarp view SCENE --help` shows the flags of a scene. The 2014 program's keys work in both: h lists them.
+
+    Parameters
+    ----------
+    scene
+        A name that `msdwarp list` shows, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder.
+    flags
+        The scene's own flags, and those of every view.
+    """
+    path = Path(scene)
+    if scene not in scene_names() and (path.is_dir() or path.suffix == ".vtkhdf"):
+        play = App(name=f"msdwarp view {scene}", version_flags=(), suppress_keyboard_interrupt=False)
+        play.default(partial(view_command, path))
+        understood(play, flags)
+        return
+    _with_scene("view", scene, flags, ViewOptions, view_scene)
 
 
 def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, action: Any) -> None:

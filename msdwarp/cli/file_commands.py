@@ -23,7 +23,9 @@ from .rerun import rerun
 from .results import TRAJECTORY, free_folder, pictures_in
 from .resume import resume_run
 from .trust import Script
+from .view import ViewOptions, view_trajectory
 
+VIEW = ViewOptions()
 PICTURES = Pictures()
 _MOST_FPS = 60.0
 """Pictures a second beyond which a film that is played faster leaves some out."""
@@ -141,7 +143,7 @@ def render_command(
         pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
-        name, scene = _scene_of(trajectory, talk, script)
+        name, scene = scene_of(trajectory, talk, script)
         folder = out or (path.parent / "render" if force else free_folder(path.parent / "render"))
         there = pictures_in(folder, name)
         if there and not force:
@@ -153,6 +155,22 @@ def render_command(
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
     if not quiet_:
         print(line)
+
+
+def view_command(file: Path, *, options: ViewOptions = VIEW, script: Script = UNTOLD) -> None:
+    """Play a trajectory in a window or a browser.
+
+    Obstacles and looks are those in the file; with --scene or --trust those of the script as it is now.
+
+    Parameters
+    ----------
+    file
+        A trajectory, *.vtkhdf, or the folder of a run.
+    """
+    start_warp(options.verbose)
+    with Trajectory(trajectory_in(file)) as trajectory:
+        name, scene = scene_of(trajectory, Console(stderr=True), script)
+        view_trajectory(trajectory, scene, name, options)
 
 
 def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: float) -> tuple[range, float]:
@@ -174,7 +192,7 @@ def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: flo
     return shown[::step], fps / step
 
 
-def _scene_of(trajectory: Trajectory, talk: Console, script: Script) -> tuple[str, Scene]:
+def scene_of(trajectory: Trajectory, talk: Console, script: Script) -> tuple[str, Scene]:
     """Return the name and the scene of a trajectory; without obstacles where it does not tell what they were."""
     system, stored = trajectory.system, trajectory.scene
     kept = None if stored is None or script.asked_for else scene_from_stored(system, *stored)

@@ -1,14 +1,15 @@
 """Attaching: particles held by springs to points of the world, or of what moves in it, on a device."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.loads import attachments
-from ..world import Attachment, Load, poses
+from ..world import Attachment, Hand, Load, poses
+from .by_stage import exchanged
 from .effect import Effect
 from .in_frames import InFrames, Tables
 from .rows import rows
@@ -21,69 +22,97 @@ ASIDE = 0.01
 
 
 def attaching(model: "Model", loads: Sequence[Load]) -> Effect | None:
-    """Return the effect of the attachments among the loads of a scene, if there are any."""
-    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Attachment)]
+    """Return the effect of the attachments, and the hands, among the loads of a scene, if there are any."""
+    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Attachment | Hand)]
     return Attached(model, named) if named else None
 
 
 class Attached(Effect):
     """The attachments of a scene."""
 
-    def __init__(self, model: "Model", named: Sequence[tuple[str, Attachment]]) -> None:
+    def __init__(self, model: "Model", named: Sequence[tuple[str, Attachment | Hand]]) -> None:
         self._model = model
-        several = [one.bound(model.system) for _, one in named]
-        moving = [one.carried_by is not None and one.carried_by.motion is not None for one in several]
+        self._named = [(name, one.bound(model.system)) for name, one in named]
+        several: list[Any] = [one for _, one in self._named]
+        self._hands = [one for one in several if isinstance(one, Hand)]
         self._carriers = [
             (name, one.carried_by)
-            for (name, _), one, moves in zip(named, several, moving, strict=True)
-            if moves and one.carried_by is not None
+            for name, one in self._named
+            if isinstance(one, Attachment) and one.carried_by is not None and one.carried_by.motion is not None
         ]
-        self._moving = any(moving)
-        # Of all attachments, load by load.
-        chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
-        counts = list(map(len, chosen))
-        particle, rest_length = np.concatenate(chosen), np.concatenate([one.rest_length for one in several])
-        points = [np.asarray(one.to, dtype=np.float64) for one in several]
-        carrier, k = np.full(len(several), -1), 0
-        for n, moves in enumerate(moving):
-            if moves:
-                turns, shifts = self._poses(k, np.zeros(1))
-                points[n] = (points[n] - shifts[0]) @ turns[0]  # as the carrier was given: y = Rᵀ (p − o)
-                carrier[n], k = k, k + 1
-        stiffness, damping = ([getattr(one, name) for one in several] for name in ("stiffness", "damping"))
+        self._moving = bool(self._carriers)
         self._composed = attachments(
             model.dim,
             model.scalar,
             model.compensated,
             moving=self._moving,
-            damped=any(damping),
-            stretched=bool(rest_length.any()),
+            damped=bool(self._hands) or any(one.damping for one in several),
+            stretched=any(one.rest_length.any() for one in several),
         )
         self.piece = self._composed.piece
-        # On the device particle by particle; of each particle in the order of the loads.
-        order, first = rows(particle, model.particle_count)
-        self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        integers = {
-            "first": first,
-            "member": np.flatnonzero(self.members),
-            "carrier": np.repeat(carrier, counts)[order],
-        }
-        for name, values in integers.items():
-            setattr(data, name, wp.array(values, dtype=int, device=model.device))
-        place = np.concatenate(points)[order]
-        model.check_range(place, "to")
-        data.point = wp.array(place, dtype=model.vector, device=model.device)
+        # A hand may hold any particle, and as many as it has room for.
+        held = [one.particles(model.system) for one in several]
+        self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)
+        size = sum(
+            one.room if isinstance(one, Hand) else int(mask.sum()) for one, mask in zip(several, held, strict=True)
+        )
+        device = model.device
+        data.first = wp.zeros(model.particle_count + 1, dtype=int, device=device)
+        data.member, data.carrier = (wp.zeros(size, dtype=int, device=device) for _ in range(2))
+        data.point = wp.zeros(size, dtype=model.vector, device=device)
+        data.rest_length, data.stiffness, data.damping = (
+            wp.zeros(size, dtype=model.scalar, device=device) for _ in range(3)
+        )
         if self._moving:
-            self.done = data.done = wp.zeros((2, len(order)), dtype=wp.float64, device=model.device)
-        numbers = {
-            "rest_length": rest_length,
-            "stiffness": np.repeat(stiffness, counts),
-            "damping": np.repeat(damping, counts),
+            self.done = data.done = wp.zeros((2, size), dtype=wp.float64, device=device)
+        self._fill_rows()
+
+    def _fill_rows(self) -> None:
+        """Upload who is attached, where to and how: particle by particle, of each in the order of the loads."""
+        model, data = self._model, self.data
+        several: list[Any] = [one for _, one in self._named]
+        chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
+        counts = list(map(len, chosen))
+        points, carrier, k = [], np.full(len(several), -1), 0
+        for n, one in enumerate(several):
+            to = np.asarray(one.to, dtype=np.float64).reshape(-1, model.dim)
+            if k < len(self._carriers) and getattr(one, "carried_by", None) is self._carriers[k][1]:
+                turns, shifts = self._poses(k, np.zeros(1))
+                to = (to - shifts[0]) @ turns[0]  # as the carrier was given: y = Rᵀ (p − o)
+                carrier[n], k = k, k + 1
+            points.append(to)
+        order, first = rows(np.concatenate(chosen), model.particle_count)
+        member = np.unique(np.concatenate(chosen))
+        self._member_count = len(member)
+        values = {
+            "first": first,
+            "member": member,
+            "carrier": np.repeat(carrier, counts)[order],
+            "point": np.concatenate(points)[order],
         }
-        for name, values in numbers.items():
-            model.check_range(values, name)
-            setattr(data, name, wp.array(values[order], dtype=model.scalar, device=model.device))
+        model.check_range(values["point"], "to")
+        for name in ("rest_length", "stiffness", "damping"):
+            of_each = zip(several, counts, strict=True)
+            numbers = np.concatenate([np.broadcast_to(getattr(one, name), count) for one, count in of_each])
+            model.check_range(numbers, name)
+            values[name] = numbers[order]
+        for name, numbers in values.items():
+            if len(numbers):  # what is beyond is of nobody
+                array = getattr(data, name)
+                source = wp.array(numbers, dtype=array.dtype, device="cpu")
+                wp.copy(array, source, count=len(numbers))
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Have hands hold others."""
+        if any(one in others for one in self._hands):
+            self._named = exchanged(self._named, others)
+            self._hands = [one for _, one in self._named if isinstance(one, Hand)]
+            self._fill_rows()
+            if self.done is not None:  # rows are of others now: what was done counts in all
+                done = np.zeros(self.done.shape)
+                done[0, 0] = self.done.numpy().sum()
+                self.done.assign(done)
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of the carriers in a frame."""
@@ -142,7 +171,7 @@ class Attached(Effect):
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""
-        outputs, threads = [stiffness, damping], len(self.data.member)
+        outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 
     def energy(self, x: wp.array) -> float:
@@ -155,7 +184,7 @@ class Attached(Effect):
 
     def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
         """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
-        count, device = len(self.data.member), self._model.device
+        count, device = self._member_count, self._model.device
         sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
         row = self.data.shift.shape[0] - 1 if self._moving else 0
         wp.launch(self._composed.measure, count, [self.data, row, x, v], sums, device=device)

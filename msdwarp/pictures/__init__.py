@@ -1,10 +1,22 @@
 """Pictures of a scene: `Renderer` draws frames, by OpenGL or ray casting; films; several poses in one."""
 
-from .drawing import Scale
+from .drawing import Drawing, PlacedPart, Scale
 from .film import FILM_FORMATS, check_formats, write_film
 from .opengl_window import ADVICE
 from .renderer import Renderer
-from .stage import outermost
+from .stage import Stage, outermost
 from .timelapse import timelapse
 
-__all__ = ["ADVICE", "FILM_FORMATS", "Renderer", "Scale", "check_formats", "outermost", "timelapse", "write_film"]
+__all__ = [
+    "ADVICE",
+    "FILM_FORMATS",
+    "Drawing",
+    "PlacedPart",
+    "Renderer",
+    "Scale",
+    "Stage",
+    "check_formats",
+    "outermost",
+    "timelapse",
+    "write_film",
+]

@@ -62,9 +62,10 @@ class Drawing:
     The surface of the system, and a tube along each connection of bodies that have none, or between bodies. Where
     `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
     connection and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
-    system's `broken_at` says is broken by the time of a frame is not drawn. `points`,
-    `normals` and `colours` are float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `scale` is what
-    colours tell: of values of the particles, of the strain of connections, or None where they tell nothing.
+    system's `broken_at` says is broken by the time of a frame is not drawn. `points`, `normals` and `colours` are
+    float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `body` are the parts that follow the
+    particles, `obstacles` those of the colliders. `scale` is what colours tell: of values of the particles, of the
+    strain of connections, or None where they tell nothing.
     """
 
     def __init__(self, scene: Scene, colouring: str | Scale, device: str = "cpu") -> None:
@@ -103,14 +104,14 @@ class Drawing:
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
-        self._body, around = placed[: len(body)], placed[len(body) :]
+        self.body, self.obstacles = placed[: len(body)], placed[len(body) :]
         if self.by_value:
             self._paints = {part: ValuePaint(part, device) for part in body}
         self._painted = [
-            (self._paints[part], one) for part, one in zip(body, self._body, strict=True) if part in self._paints
+            (self._paints[part], one) for part, one in zip(body, self.body, strict=True) if part in self._paints
         ]
-        self._moving = [one for one, obstacle in zip(around, obstacles, strict=True) if obstacle.moves]
-        for one in around:
+        self._moving = [one for one, obstacle in zip(self.obstacles, obstacles, strict=True) if obstacle.moves]
+        for one in self.obstacles:
             one.follow(self._x, 0.0)
 
     def _placed(self, parts: Sequence[Part]) -> list[PlacedPart]:
@@ -226,14 +227,14 @@ class Drawing:
         self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
             self._shares.assign((values / self.scale.full).astype(np.float32))
-        for one in (*self._body, *self._moving):
+        for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for paint, one in self._painted:
             paint.apply(self._x, self._shares, one.colours)
 
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
-        for one in self._body:
+        for one in self.body:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
             one.follow(self._x, time)

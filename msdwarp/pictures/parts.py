@@ -29,13 +29,15 @@ class Part(Protocol):
     """Some of the triangles of a drawing.
 
     `uv` of shape [vertex_count, 2] are where its vertices are in its texture; `triangles` of shape
-    [triangle_count, 3] counts its own vertices from 0; `radius` is how far it reaches around the particles [m].
+    [triangle_count, 3] counts its own vertices from 0; `radius` is how far it reaches around the particles [m];
+    `moves` tells whether it is not always in the same place.
     """
 
     uv: NDArray[np.float64]
     finish: Finish
     triangles: NDArray[np.int32]
     radius: float
+    moves: bool
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
@@ -58,6 +60,8 @@ class SurfacePart:
     """
 
     radius = 0.0
+
+    moves = True
 
     def __init__(
         self,
@@ -117,6 +121,8 @@ class SurfacePart:
 class Tubes:
     """A tube of some sides along each of some connections, shape [any, 2], while these are whole."""
 
+    moves = True
+
     def __init__(
         self,
         connections: NDArray,
@@ -152,6 +158,8 @@ class Tubes:
 
 class Balls:
     """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
+
+    moves = True
 
     def __init__(
         self, particles: NDArray, radius: float, finish: Finish, device: str, *, fine: bool = False

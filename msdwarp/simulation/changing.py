@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import resists
 from ..integrators import Integrator, UnstableStep
-from ..world import Change, Gravity, Load, Touch, bound, check_loads, differ_in_values, with_touch
+from ..world import Change, Collider, Gravity, Hand, Load, Touch, bound, check_loads, differ_in_values, with_touch
 from .pace import Pace
 from .present import Present
 
@@ -23,6 +23,21 @@ class Changing(Present):
     _acting: tuple[Load, ...]
     """The loads that act, as they were given."""
     _pace: Pace | None
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """What acts on the system beside gravity and obstacles, as it was given."""
+        return self._acting
+
+    @property
+    def colliders(self) -> tuple[Collider, ...]:
+        """The obstacles."""
+        return tuple(self._surroundings["colliders"])
+
+    @property
+    def gravity(self) -> Gravity:
+        """Acceleration of free fall [m/s²], as it was given."""
+        return self._surroundings["gravity"]
 
     @abstractmethod
     def _load(self, system: System) -> None:
@@ -149,12 +164,16 @@ class Changing(Present):
             self._go_on_with(system, {"loads": bound(after, system)})
         else:
             check_loads(after, self.system)
+            pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
+            above = 0.0 if pulled is None else pulled.above(self.stepping)
             self.stepping.exchange(others)
             try:
                 self._choose_anew()
             except UnstableStep:
                 self.stepping.exchange({new: old for old, new in others.items()})
                 raise
+            if pulled is not None:  # what the springs of a hand store jumps as it moves
+                pulled.begin(self.stepping, above)
             self._surroundings = self._surroundings | {"loads": tuple(after)}
         self._acting = given
 

@@ -29,7 +29,7 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..world import FRAME, SUBSTEP, Load
+from ..world import FRAME, SUBSTEP, Hand, Load
 
 RECORDING = threading.Lock()
 """Held while a graph is recorded: no thread may wait for a device meanwhile."""
@@ -172,6 +172,11 @@ class Stepping:
             self.dynamics.hold(self._time)
             if work is not None:  # what has been done stays so
                 work.before += done - work.total(x, self.state.v)
+        hands = [one for one in others.values() if isinstance(one, Hand)]
+        if hands:  # a pull brings in what its springs store, again and again
+            energy, scale = Baseline.of(self.model, self.state)
+            here = x.numpy()
+            self.watch.compare_with(Baseline(energy, scale + sum(one.stored(here) for one in hands)))
 
     @contextmanager
     def _between(self) -> Iterator[None]:

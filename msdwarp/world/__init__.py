@@ -6,6 +6,7 @@ from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .drives import Drive, Driven, bound, driven_particles, released
 from .exchange import differ_in_values
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
+from .hand import Hand
 from .in_time import sampled
 from .loads import Force, Load, check_loads, is_device_function
 from .look import Look
@@ -55,6 +56,7 @@ __all__ = [
     "Force",
     "Gas",
     "Gravity",
+    "Hand",
     "Load",
     "Look",
     "Motion",

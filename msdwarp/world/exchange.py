@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from .hand import Hand
 from .loads import Force, Load
 from .wind import Wind
 
@@ -11,7 +12,7 @@ def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load
     """Return what stands for each load that is replaced; None where more than values differs.
 
     A force may have another vector, or function of time where it had one; wind also other coefficients. What
-    they act on is the same: the same name, or the same object.
+    they act on is the same: the same name, or the same object. A hand may hold others, as many as it has room for.
     """
     if len(before) != len(after):
         return None
@@ -19,10 +20,16 @@ def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load
     for old, new in zip(before, after, strict=True):
         if old is new:
             continue
-        if type(old) is not type(new) or not isinstance(old, Force | Wind) or not _on_the_same(old, new):
+        if not _alike(old, new):
             return None
         others[old] = new
     return others
+
+
+def _alike(old: Load, new: Load) -> bool:
+    if isinstance(old, Hand) and isinstance(new, Hand):
+        return old.room == new.room
+    return type(old) is type(new) and isinstance(old, Force | Wind) and _on_the_same(old, new)
 
 
 def _on_the_same(old: Any, new: Any) -> bool:

@@ -1,0 +1,152 @@
+"""Viewing a scene as it is simulated, or a trajectory, in a window or a browser."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from ..files import Trajectory
+from ..live import Browser, Played, Running, Screen, Source, View, has_display, screen_for, within_reach
+from ..world import Scene
+from .options import Options
+from .process import stop_asked_for
+from .provenance import about
+from .run import simulation_by, used
+from .scene_files import Origin, find_scene
+from .whole import Whole, WholeOrAuto
+
+SHELF = ("mattress", "dice", "worm", "cloth", "icecream", "cube", "jelly", "tower", "flag")
+"""Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """What can be said of every view, whatever the scene.
+
+    Parameters
+    ----------
+    browser
+        Serve a page, also where there is a display.
+    window
+        Open a window, also where no display is found.
+    host
+        Address that the page is served at: with the default only this machine can open it.
+    port
+        Port of the page; by default 8080 or the next free one.
+    paused
+        Wait at the first frame.
+    device
+        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+    precision
+        Floating-point precision.
+    route
+        How forces are summed, a matter of speed alone; auto takes the fastest.
+    integrator
+        Time-stepping method; by default symplectic-euler.
+    substeps
+        Integrator steps per frame; auto chooses them by the scene's stability limit.
+    fps
+        Frames per second of simulated time.
+    verbose
+        Let Warp and VTK speak too.
+    """
+
+    browser: Annotated[bool, Parameter(negative=())] = False
+    window: Annotated[bool, Parameter(negative=())] = False
+    host: str = "127.0.0.1"
+    port: Whole | None = None
+    paused: Annotated[bool, Parameter(negative=())] = False
+    device: str | None = None
+    precision: Literal["float32", "float32-compensated", "float64"] | None = None
+    route: Literal["auto", "scatter", "gather", "stencil"] = "auto"
+    integrator: (
+        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
+        | None
+    ) = None
+    substeps: WholeOrAuto = "auto"
+    fps: float = 60.0
+    verbose: Annotated[bool, Parameter(negative=())] = False
+
+    @property
+    def of_run(self) -> Options:
+        """The same as the options of a run."""
+        return Options(
+            device=self.device,
+            precision=self.precision,
+            route=self.route,
+            integrator=self.integrator,
+            substeps=self.substeps,
+            fps=self.fps,
+        )
+
+
+def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
+    """Show a scene as it is simulated, until the window is closed or Ctrl-C.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its range, or there is neither a display nor what serves a page.
+    """
+    source = _running(origin, scene, options)
+    shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
+
+    def rebuilt(**parameters: Any) -> Source:
+        other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
+        return _running(other, other.scene(), options)
+
+    view = View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, paused=options.paused)
+    _run(view)
+
+
+def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
+    """Play a trajectory, until the window is closed or Ctrl-C."""
+    _run(View(Played(trajectory, scene, name), [_screen(options)], paused=options.paused))
+
+
+def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
+    """Return a scene as it is simulated."""
+    of_run = options.of_run
+    handled = within_reach(scene)
+    simulation = simulation_by(handled, of_run)
+    made_by = about(origin, scene) | used(simulation, of_run)
+    return Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
+
+
+def _from_shelf(name: str, options: ViewOptions) -> Source:
+    origin = find_scene(name)
+    return _running(origin, origin.scene(), options)
+
+
+def _like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with whole numbers where they were whole."""
+    return {
+        name: round(value) if isinstance(before.get(name), int) and isinstance(value, float) else value
+        for name, value in parameters.items()
+    }
+
+
+def _screen(options: ViewOptions) -> Screen:
+    """Return a window where there is a display, else a page."""
+    if options.browser and options.window:
+        raise ValueError("browser and window are both asked for; choose one")
+    page = options.browser or not (options.window or has_display())
+    return screen_for(page, options.host, options.port)
+
+
+def _run(view: View) -> None:
+    """Run a view, until it is closed or a signal asks to end."""
+    for screen in view.screens:
+        if isinstance(screen, Browser):
+            print(f"{screen.address}  (Ctrl-C ends)", flush=True)
+            if screen.host in ("127.0.0.1", "localhost"):
+                print(f"from another machine: ssh -L {screen.port}:127.0.0.1:{screen.port} USER@THIS-MACHINE")
+            else:
+                print("anyone who can reach this address can see and handle it", flush=True)
+    with stop_asked_for(Console(stderr=True)) as asked:
+        view.run(until=lambda: bool(asked))
+        asked.clear()

@@ -1,0 +1,28 @@
+"""Live: a simulation that people look at and handle as it runs, in a window or a browser."""
+
+from .browser import Browser
+from .handling import Handling, Repeat, within_reach
+from .keys import KEYS, listed
+from .opening import has_display, screen_for, view
+from .recording import DEEDS, read_deeds
+from .sources import Played, Running, Source
+from .view import Screen, View
+
+__all__ = [
+    "DEEDS",
+    "KEYS",
+    "Browser",
+    "Handling",
+    "Played",
+    "Repeat",
+    "Running",
+    "Screen",
+    "Source",
+    "View",
+    "has_display",
+    "listed",
+    "read_deeds",
+    "screen_for",
+    "view",
+    "within_reach",
+]

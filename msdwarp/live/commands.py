@@ -1,0 +1,255 @@
+"""Commands: what people can ask of a view."""
+
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..simulation import SimulationDiverged
+from .grip import Grip, Pull, hit, place
+from .handling import Handling
+from .recording import Recording, drawn
+from .shown import COLOURS, Shown
+from .sources import Reading, Running, Source
+
+SLOWEST, FASTEST = 1 / 64, 64.0
+"""Bounds of the speed of playing, over real time."""
+
+
+class Commands:
+    """What people can ask of a view. Each is a method whose name begins with an underscore; see `COMMANDS`."""
+
+    source: Source
+    scenes: dict[str, Callable[[], Source]]
+    paused: bool
+    speed: float
+    helps: bool
+    shown: Shown
+    hand: Pull
+    readings: deque[Reading]
+    recording: Recording | None
+    _rebuild: Callable[..., Source] | None
+    _is_shown: bool
+    _read: float
+
+    @abstractmethod
+    def close(self) -> None:
+        """End."""
+
+    @abstractmethod
+    def _begin(self, source: Source) -> None:
+        """Show another source from its start."""
+
+    @abstractmethod
+    def _stage(self) -> None:
+        """Have screens show another drawing."""
+
+    @abstractmethod
+    def _draw(self, colour: str, *, wires: bool) -> None:
+        """Draw what is shown in other colours, or as connections."""
+
+    @abstractmethod
+    def _start_clock(self) -> None:
+        """Count the frames that are due from now on."""
+
+    @abstractmethod
+    def _say(self, text: str) -> None:
+        """Show a text for a while."""
+
+    def _diverged(self, error: SimulationDiverged) -> None:
+        self._pause(True)
+        self._say(f"{error} — r starts anew")
+
+    def _pause(self, value: bool | None = None) -> None:
+        self.paused = not self.paused if value is None else value
+        self._start_clock()
+        self._say("paused" if self.paused else "goes on")
+
+    def _step(self) -> None:
+        if not self.paused:
+            self._pause(True)
+        self._lead_hand()
+        self.source.advance()
+        self._is_shown = False
+        self._say("one frame")
+
+    def _pace(self, by: float = 1.0, value: float | None = None) -> None:
+        speed = self.speed * by if value is None else checks.positive("speed", value)
+        self.speed = min(max(speed, SLOWEST), FASTEST)
+        self._start_clock()
+        self._say(f"{self.speed:g} times real time")
+
+    def _reset(self) -> None:
+        self.source.reset()
+        self.readings.clear()
+        self.hand = Pull()
+        self._start_clock()
+        self._draw(self.shown.colour, wires=self.shown.wires)
+        self._stage()
+        self._say("starts anew")
+
+    def _scene(self, number: int) -> None:
+        names = list(self.scenes)
+        if not 1 <= number <= len(names):
+            raise ValueError(f"there is no scene {number}: there are {len(names)}")
+        name = names[number - 1]
+        self._begin(self.scenes[name]())
+        self._stage()
+        self._say(name)
+
+    def _parameters(self, **parameters: Any) -> None:
+        if self._rebuild is None:
+            raise ValueError("this scene was not built by a function: it has no parameters")
+        self._begin(self._rebuild(**parameters))
+        self._stage()
+        self._say(", ".join(f"{name} = {value}" for name, value in parameters.items()))
+
+    def _done(self, deed: str, **values: Any) -> None:
+        """Do something to the simulation by hand."""
+        self._handling("changed").do(deed, **values)
+
+    def _handling(self, done: str) -> Handling:
+        """Return what can be handled; raise ValueError that says what cannot be done to a recording."""
+        if self.source.handling is None:
+            raise ValueError(f"this is a recording: nothing in it can be {done}")
+        return self.source.handling
+
+    def _scale(self, name: str, by: float | None = None, factor: float | None = None) -> None:
+        handling = self.source.handling
+        if handling is not None and factor is None:
+            factor = handling.factors[name] * (by or 1.0)
+        self._done("scale", name=name, factor=factor)
+        said = name.replace("_", " ")
+        self._say(f"{said} {factor:.3g} times; {self.source.says()}")
+
+    def _freeze(self) -> None:
+        self._done("freeze")
+        self._say("rest lengths are the present lengths")
+
+    def _gravity(self, value: Sequence[float]) -> None:
+        self._done("gravity", value=list(value))
+        self._say(f"gravity {', '.join(f'{one:g}' for one in value)} m/s²")
+
+    def _wind(self, velocity: Sequence[float]) -> None:
+        self._done("wind", velocity=list(velocity))
+        self._say(f"wind {', '.join(f'{one:g}' for one in velocity)} m/s")
+
+    def _wires(self) -> None:
+        self._draw(self.shown.colour, wires=not self.shown.wires)
+        self._stage()
+        self._say("connections" if self.shown.wires else "surface")
+
+    def _colour(self, value: str | None = None) -> None:
+        after = COLOURS[(COLOURS.index(self.shown.colour) + 1) % len(COLOURS)] if value is None else value
+        self._draw(after, wires=False)
+        self._stage()
+        self._say(f"colours: {after}")
+
+    def _help(self) -> None:
+        self.helps = not self.helps
+        self._read = 0.0
+
+    def _seek(self, k: int) -> None:
+        self.source.seek(k)
+        self._start_clock()
+        self._is_shown = False
+
+    def _quit(self) -> None:
+        self.close()
+
+    # The hand.
+
+    def _grab(self, holder: Any, point: ArrayLike) -> None:
+        """Take hold of the body at a point of its surface [m]; of several holders the last one holds."""
+        handling = self._handling("pulled")
+        at = place("point", point)
+        gravity = float(np.linalg.norm(handling.simulation.model.gravity))
+        grip = Grip.of(handling.simulation.system, self.source.frame().position, at, gravity)
+        if grip is None:
+            raise ValueError("nothing here can be pulled: it is pinned")
+        self.hand = Pull(grip, holder, at)
+
+    def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
+        """Take hold of the body where a ray first meets what is drawn of it."""
+        drawing = self.shown.drawing
+        triangles = np.concatenate([one.part.triangles + one.vertices.start for one in drawing.body])
+        ray = place("origin", origin), place("direction", direction)
+        point = hit(*ray, drawing.points.numpy(), triangles)
+        if point is not None:
+            self._grab(holder, point)
+
+    def _drag(self, holder: Any, point: ArrayLike | None = None, ray: Any = None) -> None:
+        """Pull what is held towards a point [m], or to a ray: (origin, direction, normal of the screen)."""
+        if self.hand.grip is None or self.hand.holder != holder:
+            return
+        if ray is not None:  # in the plane, parallel to the screen, in which it was taken
+            origin, direction, normal = (place("ray", one) for one in ray)
+            way = float(direction @ normal)
+            if way <= 0:
+                return
+            point = origin + direction * float((self.hand.target - origin) @ normal) / way
+        self.hand = self.hand._replace(target=place("point", () if point is None else point))
+
+    def _let_go(self, holder: Any = None) -> None:
+        """Let go, if it is this hand that holds."""
+        if self.hand.grip is not None and (holder is None or holder == self.hand.holder):
+            self.hand = Pull(last=self.hand.grip.particles.tolist())
+            self._done("hold", particles=[], to=[], stiffness=[], damping=[])
+
+    def _pin(self) -> None:
+        self._let_go()
+        if not self.hand.last:
+            raise ValueError("nothing was pulled yet: drag the body, then p pins what is held")
+        self._done("pin", particles=sorted(self.hand.last))
+        self._say(f"{len(self.hand.last)} particles are pinned")
+
+    def _lead_hand(self) -> None:
+        """Have the hand's springs lead to where the hand is, before a frame."""
+        if self.hand.grip is None:
+            return
+        grip = self.hand.grip
+        to = grip.pulled(self.source.frame().position, self.hand.target)
+        numbers = {"stiffness": grip.stiffness.tolist(), "damping": grip.damping.tolist()}
+        self._done("hold", particles=grip.particles.tolist(), to=to.tolist(), **numbers)
+
+    def _record(self, folder: Any = None) -> None:
+        """Begin to keep frames in a file, or end."""
+        if self.recording is not None:
+            ended, self.recording = self.recording, None
+            self._say(ended.close())
+            return
+        if not isinstance(self.source, Running):
+            raise ValueError("this is a recording already")
+        self.recording = Recording(self.source, folder)
+        self._say(f"keeps frames in {self.recording.path}")
+
+    def _screenshot(self, path: Any = None) -> None:
+        """Draw the present frame as pictures are drawn, into a PNG file."""
+        self._say(f"wrote {drawn(self.source, self.shown.scene, path)}")
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    name.removeprefix("_"): getattr(Commands, name)
+    for name in (
+        *("_pause", "_step", "_pace", "_reset", "_scene", "_parameters", "_scale", "_freeze", "_gravity", "_wind"),
+        *(
+            "_wires",
+            "_colour",
+            "_help",
+            "_seek",
+            "_quit",
+            "_grab",
+            "_pick",
+            "_drag",
+            "_let_go",
+            "_pin",
+            "_record",
+            "_screenshot",
+        ),
+    )
+}
+"""What can be asked of a view, by name."""

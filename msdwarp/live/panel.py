@@ -1,0 +1,216 @@
+"""Panel: the buttons, sliders and keys of a page, and what is written beside them."""
+
+import numbers
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .handling import SCALED
+from .keys import KEYS, SCENES
+from .shown import COLOURS
+from .sources import Source
+
+if TYPE_CHECKING:
+    from .view import View
+
+HOTKEYS = {"space": "space", "right": "arrowright", "up": "arrowup", "down": "arrowdown"}
+"""What viser calls the keys that are no letters."""
+LEAST, MOST = 0.1, 10.0
+"""Ends of the sliders that multiply a parameter."""
+SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
+"""Speeds of playing, over real time."""
+CURVES = (("kinetic", "#d9603b"), ("elastic", "#3b7dd9"), ("sum", "#444444"))
+
+
+class Panel:
+    """What a page has beside the picture.
+
+    Callbacks come from viser's threads, and only post what was asked for.
+    """
+
+    def __init__(self, server: Any) -> None:
+        self._server, self._parts = server, list[Any]()
+        self._said = ""
+        self._built: Source | None = None
+
+    def open(self, view: "View") -> None:
+        """Build what is the same for all scenes."""
+        self._view, gui = view, self._server.gui
+        self._status = gui.add_markdown("")
+        play: Any = gui.add_button_group("play", ("pause / go on", "one frame", "start anew"))
+        asks = dict(zip(play.options, ("space", "right", "r"), strict=True))
+        play.on_click(lambda event: view.press(asks[play.value]))
+        self._speed = gui.add_dropdown("speed over real time", SPEEDS, initial_value="1")
+        self._speed.on_update(self._if_asked(lambda: view.post("pace", value=_number(self._speed.value))))
+        self._colour = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
+        self._colour.on_update(self._if_asked(lambda: view.post("colour", value=self._colour.value)))
+        self._wires = gui.add_checkbox("connections", initial_value=False)
+        self._wires.on_update(self._if_asked(lambda: view.press("w")))
+        self._legend = gui.add_html("", visible=False)
+        self._open_keys()
+
+    def _open_keys(self) -> None:
+        """Have the page listen to keys."""
+        view, gui = self._view, self._server.gui
+        for name, several in KEYS.items():
+            for key in several:
+                hotkey = HOTKEYS.get(name, name.upper())
+                command = gui.add_command(key.says, hotkey=hotkey, modifier="shift" if key.shift else None)
+                command.on_trigger(lambda event, name=name, shift=key.shift: view.press(name, shift=shift))
+        for k, name in zip(SCENES, view.scenes, strict=False):
+            command = gui.add_command(f"scene {name}", hotkey=k)
+            command.on_trigger(lambda event, k=k: view.press(k))
+
+    def stage(self) -> None:
+        """Build what belongs to the scene, where it is another one."""
+        view, gui = self._view, self._server.gui
+        if self._built is view.source:
+            return
+        self._built = view.source
+        for part in self._parts:
+            part.remove()
+        self._parts, self._sliders, self._time = [], {}, None
+        if view.source.frame_count is not None:
+            slider = gui.add_slider("frame", 0, max(view.source.frame_count - 1, 1), 1, 0)
+            slider.on_update(self._if_asked(lambda: view.post("seek", k=slider.value)))
+            self._time = slider
+            self._parts.append(slider)
+        if view.source.handling is not None:
+            self._stage_body()
+            self._stage_scene()
+            self._energies = gui.add_uplot(
+                (np.zeros(2), *(np.zeros(2) for _ in CURVES)),
+                ({"label": "t [s]"}, *({"label": name, "stroke": colour, "width": 2} for name, colour in CURVES)),
+                title="energies [J]",
+                height=180,
+                scales={"x": {"time": False}},
+            )
+            self._parts.append(self._energies)
+        else:
+            self._energies = None
+        if view.scenes:
+            folder = gui.add_folder("scenes", expand_by_default=False)
+            self._parts.append(folder)
+            with folder:
+                for k, name in enumerate(view.scenes, 1):
+                    button = gui.add_button(f"{k}  {name}" if k < 10 else name)
+                    button.on_click(lambda event, k=k: view.post("scene", number=k))
+        keys = gui.add_folder("keys", expand_by_default=False)
+        self._parts.append(keys)
+        with keys:
+            gui.add_markdown("```\n" + view.keys() + "\n```")
+
+    def _stage_body(self) -> None:
+        """Build the sliders of what can be changed as it runs."""
+        view, gui = self._view, self._server.gui
+        handling = view.source.handling
+        assert handling is not None
+        folder = gui.add_folder("body")
+        self._parts.append(folder)
+        with folder:
+            for name in SCALED:
+                ends = (0.5, 2.0) if name == "rest_length" else (LEAST, MOST)
+                slider = gui.add_slider(f"{name.replace('_', ' ')} ×", *ends, 0.01, 1.0)
+                self._sliders[name] = slider
+                slider.on_update(
+                    self._if_asked(lambda n=name, s=slider: view.post("scale", name=n, factor=float(s.value)))
+                )
+            if not callable(handling.gravity):
+                size = float(np.linalg.norm(handling.gravity))
+                direction = handling.simulation.model.gravity
+                unit = np.array(list(direction), dtype=float) / (np.linalg.norm(list(direction)) or 1.0)
+                if not unit.any():
+                    unit[-1] = -1.0
+                gravity = gui.add_slider("gravity [m/s²]", 0.0, max(20.0, 2 * size), 0.01, size)
+                gravity.on_update(
+                    self._if_asked(lambda: view.post("gravity", value=(gravity.value * unit).tolist()))
+                )
+            if handling.winds:
+                wind = gui.add_vector3("wind [m/s]", tuple(map(float, handling.winds[0].velocity)), step=0.1)
+                wind.on_update(self._if_asked(lambda: view.post("wind", velocity=list(wind.value))))
+            freeze = gui.add_button("freeze the form (f)")
+            freeze.on_click(lambda event: view.press("f"))
+            pin = gui.add_button("pin what was pulled (p)")
+            pin.on_click(lambda event: view.press("p"))
+            record = gui.add_button("keep frames: begin, end")
+            record.on_click(lambda event: view.post("record"))
+            shot = gui.add_button("picture")
+            shot.on_click(lambda event: view.post("screenshot"))
+
+    def _stage_scene(self) -> None:
+        """Build fields for the numbers that the scene was built with."""
+        view, gui = self._view, self._server.gui
+        own = view.source.parameters
+        own = {n: v for n, v in own.items() if isinstance(v, numbers.Real | str) and not isinstance(v, bool)}
+        if not own or not view.can_rebuild:
+            return
+        folder = gui.add_folder("scene", expand_by_default=False)
+        self._parts.append(folder)
+        with folder:
+            fields = {
+                name: gui.add_text(name, value) if isinstance(value, str) else gui.add_number(name, value)
+                for name, value in own.items()
+            }
+            build = gui.add_button("build anew")
+            build.on_click(
+                lambda event: view.post("parameters", **{name: field.value for name, field in fields.items()})
+            )
+
+    def tell(self) -> None:
+        """Show what is written, and where sliders stand."""
+        view, source = self._view, self._view.source
+        text = "\n\n".join([f"**{source.title or 'msdwarp'}**", *view.lines])
+        if text != self._status.content:
+            self._status.content = text
+        notice = view.notice
+        if notice and notice != self._said:
+            for client in self._server.get_clients().values():
+                client.add_notification(notice, "", auto_close_seconds=1.5 + len(notice) / 20)
+        self._said = notice
+        if source.handling is not None:
+            for name, factor in source.handling.factors.items():
+                _set(self._sliders[name], min(max(factor, self._sliders[name].min), self._sliders[name].max))
+        if self._time is not None:
+            _set(self._time, source.index)
+        _set(self._colour, view.shown.colour)
+        _set(self._wires, view.shown.wires)
+        self._tell_scale()
+        if self._energies is not None and len(view.readings) > 1:
+            rows = np.array(
+                [(r.time, r.kinetic, r.elastic, r.kinetic + r.elastic + r.potential) for r in view.readings]
+            )
+            self._energies.data = tuple(np.ascontiguousarray(column) for column in rows.T)
+
+    def _tell_scale(self) -> None:
+        """Show what colours tell."""
+        drawing = self._view.shown.drawing
+        self._legend.visible = drawing.scale is not None
+        if drawing.scale is not None:
+            colours = ", ".join(f"rgb({', '.join(str(round(255 * c)) for c in stop)})" for stop in drawing.stops)
+            self._legend.content = (
+                f'<div style="padding:0 1em;font-size:0.8em">{drawing.scale.label}'
+                f'<div style="height:0.8em;background:linear-gradient(to right,{colours})"></div>'
+                f'<div style="display:flex;justify-content:space-between"><span>0</span>'
+                f"<span>{drawing.scale.full:.3g}</span></div></div>"
+            )
+
+    @staticmethod
+    def _if_asked(call: Any) -> Any:
+        """Return a callback that heeds people, and not what the program itself sets."""
+
+        def called(event: Any) -> None:
+            if event.client_id is not None:
+                call()
+
+        return called
+
+
+def _set(widget: Any, value: Any) -> None:
+    """Have a widget show a value."""
+    if widget.value != value:
+        widget.value = value
+
+
+def _number(text: str) -> float:
+    over, _, under = text.partition("/")
+    return float(over) / float(under or 1)

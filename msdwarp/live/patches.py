@@ -1,0 +1,138 @@
+"""Patches: what a drawing shows, as triangles of one colour each, which is what a browser is sent."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..pictures import Drawing, PlacedPart
+
+LEVELS = 24
+"""Colours that values are told apart by."""
+MOST_COLOURS = 12
+"""Colours of a texture that are told apart."""
+FINE = 40_000
+"""Triangles that a textured drawing is divided into at least, so that its pattern can be seen."""
+MOST_DIVISIONS = 16
+"""Pieces that the side of a triangle is divided into at most."""
+
+
+class Patch(NamedTuple):
+    """Triangles of one colour, whose vertices lie between those of a drawing."""
+
+    corners: NDArray[np.int64]
+    """Vertices of the drawing that each vertex lies between, shape [vertex_count, 3]; where each is one of the
+    drawing's, shape [vertex_count]."""
+    weights: NDArray[np.float32] | None
+    """What each counts, shape [vertex_count, 3]; None where a vertex is one of the drawing's."""
+    faces: NDArray[np.uint32]
+    """Shape [face_count, 3], of the patch's own vertices."""
+    colour: tuple[int, int, int]
+    """Red, green and blue in 0 … 255."""
+    moves: bool
+    """Whether it is of what moves."""
+
+    def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return where its vertices are [m], shape [vertex_count, 3], with the drawing's at `drawn`."""
+        if self.weights is None:
+            return drawn[self.corners]
+        return np.einsum("ij,ijk->ik", self.weights, drawn[self.corners])
+
+
+def patches(drawing: Drawing) -> list[Patch]:
+    """Return all that a drawing shows; of one whose colours move without the body."""
+    count = len(drawing.triangles)
+    divisions = min(max(round(np.sqrt(FINE / max(count, 1))), 1), MOST_DIVISIONS)
+    found: list[Patch] = []
+    for one in drawing.obstacles if drawing.colours_move else (*drawing.body, *drawing.obstacles):
+        if drawing.texture is None:
+            found += _plain(drawing, one)
+        else:
+            found += _textured(drawing, one, divisions)
+    return found
+
+
+def levels(drawing: Drawing) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Return the triangles of the body in each of the colours that its values have now, by their level."""
+    triangles = np.concatenate([one.part.triangles + one.vertices.start for one in drawing.body])
+    stops = scale_colours(drawing)
+    of_vertex = np.argmin(((drawing.colours.numpy()[:, None] - stops) ** 2).sum(axis=2), axis=1)
+    of_triangle = np.rint(of_vertex[triangles].mean(axis=1)).astype(int)
+    for level in range(LEVELS):
+        mine = triangles[of_triangle == level]
+        if len(mine):
+            yield level, mine
+
+
+def scale_colours(drawing: Drawing) -> NDArray[np.float64]:
+    """Return the colours of the levels in 0 … 1, shape [LEVELS, 3]."""
+    stops = np.array(drawing.stops)
+    at = np.linspace(0, len(stops) - 1, LEVELS)
+    return np.stack([np.interp(at, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
+
+
+def compact(triangles: NDArray) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+    """Return the vertices that triangles have, and the triangles counted by these."""
+    corners, faces = np.unique(triangles, return_inverse=True)
+    return corners, faces.reshape(-1, 3).astype(np.uint32)
+
+
+def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
+    """Return a part without texture: by the colours of its vertices."""
+    triangles = one.part.triangles + one.vertices.start
+    colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
+    for colour in np.unique(colours, axis=0):
+        corners, faces = compact(triangles[(colours == colour).all(axis=1)])
+        yield Patch(corners, None, faces, _rgb(colour), one.part.moves)
+
+
+def _textured(drawing: Drawing, one: PlacedPart, divisions: int) -> Iterator[Patch]:
+    """Return a part with a texture: in pieces, each of the colour that the texture has in its middle."""
+    assert drawing.texture is not None
+    triangles = one.part.triangles + one.vertices.start
+    if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
+        divisions = 1  # one colour all over
+    weights, pieces = _divided(divisions)
+    uv = np.einsum("pcv,tvk->tpck", weights[pieces], drawing.uv[triangles])
+    height, width = drawing.texture.shape[:2]
+    middle = uv.mean(axis=2)
+    column = np.clip((middle[..., 0] % 1.0) * width, 0, width - 1).astype(int)
+    row = np.clip((1.0 - middle[..., 1] % 1.0) * height, 0, height - 1).astype(int)
+    colours = _few(drawing.texture[row, column].reshape(-1, 3))
+    corners = np.repeat(triangles, len(weights), axis=0)
+    all_weights = np.tile(weights, (len(triangles), 1)).astype(np.float32)
+    faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
+    for colour in np.unique(colours, axis=0):
+        used, mine = compact(faces[(colours == colour).all(axis=1)])
+        yield Patch(corners[used], all_weights[used], mine, _rgb(colour), one.part.moves)
+
+
+def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the weights of the vertices of a triangle divided into n² pieces, and the pieces."""
+    at = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n + 1) for j in range(n + 1 - i))}
+    weights = np.array([(n - i - j, i, j) for i, j in at]) / n
+    pieces = []
+    for i in range(n):
+        for j in range(n - i):
+            pieces.append((at[i, j], at[i + 1, j], at[i, j + 1]))
+            if i + j + 2 <= n:
+                pieces.append((at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]))
+    return weights, np.array(pieces)
+
+
+def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the nearest of the few most frequent colours, for each."""
+    coarse = (colours // 16).astype(np.int64) @ (1, 16, 256)
+    _, first, counts = np.unique(coarse, return_index=True, return_counts=True)
+    chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]].astype(np.int64)
+    nearest = np.empty(len(colours), dtype=np.int64)
+    for start in range(0, len(colours), 1 << 16):  # so that not too much is held at a time
+        some = colours[start : start + (1 << 16), None].astype(np.int64)
+        nearest[start : start + (1 << 16)] = ((some - chosen) ** 2).sum(axis=2).argmin(axis=1)
+    return chosen[nearest].astype(np.uint8)
+
+
+def _rgb(colour: NDArray) -> tuple[int, int, int]:
+    red, green, blue = (int(one) for one in colour)
+    return red, green, blue

@@ -1,0 +1,88 @@
+"""Shown: the drawing of what a view shows, and what its colours tell."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import Frame
+from ..pictures import Drawing, Scale
+from ..world import Scene
+
+COLOURS = ("look", "speed", "strain")
+"""What colours can show."""
+LEAST_SHARE = 0.05
+"""Least end of a scale of colours, over the largest value so far."""
+LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
+
+
+class Shown:
+    """The triangles of a scene, which follow its frames, in colours that can be chosen.
+
+    Parameters
+    ----------
+    scene
+        What is drawn.
+    colour
+        "look", "speed" or "strain".
+    wires
+        Whether the connections are drawn, in the colours of their strain, and not the surface.
+
+    Attributes
+    ----------
+    drawing
+        The triangles.
+    frame
+        The one that they follow.
+    """
+
+    def __init__(self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False) -> None:
+        checks.one_of("colour", colour, COLOURS)
+        self.scene, self.colour, self.wires = scene, colour, wires
+        labelled = colour in LABELS and not wires
+        colouring = "strain" if wires else Scale(LABELS[colour], 1.0) if labelled else "texture"
+        self.drawing = Drawing(scene, colouring)
+        self.frame: Frame | None = None
+        self._broken = 0
+        self._largest = 0.0
+
+    def tears(self, broken_at: NDArray, time: float) -> bool:
+        """Tell whether more, or fewer, connections are broken by `time` [s] than the drawing has."""
+        count = int((broken_at <= time).sum())
+        before, self._broken = self._broken, count
+        return count != before
+
+    def torn(self, broken_at: NDArray, time: float) -> "Shown":
+        """Return the drawing of what is left when connections broke at these times [s]."""
+        system = self.scene.system.replace(broken_at=broken_at)
+        other = Shown(replace(self.scene, system=system), self.colour, wires=self.wires)
+        other.tears(broken_at, time)
+        return other
+
+    def follow(self, frame: Frame) -> None:
+        """Move to a frame."""
+        self.frame = frame
+        if not self.drawing.by_value:
+            self.drawing.follow(frame.position, frame.time)
+            return
+        values, scale = self._values(frame), self.drawing.scale
+        assert scale is not None
+        largest = float(np.quantile(values, 0.99))
+        self._largest = max(self._largest, largest)
+        if largest > scale.full or largest < 0.2 * scale.full:
+            # At rest colours would else show nothing but trembling.
+            full = max(1.25 * largest, LEAST_SHARE * self._largest)
+            self.drawing.scale = scale._replace(full=full or 1.0)
+        self.drawing.follow(frame.position, frame.time, values)
+
+    def _values(self, frame: Frame) -> NDArray[np.float64]:
+        """Return what colours tell of each particle, shape [particle_count]."""
+        if self.colour == "speed":
+            return np.linalg.norm(frame.velocity.astype(np.float64), axis=1)
+        system = self.scene.system
+        ends, count = system.connections.reshape(-1), system.particle_count
+        i, j = system.connections.T
+        strain = np.linalg.norm(frame.position[i] - frame.position[j], axis=1) / system.rest_length - 1.0
+        total = np.bincount(ends, np.repeat(np.abs(strain), 2), count)
+        return total / np.maximum(np.bincount(ends, minlength=count), 1)

@@ -1,0 +1,286 @@
+"""View: a simulation, or a trajectory, that people look at and handle while it runs."""
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+from .. import checks
+from ..integrators import UnstableStep
+from ..simulation import SimulationDiverged
+from .commands import COMMANDS, Commands
+from .grip import Pull
+from .keys import KEYS, SCENES, listed
+from .shown import Shown
+from .sources import Reading, Source
+
+TOLD_FOR = 1.5
+"""How long it is shown what was done [s]."""
+BUDGET = 1 / 20
+"""The longest that frames are simulated before the view looks up [s]."""
+READ_EVERY = 0.2
+"""Seconds from one reading of energies to the next."""
+BEHIND = 0.25
+"""How far simulated time may fall behind before it is not caught up with [s]."""
+
+
+class Screen(Protocol):
+    """A window or a page. All of it is called in the thread of the view's loop."""
+
+    def open(self, view: "View") -> None:
+        """Begin."""
+        ...
+
+    def stage(self) -> None:
+        """Show another scene, or the same drawn in another way: `view.shown` is a new one."""
+        ...
+
+    def show(self) -> None:
+        """Show the frame that `view.shown` follows now."""
+        ...
+
+    def tell(self) -> None:
+        """Show what is written: `view.notice`, `view.lines`, `view.readings`, and where sliders stand."""
+        ...
+
+    def poll(self) -> bool:
+        """See to what has come from the person; return whether this is still open."""
+        ...
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody looks."""
+        ...
+
+    def close(self) -> None:
+        """End."""
+        ...
+
+
+class View(Commands):
+    """A simulation, or a trajectory, that people look at and handle while it runs.
+
+    Its loop does what was asked for since the last time, simulates the frames that are due, and shows the last
+    one. What comes from other threads goes through `post`: nothing else of a view may be called there.
+
+    Parameters
+    ----------
+    source
+        What is shown first.
+    screens
+        Where it is shown.
+    scenes
+        What the keys 1 to 9 show, by name: functions that return a `Source`.
+    rebuild
+        Builds the present scene with other parameters: a function of these that returns a `Source`.
+    paused
+        Whether it waits at first.
+
+    Attributes
+    ----------
+    source, shown
+        What is shown, and the drawing that follows it.
+    paused, speed
+        Whether it waits; how fast it plays, over real time.
+    notice
+        What was done last, for as long as it is to be seen; else empty.
+    readings
+        Energies of the last seconds.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        screens: Sequence[Screen],
+        *,
+        scenes: Mapping[str, Callable[[], Source]] | None = None,
+        rebuild: Callable[..., Source] | None = None,
+        paused: bool = False,
+    ) -> None:
+        self.source, self.screens, self.scenes, self._rebuild = source, list(screens), dict(scenes or {}), rebuild
+        self.paused, self.speed, self.helps = paused, 1.0, False
+        self.recording = None
+        self._wanted: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._ends = threading.Event()
+        self._notice, self._told = "", -TOLD_FOR
+        self._begin(source)
+
+    def _begin(self, source: Source) -> None:
+        """Show another source from its start."""
+        before = getattr(self, "shown", None)
+        self.source = source
+        self.readings: deque[Reading] = deque(maxlen=300)
+        self.hand = Pull()
+        self._read = self._looked = 0.0
+        self._fps, self._ratio = 0.0, 0.0
+        self._is_shown = False
+        self._start_clock()
+        self._draw("look" if before is None else before.colour, wires=before is not None and before.wires)
+
+    # The loop.
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Run until a screen is closed, `close` is called, or `until` says so."""
+        opened: list[Screen] = []
+        try:
+            for screen in self.screens:
+                screen.open(self)
+                opened.append(screen)
+            self._stage()
+            while not self._ends.is_set() and not until():
+                open_yet = [screen.poll() for screen in opened]  # each is asked
+                if not all(open_yet):
+                    break
+                began = time.perf_counter()
+                self._obey()
+                moved = self._advance()
+                watched = any(screen.watched for screen in opened)
+                if watched and (moved or not self._is_shown):
+                    self._show()
+                self._tell(watched)
+                spare = (1 / 240 if moved else 1 / 60) - (time.perf_counter() - began)
+                if spare > 0:
+                    time.sleep(spare)
+        finally:
+            if self.recording is not None:
+                self.recording.close()
+            for screen in opened:
+                screen.close()
+
+    def start(self) -> None:
+        """Run in a thread of its own."""
+        self._thread = threading.Thread(target=self.run, name="msdwarp view", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the loop, and wait for its thread if it has one; it may be called again, from any thread."""
+        self._ends.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def post(self, command: str, **values: Any) -> None:
+        """Ask for something, from any thread: one of `COMMANDS`, with its values."""
+        self._wanted.put((command, values))
+
+    def press(self, key: str, *, shift: bool = False) -> bool:
+        """Ask for what a key does, from any thread; return whether it does anything."""
+        if key in SCENES and not shift:
+            self.post("scene", number=int(key))
+            return True
+        several = [one for one in KEYS.get(key, ()) if one.shift == shift]
+        for one in several:
+            self.post(one.command, **one.values)
+        return bool(several)
+
+    def _obey(self) -> None:
+        """Do what was asked for."""
+        while True:
+            try:
+                command, values = self._wanted.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                checks.one_of("command", command, COMMANDS)
+                COMMANDS[command](self, **values)
+            except SimulationDiverged as error:
+                self._diverged(error)
+            except (UnstableStep, ValueError, TypeError, OSError) as error:
+                self._say(str(error))
+
+    def _advance(self) -> bool:
+        """Simulate the frames that are due; return whether there were any."""
+        if self.paused:
+            return False
+        now = time.perf_counter()
+        due = self._frames_due(now)
+        taken = 0
+        try:
+            while taken < due and (not taken or time.perf_counter() - now < BUDGET):
+                self._lead_hand()
+                if not self.source.advance():
+                    self._pause(True)
+                    break
+                taken += 1
+        except SimulationDiverged as error:
+            self._diverged(error)
+        self._taken += taken
+        if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
+            self._start_clock()
+        return taken > 0
+
+    def _frames_due(self, now: float) -> int:
+        return int((now - self._clock) * self.source.fps * self.speed) - self._taken
+
+    def _start_clock(self) -> None:
+        self._clock, self._taken = time.perf_counter(), 0
+
+    def _show(self) -> None:
+        """Have every screen show the present frame."""
+        frame, now = self.source.frame(), time.perf_counter()
+        broken = self.source.broken_at()
+        if broken is not None and self.shown.tears(broken, frame.time):
+            self.shown = self.shown.torn(broken, frame.time)
+            self._stage()
+        self.shown.follow(frame)
+        for screen in self.screens:
+            screen.show()
+        if self._is_shown and now > self._looked:
+            self._fps += 0.1 * (1 / (now - self._looked) - self._fps)
+            self._ratio += 0.1 * ((frame.time - self._at) / (now - self._looked) - self._ratio)
+        self._looked, self._at, self._is_shown = now, frame.time, True
+
+    def _tell(self, watched: bool) -> None:
+        """Read energies and have screens write, a few times a second."""
+        now = time.perf_counter()
+        if not watched or now - self._read < READ_EVERY:
+            return
+        self._read = now
+        if not self.paused and (reading := self.source.reading()) is not None:
+            self.readings.append(reading)
+        for screen in self.screens:
+            screen.tell()
+
+    def _draw(self, colour: str, *, wires: bool) -> None:
+        """Draw what is shown in other colours, or as connections."""
+        self.shown = Shown(self.source.scene, colour, wires=wires)
+        self.shown.follow(self.source.frame())
+
+    def _stage(self) -> None:
+        self._is_shown = False
+        for screen in self.screens:
+            screen.stage()
+
+    @property
+    def can_rebuild(self) -> bool:
+        """Whether the scene can be built with other parameters."""
+        return self._rebuild is not None
+
+    # What is written.
+
+    @property
+    def notice(self) -> str:
+        """What was done last, while it is to be seen."""
+        return self._notice if time.perf_counter() - self._told < TOLD_FOR * (1 + len(self._notice) / 40) else ""
+
+    def _say(self, text: str) -> None:
+        self._notice, self._told, self._read = text, time.perf_counter(), 0.0
+
+    @property
+    def lines(self) -> list[str]:
+        """The time, how fast it runs, how it is simulated, and energies, as text."""
+        source = self.source
+        state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {self._fps:.0f} pictures a second"
+        lines = [f"{source.time:.2f} s, {state}", source.says()]
+        if self.readings:
+            last = self.readings[-1]
+            total = last.kinetic + last.elastic + last.potential
+            lines.append(f"energy {total:.3g} J: kinetic {last.kinetic:.3g}, elastic {last.elastic:.3g}")
+            lines.append(f"largest strain {last.strain:.2g}")
+        return lines
+
+    def keys(self) -> str:
+        """Return the list of keys as text."""
+        return listed(list(self.scenes))

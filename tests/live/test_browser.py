@@ -1,0 +1,250 @@
+"""The page of a view: a browser that opens it, clients that misbehave, and what is left behind."""
+
+import gc
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+import pytest
+
+from msdwarp import Plane, Scene, Simulation, box
+from msdwarp.live import Browser, Running, View, within_reach
+
+viser = pytest.importorskip("viser")
+import msgspec  # noqa: E402
+from viser._messages import ViewerCameraMessage  # noqa: E402
+
+SETTLES = 60.0
+"""How long a loaded machine may take to do what is asked [s]."""
+
+
+def source():
+    # Undamped and without a floor that takes anything: it bounces for as long as a test takes.
+    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.5))
+    scene = within_reach(Scene(system=body, colliders=[Plane(restitution=1.0)], duration=1.0))
+    return Running(scene, Simulation.of(scene, device="cpu"), "bouncing")
+
+
+@pytest.fixture
+def view():
+    opened = View(source(), [Browser()])
+    opened.start()
+    yield opened
+    opened.close()
+
+
+def until(holds, seconds=SETTLES):
+    """Wait until something holds, and fail if it never does."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it never did"
+        time.sleep(0.02)
+
+
+def client(view, **options):
+    from websockets.sync.client import connect
+
+    page = view.screens[0]
+    name = f"viser-v{viser.__version__}"
+    opened = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[name], max_size=None, **options)
+    # A client counts from when it says where its camera stands.
+    zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+    camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 560, 900, zero, (0.0, 0.0, 1.0))
+    opened.send(msgspec.msgpack.encode(camera.as_serializable_dict()))
+    return opened
+
+
+def runs(view):
+    """Wait until the view has simulated more."""
+    before = view.source.time
+    until(lambda: view.source.time > before)
+
+
+def test_it_listens_to_this_machine_alone(view):
+    page = view.screens[0]
+    assert page.address.startswith("http://127.0.0.1:")
+    lines = Path("/proc/net/tcp").read_text().splitlines()[1:] if Path("/proc/net/tcp").exists() else []
+    listening = [line.split()[1] for line in lines if line.split()[3] == "0A"]
+    mine = [one for one in listening if int(one.split(":")[1], 16) == page.port]
+    assert all(one.startswith("0100007F") for one in mine)
+    assert page._server.request_share_url() is None  # viser could make it public
+
+
+def test_a_port_that_is_taken_is_named():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(ValueError, match=f"port is {taken.getsockname()[1]}"):
+            Browser(port=taken.getsockname()[1])
+    with pytest.raises(ValueError, match="port is 70000"):
+        Browser(port=70000)
+
+
+def test_two_views_have_ports_of_their_own():
+    pages = [Browser(), Browser()]
+    assert pages[0].port != pages[1].port
+    for page in pages:
+        page.close()
+
+
+def test_a_client_is_sent_the_body_as_it_moves(view):
+    with client(view) as socket_:
+        until(lambda: view.screens[0].watched)
+        received = [len(socket_.recv(timeout=SETTLES)) for _ in range(10)]
+        assert sum(received) > 1000
+        view.post("scale", name="stiffness", factor=2.0)
+        until(lambda: view.source.handling.factors["stiffness"] == 2.0)
+
+
+def test_nothing_of_the_disk_is_served(view):
+    import http.client
+
+    page = view.screens[0]
+    for path in (
+        "/../../../../etc/passwd",
+        "/..%2f..%2f..%2fetc/passwd",
+        "//etc/passwd",
+        "/%2e%2e/%2e%2e/pyproject.toml",
+    ):
+        connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=SETTLES)
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        text = answer.read()
+        assert answer.status != 200 or b"root:" not in text, path
+        assert b"[build-system]" not in text
+        connection.close()
+
+
+@pytest.mark.slow
+def test_clients_that_misbehave_do_not_stop_the_view(view):
+    page = view.screens[0]
+    random = np.random.default_rng(3)
+    with socket.create_connection(("127.0.0.1", page.port)) as raw:  # no HTTP at all
+        raw.sendall(random.bytes(5000))
+    with client(view) as garbage:  # a websocket, and what no viser sends
+        garbage.send(random.bytes(500))
+        garbage.send(b"\x81\xa4type\xa5Share")
+    lazy = client(view, max_queue=1)  # never reads
+    until(lambda: page.watched)
+    rate = view.source.time
+    time.sleep(1.0)
+    assert view.source.time > rate
+    lazy.close()
+    many = [client(view) for _ in range(50)]
+    runs(view)
+    for one in many:
+        one.socket.close()  # gone without a word
+    runs(view)
+    until(lambda: not page.watched)
+
+
+@pytest.mark.slow
+def test_a_client_that_does_not_read_costs_no_memory(view):
+    lazy = client(view, max_queue=1)
+    until(lambda: view.screens[0].watched)
+    runs(view)
+    buffer = view.screens[0]._server._websock_server._broadcast_buffer
+    counts = []
+    for _ in range(5):
+        time.sleep(0.5)
+        counts.append(len(buffer.message_from_id))
+    # Of each property only the newest waits.
+    assert max(counts) - min(counts) <= 20
+    lazy.close()
+
+
+@pytest.mark.slow
+def test_opening_and_closing_leaves_nothing_behind():
+    def once():
+        view = View(source(), [Browser()])
+        view.start()
+        with client(view) as one:
+            one.recv(timeout=SETTLES)
+        view.close()
+        return view.screens[0].port
+
+    once()
+    gc.collect()
+    threads, files = threading.active_count(), len(os.listdir("/proc/self/fd")) if Path("/proc").exists() else 0
+    for _ in range(20):
+        port = once()
+    gc.collect()
+    until(lambda: threading.active_count() <= threads)
+    if files:
+        until(lambda: len(os.listdir("/proc/self/fd")) <= files + 2)  # Python's own, such as an epoll, may stay
+    with socket.socket() as free:
+        free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        free.bind(("127.0.0.1", port))
+
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := which(name))), None
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
+    playwright = pytest.importorskip("playwright.sync_api")
+    said = []
+    software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=software)
+        page = browser.new_page(viewport={"width": 900, "height": 560})
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(view.screens[0].address, timeout=1000 * SETTLES)
+        page.wait_for_selector("text=bouncing", timeout=1000 * SETTLES)
+
+        def picture():
+            return page.screenshot(timeout=1000 * SETTLES)
+
+        first = picture()
+        runs(view)
+        until(lambda: picture() != first)
+
+        page.keyboard.press("Space")
+        until(lambda: view.paused)
+        page.keyboard.press("s")
+        until(lambda: view.source.handling.factors["stiffness"] == 1.25)
+        page.keyboard.press("Shift+S")
+        until(lambda: view.source.handling.factors["stiffness"] == 1.0)
+        stiffness = page.locator("input[inputmode=decimal]").nth(1)  # of the sliders, beside mass
+        stiffness.fill("3")
+        stiffness.press("Enter")
+        until(lambda: view.source.handling.factors["stiffness"] == 3.0)
+
+        # Where the camera sees the middle of the body: the client tells where it stands.
+        until(lambda: view.screens[0].watched)
+        (camera,) = (one.camera for one in view.screens[0]._server.get_clients().values())
+        middle = view.source.frame().position.mean(axis=0)
+        across, down = seen_at(camera, middle, 900, 560)
+        page.mouse.move(across, down)
+        page.mouse.down()
+        for k in range(1, 11):
+            page.mouse.move(across - 4 * k, down - 8 * k)
+            time.sleep(0.05)
+        until(lambda: view.hand.grip is not None)
+        lowest = view.source.frame().position[:, 2].min()
+        page.keyboard.press("Space")
+        until(lambda: not view.paused)
+        until(lambda: view.source.frame().position[:, 2].min() > lowest + 0.02)
+        page.mouse.up()
+        until(lambda: view.hand.grip is None)
+        assert not said, said
+        browser.close()
+
+
+def seen_at(camera, point, width, height):
+    """Return the pixel, across and down, at which a camera of viser's sees a point."""
+    forward = camera.look_at - camera.position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    offset = point - camera.position
+    scale = height / 2 / np.tan(camera.fov / 2) / (offset @ forward)
+    return width / 2 + scale * (offset @ right), height / 2 - scale * (offset @ up)

@@ -1,0 +1,283 @@
+"""A view's loop and what can be asked of it, with a screen that only listens."""
+
+import time
+
+import numpy as np
+import pytest
+
+from msdwarp import Force, Plane, Scene, Simulation, Touch, Trajectory, box
+from msdwarp.live import KEYS, Handling, Played, Repeat, Running, View, within_reach
+
+CUBE = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
+
+
+def scene(**changes):
+    return within_reach(Scene(**{"system": CUBE, "colliders": [Plane()], "duration": 1.0} | changes))
+
+
+def running(**changes):
+    at = scene(**changes)
+    return Running(at, Simulation.of(at, device="cpu"), "cube")
+
+
+class Listener:
+    """A screen that notes what it is told, and does something before each turn of the loop."""
+
+    def __init__(self, *turns, watched=True):
+        self.turns, self.watched = list(turns), watched
+        self.shown, self.stages, self.told, self.closed, self.opened = [], 0, [], 0, 0
+
+    def open(self, view):
+        self.view, self.opened = view, self.opened + 1
+
+    def stage(self):
+        self.stages += 1
+
+    def show(self):
+        self.shown.append(self.view.shown.frame.time)
+
+    def tell(self):
+        self.told.append((self.view.notice, *self.view.lines))
+
+    def poll(self):
+        if not self.turns:
+            return False
+        turn = self.turns.pop(0)
+        if callable(turn):
+            turn(self.view)
+        elif turn:
+            time.sleep(turn)
+        return True
+
+    def close(self):
+        self.closed += 1
+
+
+def played(*turns, source=None, **options):
+    """Run a view for these turns; return it and its listener."""
+    screen = Listener(*turns)
+    view = View(source or running(), [screen], **options)
+    view.run()
+    assert (screen.opened, screen.closed) == (1, 1)
+    return view, screen
+
+
+def test_frames_are_simulated_and_shown_as_time_passes():
+    view, screen = played(*[0.03] * 20)
+    assert view.source.time > 0.1
+    assert screen.shown == sorted(screen.shown)
+    assert screen.shown[-1] == view.source.time
+    np.testing.assert_allclose(
+        view.shown.drawing.points.numpy()[:, 2].min(), view.shown.frame.position[:, 2].min()
+    )
+
+
+def test_pause_and_single_frames():
+    view, screen = played(0, lambda v: v.press("right"), 0.05, 0, lambda v: v.press("right"), 0.05, 0, paused=True)
+    assert view.paused
+    assert view.source.time == pytest.approx(2 / 60)
+    assert screen.shown[-1] == view.source.time
+
+
+def test_every_key_has_a_command_that_says_something():
+    for name, several in KEYS.items():
+        for key in several:
+            turns = [0, lambda v, n=name, k=key: v.press(n, shift=k.shift), 0, 0]
+            view, _ = played(*turns, paused=True)
+            assert view.helps if name == "h" else view.notice, name
+
+
+def test_a_key_scales_a_parameter_and_shift_undoes_it():
+    view, _ = played(lambda v: v.press("s"), lambda v: v.press("s"), 0, 0, paused=True)
+    assert view.source.handling.factors["stiffness"] == 1.25**2
+    np.testing.assert_allclose(view.source.handling.simulation.system.stiffness, 200 * 1.25**2)
+    view, _ = played(lambda v: v.press("s"), 0, lambda v: v.press("s", shift=True), 0, 0, paused=True)
+    np.testing.assert_allclose(view.source.handling.simulation.system.stiffness, 200, rtol=1e-15)
+
+
+def test_what_is_refused_is_said_and_changes_nothing():
+    view, _ = played(lambda v: v.post("scale", name="stiffness", factor=-1.0), 0, 0, paused=True)
+    assert "factor" in view.notice
+    assert view.source.handling.factors["stiffness"] == 1.0
+    assert not view.source.handling.deeds
+    view, _ = played(lambda v: v.post("nonsense"), lambda v: v.post("pause", no="such"), 0, 0, paused=True)
+    assert view.notice
+
+
+def top(view):
+    """Return the highest point of the body [m]."""
+    position = view.source.frame().position
+    return position[position[:, 2].argmax()].astype(float)
+
+
+def test_a_drag_moves_the_body_and_lets_go():
+    lifted = []
+
+    def lift(view):
+        view.post("grab", holder="me", point=top(view).tolist())
+        view.post("drag", holder="me", point=(0.1, 0.1, 1.5))
+
+    view, _ = played(
+        lift,
+        *[0.03] * 60,
+        lambda v: lifted.append(top(v)[2]),
+        lambda v: v.post("let_go", holder="someone else"),
+        0,
+        lambda v: lifted.append(len(v.source.handling.holds)),
+        lambda v: v.post("let_go", holder="me"),
+        0,
+        0,
+    )
+    assert lifted[0] > 1.2
+    assert lifted[1] > 0
+    assert len(view.source.handling.holds) == 0
+
+
+def test_a_ray_picks_the_surface_and_a_drag_stays_in_its_plane():
+    view = View(running(), [])
+    view.post("pick", holder=1, origin=(0.1, -5.0, 0.4), direction=(0.0, 1.0, 0.0))
+    view.post("drag", holder=1, ray=((0.1, -5.0, 0.4), (0.1, 1.0, 0.0), (0.0, 1.0, 0.0)))
+    view._obey()
+    # The cube's side is at y = −0.1, 4.9 m on; 1 in 10 aside on the way there. Points are float32.
+    np.testing.assert_allclose(view.hand.target, (0.59, -0.1, 0.4), atol=1e-6)
+    view.post("let_go")
+    view.post("pick", holder=1, origin=(0.1, -5.0, 9.4), direction=(0.0, 1.0, 0.0))  # beside it
+    view._obey()
+    assert view.hand.grip is None
+
+
+def test_what_is_pinned_stays():
+    view = View(running(), [])
+    view.post("grab", holder=1, point=top(view).tolist())
+    view.post("pin")
+    view._obey()
+    pinned = np.isinf(view.source.handling.simulation.system.mass)
+    assert pinned.any()
+    before = view.source.frame().position[pinned]
+    for _ in range(20):
+        view.source.advance()
+    np.testing.assert_array_equal(view.source.frame().position[pinned], before)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"loads": [Force((0, 0, 0.01))], "touch": Touch()}], ids=["cube", "loads"]
+)
+def test_what_was_done_by_hand_is_done_again_to_the_last_bit(changes):
+    first = running(**changes)
+    handling = first.handling
+    for k in range(30):
+        if k == 5:
+            handling.do("scale", name="stiffness", factor=1.5)
+        if 8 <= k < 20:
+            handling.do(
+                "hold", particles=[3, 26], to=[[0.3, 0.1 * k, 0.5]] * 2, stiffness=[9.0, 4.0], damping=[0.1, 0.1]
+            )
+        if k == 20:
+            handling.do("hold", particles=[], to=[], stiffness=[], damping=[])
+        if k == 22:
+            handling.do("gravity", value=[0.0, 1.0, -5.0])
+        if k == 25:
+            handling.do("freeze")
+        first.advance()
+    again = running(**changes)
+    repeat = Repeat(again.handling, handling.deeds)
+    for _ in range(30):
+        repeat.before_frame()
+        again.advance()
+    np.testing.assert_array_equal(again.frame().position, first.frame().position)
+    assert again.handling.deeds == handling.deeds
+
+
+def test_a_divergence_stops_the_view_and_reset_goes_on():
+    at = scene()
+    source = Running(at, Simulation.of(at, device="cpu", substeps=1, allow_unstable=True), "wild")
+
+    def stiffer(view):
+        view.post("scale", name="stiffness", factor=1000.0)
+
+    told = []
+    view, _ = played(
+        stiffer,
+        *[0.02] * 40,
+        lambda v: told.append((v.paused, v.notice)),
+        lambda v: v.press("r"),
+        0,
+        0,
+        source=source,
+    )
+    assert told[0][0]
+    assert "diverged" in told[0][1] or "particle" in told[0][1]
+    assert view.source.time == 0.0
+    assert view.source.handling.factors["stiffness"] == 1.0
+
+
+def test_a_recording_can_be_played(tmp_path):
+    folder = tmp_path / "kept"
+    view, _ = played(
+        lambda v: v.post("record", folder=folder),
+        *[0.03] * 15,
+        lambda v: v.press("s"),
+        *[0.03] * 5,
+        lambda v: v.post("record"),
+        0,
+    )
+    with Trajectory(folder / "trajectory.vtkhdf") as trajectory:
+        assert len(trajectory) > 3
+        source = Played(trajectory, Scene(system=trajectory.system), "kept")
+        view, screen = played(
+            *[0.03] * 10, lambda v: v.post("seek", k=1), 0, 0, lambda v: v.press("m"), 0, source=source
+        )
+        assert "recording" in view.notice
+        assert trajectory.times[1] in screen.shown
+
+
+def test_nobody_watching_costs_no_drawing():
+    screen = Listener(*[0.02] * 10, watched=False)
+    view = View(running(), [screen])
+    view.run()
+    assert view.source.time > 0
+    assert not screen.shown
+
+
+def test_a_thread_of_its_own_ends_when_it_is_closed():
+    screen = Listener(*[0.01] * 10_000)
+    view = View(running(), [screen])
+    view.start()
+    time.sleep(0.2)
+    view.close()
+    view.close()
+    assert screen.closed == 1
+    assert view.source.time > 0
+
+
+def test_colours_and_wires_are_drawn_anew():
+    stages = []
+    view, screen = played(
+        lambda v: v.press("c"),
+        0.05,
+        lambda v: stages.append(v.shown.drawing.by_value),
+        lambda v: v.press("c"),
+        lambda v: v.press("w"),
+        0.05,
+        0,
+    )
+    assert stages == [True]
+    assert view.shown.wires
+    assert screen.stages >= 4
+
+
+def test_scenes_lie_on_number_keys():
+    view, _ = played(lambda v: v.press("2"), 0, 0, scenes={"one": running, "two": lambda: running(gravity=1.0)})
+    assert view.source.scene.gravity == 1.0
+    assert "two" in view.keys()  # noqa: SIM118
+    view, _ = played(lambda v: v.press("3"), 0, 0, scenes={"one": running})
+    assert "no scene 3" in view.notice
+
+
+def test_a_hand_is_refused_what_is_no_deed():
+    handling = running().handling
+    with pytest.raises(ValueError, match="deed"):
+        handling.do("explode")
+    with pytest.raises(ValueError, match="nothing that is done"):
+        Repeat(handling, [{"frame": 0, "deed": "scale", "wrong": 1}]).before_frame()
+    assert isinstance(handling, Handling)
