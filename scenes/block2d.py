@@ -1,4 +1,4 @@
-"""A block of 4 × 4 masses falls on its corner: the report's second study, in two dimensions."""
+"""A block of 4 × 4 masses falls on its corner, in two dimensions: from the 2014 report msdwarp is based on."""
 
 from msdwarp import Look, Plane, Scene, checks, sheet
 from msdwarp.cli import scene_main

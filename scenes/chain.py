@@ -1,4 +1,4 @@
-"""Five masses in a row, one pulled out: the report's first study, in one dimension."""
+"""Five masses in a row, one pulled out, in one dimension: from the 2014 report msdwarp is based on."""
 
 import numpy as np
 

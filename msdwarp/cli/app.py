@@ -32,7 +32,7 @@ from .whole import with_wholes
 app = App(
     name="msdwarp",
     suppress_keyboard_interrupt=False,
-    help="Elastic bodies as particles joined by springs and dampers, on the GPU.",
+    help="Simulate elastic bodies as particles joined by springs and dampers, on the GPU or the CPU.",
 )
 
 
@@ -50,7 +50,11 @@ def scene_main(build: Build) -> NoReturn:
 
 @app.command(name="list")
 def list_scenes() -> None:
-    """List the scenes that come with msdwarp."""
+    """List the scenes that come with msdwarp.
+
+    The 2014 report is by Bladin, Broberg, Forsling Parborg and Gråd: "Fysikalisk simulering av elastiska material"
+    (Physical simulation of elastic materials), Linköping University. msdwarp is based on its model.
+    """
     for name in scene_names():
         source = Path(scenes.__path__[0], name + ".py").read_text(encoding="utf-8")
         summary = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
@@ -80,7 +84,9 @@ for _name, _command in (
     ("rerun", rerun_command),
 ):
     app.command(_exact(_command), name=_name)
-app.register_install_completion_command(help="Have the shell complete commands, flags and the names of scenes.")
+app.register_install_completion_command(
+    help="Set up tab completion of commands, flags and scene names in your shell."
+)
 
 
 Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
@@ -99,41 +105,41 @@ def run(scene: Name, /, *flags: Words) -> None:
     Parameters
     ----------
     scene
-        A name that `msdwarp list` shows, or the path of a scene script.
+        A name from `msdwarp list`, or the path of a scene script.
     flags
-        The scene's own flags, and those of every run.
+        The scene's parameters, and the flags of every run.
     """
     _with_scene("run", scene, flags, Options, run_scene)
 
 
 @app.command(name="tune", help_flags=())
 def tune_command(scene: Name, /, *flags: Words) -> None:
-    """Find the cheapest method, precision and substeps that keep a scene's error under a tolerance.
+    """Find the fastest method, precision and step that keep a scene's error below a tolerance.
 
-    `msdwarp tune SCENE --help` shows the flags; `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
+    `msdwarp tune SCENE --help` shows the flags. `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
 
     Parameters
     ----------
     scene
-        A name that `msdwarp list` shows, or the path of a scene script.
+        A name from `msdwarp list`, or the path of a scene script.
     flags
-        The scene's own flags, and those of every tuning.
+        The scene's parameters, and the flags of every tuning.
     """
     _with_scene("tune", scene, flags, TuneOptions, tune_scene)
 
 
 @app.command(name="view", help_flags=())
 def view(scene: Name, /, *flags: Words) -> None:
-    """Show a scene live, in a window or a browser, or play a trajectory.
+    """Show a scene live in a window or a browser, or play a trajectory.
 
-    `msdwarp view SCENE --help` shows the flags of a scene. The 2014 program's keys work in both: h lists them.
+    `msdwarp view SCENE --help` shows the flags of a scene. Press h in the view for the list of keys.
 
     Parameters
     ----------
     scene
-        A name that `msdwarp list` shows, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder.
+        A name from `msdwarp list`, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder.
     flags
-        The scene's own flags, and those of every view.
+        The scene's parameters, and the flags of every view.
     """
     path = Path(scene)
     if scene not in scene_names() and (path.is_dir() or path.suffix == ".vtkhdf"):

@@ -1,4 +1,4 @@
-"""The commands that begin with a file of a run: to look at it, draw it, go on with it, make it again."""
+"""The commands that take a file of a run: describe, draw, plot, convert, continue and repeat it."""
 
 import math
 from collections.abc import Sequence
@@ -50,12 +50,12 @@ def trajectory_in(file: Path) -> Path:
 
 
 def info_command(file: Path, /) -> None:
-    """Say what is in a trajectory, and what made it.
+    """Describe a trajectory: its contents, and the run that made it.
 
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     """
     with Trajectory(trajectory_in(file)) as trajectory:
         print(told(trajectory), end="")
@@ -70,20 +70,20 @@ def export_command(
     out: Path | None = None,
     force: Flag = False,
 ) -> None:
-    """Write a trajectory's frames in the format of another program.
+    """Convert frames of a trajectory to the format of another program.
 
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     to
-        The format; npz holds positions, velocities and times, the others what is drawn.
+        File format. npz holds positions, velocities and times; the others hold the surface that is drawn.
     frame
-        One frame's number, counted from 0, or from the end if negative; by default all.
+        Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
     out
-        The file; by default beside the trajectory, with the format's ending.
+        File to write. Default: the trajectory's name with the format's extension.
     force
-        Replace files that are there.
+        Overwrite existing files.
     """
     path = trajectory_in(file)
     with Trajectory(path) as trajectory:
@@ -108,32 +108,31 @@ def render_command(
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
 ) -> None:
-    """Draw a trajectory: single frames, a film, several poses in one picture.
+    """Draw a trajectory: images, a film, or several poses in one picture.
 
-    Obstacles and looks are those in the file; with --scene or --trust those of the script as it is now.
+    Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
 
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     first
-        First frame to draw, counted from 0, or from the end if negative.
+        First frame to draw, counted from 0; negative numbers count from the end.
     last
-        Last frame to draw, counted in the same way.
+        Last frame to draw, counted the same way.
     every
-        Draw every Nth frame, beginning with the first.
+        Draw only every Nth frame.
     speed
-        Speed of the film over that of the simulated motion: 0.25 plays it in slow motion, at a quarter of real
-        time. Below 1 each picture is shown for longer; above 1 for a shorter time, and where that would make more
-        than 60 a second some are left out.
+        Playback speed of the film; 1 is real time, 0.25 is slow motion. A fast film skips frames to stay at 60 a
+        second.
     out
-        Folder for the pictures; by default `render` beside the trajectory, or render-2 ... where that is taken.
+        Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
-        Replace pictures that are there.
+        Overwrite existing pictures.
     quiet_
         Print errors only.
     verbose
-        Let Warp and VTK speak too.
+        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     talk = Console(stderr=True, quiet=quiet_)
@@ -160,12 +159,12 @@ def render_command(
 def view_command(file: Path, *, options: ViewOptions = VIEW, script: Script = UNTOLD) -> None:
     """Play a trajectory in a window or a browser.
 
-    Obstacles and looks are those in the file; with --scene or --trust those of the script as it is now.
+    Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
 
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     """
     start_warp(options.verbose)
     with Trajectory(trajectory_in(file)) as trajectory:
@@ -242,15 +241,15 @@ def plot_command(
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     out
-        The picture, *.png, or the same numbers as *.csv; by default a picture beside the trajectory, of its name.
+        File to write: *.png for a plot, *.csv for a table. Default: the trajectory's name with .png.
     gravity
-        Acceleration of free fall [m/s²]; by default what the file says.
+        Acceleration of free fall [m/s²]. Default: as stored in the file.
     force
-        Replace a file that is there.
+        Overwrite an existing file.
     verbose
-        Let Warp speak too.
+        Print Warp's messages too.
     """
     start_warp(verbose)
     path = trajectory_in(file)
@@ -276,24 +275,25 @@ def resume_command(
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
 ) -> None:
-    """Go on with a run that was ended, to where it would have come, and draw it.
+    """Continue an interrupted run to its end, and draw it.
 
-    It ends with what it would have ended with, to the last bit where its route sums in a fixed order.
+    The result equals that of an uninterrupted run bit for bit. On a GPU this does not hold for the route scatter
+    and the integrator linearly-implicit-euler.
 
     Parameters
     ----------
     folder
-        The folder of the run, or its restart.h5.
+        The run's folder, or its restart.h5.
     duration
-        Simulated time in all [s]; by default as the run asked for. A run that is complete goes on for longer.
+        Total simulated time [s]. Default: that of the run. A larger value extends a finished run.
     device
-        Where to simulate; by default where it was.
+        Device to simulate on. Default: the one used before.
     force
-        Replace pictures that are there.
+        Overwrite existing pictures.
     quiet_
         Print errors only.
     verbose
-        Let Warp and VTK speak too.
+        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     if not folder.exists():
@@ -312,22 +312,22 @@ def rerun_command(
     quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
     verbose: Flag = False,
 ) -> None:
-    """Simulate again what a trajectory holds, and say whether the result differs.
+    """Repeat the run that made a trajectory, and compare the results.
 
-    The exit code is 0 where it is the same to the last bit, else 1.
+    The exit code is 0 if they are equal bit for bit, otherwise 1.
 
     Parameters
     ----------
     file
-        A trajectory, *.vtkhdf, or the folder of a run.
+        A trajectory (*.vtkhdf) or a run's folder.
     device
-        Where to simulate; by default where it was.
+        Device to simulate on. Default: the one used before.
     out
-        Folder to keep the result in, drawn as the run was; by default it is not kept.
+        Folder to keep the new result in. Default: it is not kept.
     quiet_
         Print errors only.
     verbose
-        Let Warp and VTK speak too.
+        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     path = trajectory_in(file)

@@ -1,4 +1,4 @@
-"""Options: what can be said of every run, whatever its scene."""
+"""Options: the flags of every run, whatever its scene."""
 
 import os
 import re
@@ -20,30 +20,29 @@ from .whole import Whole, WholeOrAuto
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """What is drawn of a run.
+    """What to draw.
 
     Parameters
     ----------
     frames
-        Format of the single frames.
+        Image format of the frames; none writes no images.
     video
-        Format of the film; mp4 needs the extra `video`. With both none and no overlay nothing is drawn.
+        Film format; none writes no film. mp4 needs `pip install 'msdwarp[video]'`.
     overlay
-        Lay this many poses, evenly spaced in time, over each other in one picture, SCENE_overlay.png.
+        Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time.
     resolution
         Width and height of the pictures in pixels.
     azimuth
-        Direction from the body to the camera, anticlockwise from x seen from above [degrees]; by default as the
-        scene has it.
+        Camera angle around the vertical, counter-clockwise from +x [degrees]. Default: set by the scene.
     elevation
-        The same above the horizon [degrees].
+        Camera angle above the horizon [degrees]. Default: set by the scene.
     zoom
-        How many times nearer the camera comes than where it sees everything.
+        Zoom factor; 1 fits everything.
     colour
-        The surface as it looks, connections from green (rest) to red (strained), or the body by the speed or the
-        energy of its particles, or by what contacts push them with; by default as the scene looks best.
+        What the colours show: the texture, the strain of connections (green: none, red: large), or the velocity,
+        energy or contact force of particles. Default: set by the scene.
     arrows
-        Draw what contacts push particles with as arrows, seen through the bodies.
+        Draw contact forces as arrows, in front of the bodies.
     """
 
     frames: Literal["png", "none"] = "png"
@@ -107,52 +106,53 @@ def parse_resolution(text: str) -> tuple[int, int]:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What can be said of every run, whatever the scene.
+    """The flags of every run, whatever the scene.
 
     Parameters
     ----------
     device
-        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     precision
-        Numbers of the simulation; by default float32.
+        Floating-point precision. Default: float32.
     route
-        How forces are summed, a matter of speed alone; auto takes the fastest. On a GPU gather and stencil (of
-        lattices) give the same result to the last bit each time.
+        How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil
+        repeat a run bit for bit; scatter does not.
     integrator
-        Time-stepping method; by default symplectic-euler.
+        Time-stepping method. Default: symplectic-euler.
     substeps
-        Integrator steps per frame; auto chooses them by the scene's stability limit.
+        Integrator steps per frame; auto picks them from the scene's stability limit.
     allow_unstable
-        Accept substeps beyond the stability limit.
+        Accept a step beyond the stability limit.
     tolerance
-        Choose integrator, precision and substeps so that the error stays under this share of the body's size
+        Pick integrator, precision and substeps so that the error stays below this fraction of the body's size
         (see `msdwarp tune`).
     duration
-        Simulated time [s]; by default the scene's own.
+        Simulated time [s]. Default: set by the scene.
     fps
         Frames per second of simulated time.
     out
-        Folder for the results; by default out/SCENE, or out/SCENE-2 ... where that is taken.
+        Folder for the results. Default: out/SCENE, or out/SCENE-2 ... if that exists.
     trajectory
-        Keep frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, and slower), or none.
+        How to store frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, slower), or
+        none.
     every
-        Keep and draw every Nth frame, beginning with the first.
+        Keep and draw only every Nth frame.
     strain
-        Keep the strain of every connection too: in a lattice twice as many numbers as all else.
+        Store the strain of every connection. In a lattice this makes the file about three times as large.
     contact_forces
-        Keep what contacts push each particle with too, a vector each; so it is too where pictures show it.
+        Store the contact force on every particle. --arrows and --colour contact store it too.
     restart
-        Seconds of computing after which restart.h5 is written anew beside the trajectory; `msdwarp resume` goes on
-        from it. It is written at the end too; 0 writes none.
+        Write restart.h5 after this many seconds of computing, and at the end; `msdwarp resume` continues from it.
+        0 writes none.
     log
-        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name,
-        energy.csv, goes into the run's folder; ./energy.csv or any other path where it says.
+        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name
+        such as energy.csv goes into the run's folder; ./energy.csv goes into the current one.
     force
-        Replace an earlier run's results in --out and --log.
+        Overwrite earlier results in --out and --log.
     quiet
         Print errors only.
     verbose
-        Let Warp and VTK speak too.
+        Print messages from Warp and VTK too.
     """
 
     device: str | None = None

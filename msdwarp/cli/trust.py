@@ -27,9 +27,9 @@ class Script:
     Parameters
     ----------
     scene
-        The scene, a name or a script's path, in place of the one that the file names.
+        Use this scene (a name or a script's path) instead of the one that the file names.
     trust
-        Run the script that the file names, though it has changed, was moved, or was never run here.
+        Run the script that the file names, even if it has changed, was moved, or was never run here.
     """
 
     scene: str | None = None

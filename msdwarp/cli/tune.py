@@ -17,18 +17,18 @@ from .scene_files import Origin
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class TuneOptions:
-    """What can be said of every tuning, whatever the scene.
+    """The flags of every tuning, whatever the scene.
 
     Parameters
     ----------
     tolerance
-        Error allowed, as a share of the body's size.
+        Largest allowed error, as a fraction of the body's size.
     horizon
-        Time over which errors are measured [s].
+        Simulated time after which errors are measured [s].
     device
-        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     verbose
-        Let Warp speak too.
+        Print Warp's messages too.
     """
 
     tolerance: float = 1e-3

@@ -25,34 +25,34 @@ SHELF = ("mattress", "dice", "worm", "cloth", "icecream", "cube", "jelly", "towe
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions:
-    """What can be said of every view, whatever the scene.
+    """The flags of every view, whatever the scene.
 
     Parameters
     ----------
     browser
-        Serve a page, also where there is a display.
+        Show it in a browser, even if there is a display.
     window
-        Open a window, also where no display is found.
+        Show it in a window, even if no display is found.
     host
-        Address that the page is served at: with the default only this machine can open it.
+        Address to serve the page at. With the default only this machine can open it.
     port
-        Port of the page; by default 8080 or the next free one.
+        Port of the page. Default: 8080, or the next free one.
     paused
-        Wait at the first frame.
+        Start paused, at the first frame.
     device
-        Where to simulate: cpu, cuda:0 ...; by default the first GPU, else the CPU.
+        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     precision
-        Floating-point precision.
+        Floating-point precision. Default: float32.
     route
-        How forces are summed, a matter of speed alone; auto takes the fastest.
+        How forces are summed; this affects speed only. auto picks the fastest.
     integrator
-        Time-stepping method; by default symplectic-euler.
+        Time-stepping method. Default: symplectic-euler.
     substeps
-        Integrator steps per frame; auto chooses them by the scene's stability limit.
+        Integrator steps per frame; auto picks them from the scene's stability limit.
     fps
         Frames per second of simulated time.
     verbose
-        Let Warp and VTK speak too.
+        Print messages from Warp and VTK too.
     """
 
     browser: Annotated[bool, Parameter(negative=())] = False
