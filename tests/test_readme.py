@@ -1,66 +1,119 @@
-"""The README: its example runs, its commands and paths exist."""
+"""The README and the pages in docs: their Python runs, their commands, flags, names and paths exist."""
 
+import inspect
 import re
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import msdwarp
+from msdwarp.cli.app import app
+from msdwarp.cli.options import Options
+from msdwarp.cli.scene_files import find_scene, scene_names
+from msdwarp.cli.tune import TuneOptions
+from msdwarp.cli.view import ViewOptions
+
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions}
+
+
+def snippets(page: str) -> list[str]:
+    """Return the pieces of Python on a page."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def run(page: str, pieces: list[str] | None = None) -> dict:
+    """Run the Python on a page, piece after piece, and return its names."""
+    names: dict = {"__name__": "page"}
+    for piece in snippets(page) if pieces is None else pieces:
+        exec(compile(piece, page, "exec"), names)
+    return names
 
 
 def test_the_example_runs_and_is_short(tmp_path, monkeypatch, capsys):
-    example, _ = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    (example,) = snippets("README.md")
     lines = [line for line in example.splitlines() if line.strip() and not line.startswith("#")]
     assert len(lines) <= 20
     monkeypatch.chdir(tmp_path)
-    exec(compile(example, "README.md", "exec"), {})
+    run("README.md")
     assert "substeps a frame" in capsys.readouterr().out
     assert np.asarray(Image.open(tmp_path / "block.png")).std() > 5  # not blank
 
 
-def test_the_second_example_leaves_a_dent(capsys):
-    _, example = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    names: dict = {}
-    exec(compile(example, "README.md", "exec"), names)
-    assert "height" in capsys.readouterr().out
+@pytest.mark.slow
+def test_the_first_ten_minutes_come_out_as_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run("docs/start.md")
+    for picture in ("block.png", "energy.png"):
+        assert np.asarray(Image.open(picture)).std() > 5, picture  # not blank
+    before, after = names["energies"][0], names["energies"][-1]
+    assert after < 0.5 * before  # it has come to rest lower than it began
+    said = re.findall(r"bounces to ([\d.]+) m", capsys.readouterr().out)
+    assert sorted(said, reverse=True) == said  # the more damping, the lower
+    assert len(said) == 3
+
+
+@pytest.mark.slow
+def test_the_recipes_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run("docs/howto.md")
+    assert "largest contact force" in capsys.readouterr().out
     dented = names["dented"]
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
+    assert names["heights"].shape == (31,)
+
+
+@pytest.mark.slow
+def test_the_scene_among_the_recipes_is_one(tmp_path, msdwarp):
+    (tmp_path / "drop.py").write_text(snippets("docs/howto.md")[0], encoding="utf-8")
+    code, _, error = msdwarp(
+        "run", "drop.py", "--stiffness", "900", "--duration", "0.1", "--frames", "none", "--video", "none"
+    )
+    assert code == 0, error
 
 
 def test_the_example_of_loads_runs(capsys):
-    (example,) = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs/loads.md").read_text(encoding="utf-8"), re.DOTALL
-    )
-    names: dict = {}
-    exec(compile(example, "loads.md", "exec"), names)
+    names = run("docs/loads.md")
     assert "work of the loads" in capsys.readouterr().out
     assert names["positions"].shape == (120, 3)
 
 
 def test_the_example_of_contact_rests(capsys):
-    (example,) = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs/contact.md").read_text(encoding="utf-8"), re.DOTALL
-    )
-    exec(compile(example, "contact.md", "exec"), {})
+    names = run("docs/contact.md")
     height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])
     assert abs(height - 0.2) < 0.005  # m: within 5 % of the spacing of where both are drawn to touch
+    weight = names["scene"].system.mass.sum() * 9.82
+    # N: floor and dice exchange what cancels between the dice; at rest the floor bears all of them. They still
+    # swing a little, as 5 % of the weight.
+    assert names["force"].sum(axis=0)[2] == pytest.approx(weight, rel=0.05)
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
-def test_every_link_of_the_docs_leads_somewhere(page):
-    links = re.findall(r"\]\(([^)h#][^)#]*)", page.read_text(encoding="utf-8"))
+def test_the_examples_of_files_run(tmp_path, monkeypatch, msdwarp):
+    monkeypatch.chdir(tmp_path)
+    assert msdwarp("run", "cube", "--duration", "0.2", "--frames", "none", "--video", "none")[0] == 0
+    pieces = [piece for piece in snippets("docs/files.md") if "paraview" not in piece]  # which is not installed
+    names = run("docs/files.md", pieces)
+    assert names["path"].shape == (13, 3)  # 0.2 s at 60 frames a second, the start among them
+    assert names["position"].shape == (1000, 3)
+    assert (tmp_path / "own.vtkhdf").exists()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text(encoding="utf-8"))
     assert not [link for link in links if not (page.parent / link).exists()]
 
 
-def test_every_path_it_names_exists():
-    links = re.findall(r"\]\(([^)h][^)]*)\)", README)
+def test_every_path_of_the_layout_exists():
     (layout,) = re.findall(r"## Layout\n\n```\n(.*?)```", README, flags=re.DOTALL)
-    assert len(links) > 5
-    paths = [*links]
+    paths = []
     folder = ""
     for line in layout.splitlines():
         for word in re.findall(r"[\w/]+(?:\.py|/)(?=\s|$)", line):
@@ -69,5 +122,55 @@ def test_every_path_it_names_exists():
                 paths.append(word)
             else:
                 paths.append(folder + word)
-    missing = [path for path in paths if not (ROOT / path).exists()]
-    assert not missing
+    assert len(paths) > 15
+    assert not [path for path in paths if not (ROOT / path).exists()]
+
+
+def test_every_page_has_a_place_on_the_site():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    listed = set("\n".join(re.findall(r"```\{toctree\}\n(.*?)```", index, flags=re.DOTALL)).split())
+    assert {page.stem for page in DOCS.glob("*.md")} - {"index"} <= listed
+
+
+def test_every_public_name_is_in_the_reference():
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    listed = {line.strip() for line in page.splitlines() if line.startswith("   ")}
+    assert {name for name in msdwarp.__all__ if name not in listed and f"live.{name}" not in listed} == set()
+
+
+def test_every_scene_is_in_the_gallery():
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    assert [name for name in scene_names() if f"`msdwarp run {name}" not in page] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_on_a_page_have_the_flags_that_it_names(page):
+    text = page.read_text(encoding="utf-8")
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL))
+    commands = re.findall(r"\bmsdwarp ([a-z]+)\b([^\n'&]*)", blocks)
+    commands += re.findall(r"`(?:\.venv/bin/)?msdwarp ([a-z]+)\b([^`]*)`", text)
+    for command, words in commands:
+        known = _flags(command, words.split())
+        for flag in re.findall(r"(?<!\S)--[a-z-]+", words):
+            assert flag in known | {"--help"}, f"msdwarp {command}{words}"
+
+
+def _flags(command: str, words: list[str]) -> set[str]:
+    """Return the flags of a command, with those of its scene where it has one."""
+    if command in OF_EVERY_SCENE:
+        names = _names(OF_EVERY_SCENE[command])
+        if words and words[0] in scene_names():
+            names |= set(inspect.signature(find_scene(words[0]).build).parameters)
+        elif words and words[0] == "drop.py":
+            names |= {"radius", "stiffness"}
+        return {"--" + name.replace("_", "-") for name in names}
+    return set(re.findall(r"--[a-z-]+", app[command].generate_docs(heading_level=2)))
+
+
+def _names(options: type) -> set[str]:
+    """Return the names of options, those within others among them."""
+    names = set()
+    for one in fields(options):
+        inner = one.default_factory
+        names |= _names(inner) if isinstance(inner, type) and is_dataclass(inner) else {one.name}
+    return names
