@@ -135,6 +135,17 @@ def test_every_page_has_a_place_on_the_site():
 def test_every_public_name_is_in_the_reference():
     page = (DOCS / "api.md").read_text(encoding="utf-8")
     listed = {line.strip() for line in page.splitlines() if line.startswith("   ")}
+    materials = {name: getattr(msdwarp, name) for name in re.findall(r"\| `([A-Z_]+)` \|", page)}
+    for name, said in materials.items():
+        _, _, density, modulus, ratio, *_ = next(
+            line for line in page.splitlines() if f"| `{name}` |" in line
+        ).split("|")
+        assert (float(density), float(modulus), float(ratio)) == (
+            said.density,
+            said.youngs_modulus,
+            said.damping_ratio,
+        )
+    listed |= set(materials)
     assert {name for name in msdwarp.__all__ if name not in listed and f"live.{name}" not in listed} == set()
 
 

@@ -33,23 +33,23 @@ class Renderer:
     Parameters
     ----------
     scene
-        What is drawn.
+        The scene to draw.
     positions
-        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many. Solid
-        colliders it keeps in view too, wherever they are while the scene lasts.
+        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many. It keeps solid
+        colliders in view too, for the whole duration of the scene.
     resolution
         Width and height in pixels.
     colouring
-        "texture" for the surface as it looks, "strain" for connections from green (rest) to red (strained), or
-        a `Scale` for the surface, or connections where there is none, in the colours of values that come with
-        each frame; by default what the scene's look says.
+        "texture" for the surface with its texture; "strain" for connections from green (no strain) to red; or a
+        `Scale`, which colours the surface (or connections, if there is none) by values given with each frame.
+        Default: set by the scene's look.
     backend
         "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
     zoom
-        How many times nearer the camera comes than where it sees everything, above 0.
+        Zoom factor, above 0; 1 fits everything.
     arrows
-        Draw forces on particles, which come with each frame, as arrows that are seen through all else: the force
-        of the longest arrow [N], as which larger ones are drawn too; None for no arrows.
+        Draw forces on particles, given with each frame, as arrows in front of everything else. The number is the
+        force of the longest arrow [N]; larger forces are drawn as long. None: no arrows.
 
     Raises
     ------

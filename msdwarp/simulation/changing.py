@@ -60,24 +60,22 @@ class Changing(Present):
     ) -> None:
         """Change gravity, loads, touch, velocity, mass, stiffness, damping or rest_length between frames.
 
-        Another constant gravity, or loads that differ from those before in values alone (the vector of a `Force`,
-        the velocity and the coefficients of `Wind`), cost about a millisecond: nothing is built anew. Nor is it
-        for other velocities, which cost copies of these; with `Wind` the stability limit is found again, in a few
-        passes over the body.
-        What is thrown goes on as from a start with its velocity, and the energy that it gets is no
-        sign of divergence. A mass of inf pins a particle where it is.
-        Another kernel is only needed for a first damper, a first pinned particle, or connections of many more
-        kinds. The route is chosen anew where that was left open, and so are the substeps.
+        A mass of inf pins a particle where it is. A new velocity may add energy, which does not count as
+        divergence. Automatic substeps and the automatic route are chosen anew.
+
+        *What it costs.* A new constant gravity takes about a millisecond, and so do loads with new numbers only
+        (the vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with
+        `Wind` the stability limit is computed again too. Another kernel is needed, and compiled the first time,
+        for the first damper, the first pinned particle, or connections of many more kinds.
 
         Parameters
         ----------
         loads
-            What acts from now on, in place of all loads before. Those of the latter that are among them stay as
-            they are; others take what they take from a start from the present. A checkpoint does not hold them.
-            How bodies touch stays, unless a `Touch` is among them.
+            All loads from now on. Loads that acted before and are among them continue unchanged. New ones take the
+            present state as their start. How bodies touch stays the same, unless a `Touch` is among them. A
+            checkpoint does not hold them.
         touch
-            How bodies touch from now on, in place of all that said it before; () for not at all. A checkpoint does
-            not hold it.
+            How bodies touch from now on; () ends contact between bodies. A checkpoint does not hold it.
         group, freeze, release, gravity, parameters
             What changes, and to what; see `msdwarp.at`.
 

@@ -53,57 +53,60 @@ from .stepping import Stepping
 
 
 class Simulation(Changing):
-    """A system in its surroundings, advanced frame by frame on a device.
+    """Simulates a system frame by frame on a device. `Simulation.of(scene)` makes one from a scene.
 
     Parameters
     ----------
     system
-        What is simulated.
+        The bodies to simulate.
     gravity
-        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector; or a function
-        of time [s] that returns one of these. Of such a one there is no potential: in the energies it is work.
+        Acceleration of free fall [m/s²]: a number (downwards along the last coordinate), a vector, or a function
+        of time [s] that returns one of these. A gravity that depends on time has no potential energy; it counts
+        as work.
     colliders
         Obstacles.
     contact
-        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.contact`.
+        Rule for contact with obstacles: "coulomb", or "report" for that of the 2014 report; see
+        `msdwarp.kernels.contact`.
     loads
-        What else acts on the system: a `Force`, and so on.
+        Loads on the bodies, such as `Force` or `Wind`.
     touch
-        How bodies touch each other, a `Touch` or several; by default they pass through each other.
+        How bodies touch each other: a `Touch`, or several. By default they pass through each other.
     integrator
-        The time-stepping method.
+        Time-stepping method, such as `Leapfrog()`. By default `SymplecticEuler()`.
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame; "auto" takes the least within `safety` of the stability limit (see
-        `msdwarp.integrators.stability`), and more wherever energy would come from nothing (see
-        `msdwarp.simulation.pace`). What is chosen, and why, is in `choice`; what was, and when, in `chosen`.
+        Integrator steps per frame. "auto" takes as few as `safety` allows (see `msdwarp.integrators.stability`),
+        and more where energy would grow without a cause (see `msdwarp.simulation.pace`). `choice` says what was
+        chosen and why, `chosen` when it changed.
     safety
-        Share of the stability limit that automatic substeps may use, 0 … 1.
+        Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
-        Compute the stability limit before every frame, not only where stretching has changed by much.
+        Compute the stability limit before every frame. By default only when the largest strain has changed by
+        much.
     allow_unstable
-        Accept substeps beyond the stability limit.
+        Accept a step beyond the stability limit.
     energy_limit
-        The run has diverged when its energy has grown by this multiple of its scale (the energy at the start and
-        what falling by the system's own size would give), times `StepChoice.energy_swing`. With inf only numbers
-        that are not finite end it: automatic substeps then stay those of the stability limit.
+        The run counts as diverged when its energy has grown by this multiple of a scale, times
+        `StepChoice.energy_swing`. The scale is the energy at the start plus that of falling by the system's own
+        size. With inf only numbers that are not finite end a run, and automatic substeps are not adapted.
     device
-        A Warp device's name; by default the first CUDA device, else the CPU.
+        Name of a Warp device. By default the first CUDA device, or the CPU if there is none.
     precision
-        "float32", "float32-compensated" (keeps what rounding takes away) or "float64".
+        "float32", "float32-compensated" (corrects rounding errors of sums) or "float64".
     route
-        How forces are summed, which is a matter of speed alone: "scatter", "gather", "stencil" (of lattices) or
-        "auto"; see `msdwarp.kernels.forces`. Scattered sums on the GPU are not repeatable to the last bit.
+        How forces are summed: "scatter", "gather", "stencil" (lattices only) or "auto"; see
+        `msdwarp.kernels.forces`. This affects speed only. On a GPU scatter does not repeat bit for bit.
     blocks
-        Blocks of threads, and threads in each, that take all substeps of a frame in one launch, a matter of speed
-        alone: a pair, None for a launch for each stage of each substep, or "auto".
+        How many blocks of threads, and how many threads in each, compute all substeps of a frame in one launch. A
+        pair; None for a launch for each stage of each substep; or "auto". This affects speed only.
     schedule
-        Changes of parameters at set times, made by `msdwarp.at`.
+        Changes at set times, made by `msdwarp.at`.
     probes
-        What is measured, by name; see `msdwarp.Probe`. What they told is in `readings`.
+        Sensors by name; see `msdwarp.Probe`. Their values are in `readings`.
     contact_forces
-        Sum what contacts push each particle with, for `contact_force`, pictures and files.
+        Compute the contact force on each particle, for `contact_force`, pictures and files.
 
     Raises
     ------

@@ -15,39 +15,38 @@ OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tub
 class Look:
     """How a scene, or a body in it, is drawn.
 
-    A body's own look, in `Scene.looks`, says the colour, inside, texture, smooth, gloss, particles and tube; the
-    other parameters are of the whole picture, and said by the look of the scene alone.
+    A body's own look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, particles and tube. All
+    other parameters belong to the whole picture; only the scene's look sets them.
 
     Parameters
     ----------
     colour
-        Colour of the body, "#rrggbb"; of its surface without effect where there is a texture.
+        Colour of the body, "#rrggbb". A surface with a texture ignores it.
     inside
-        Colour of what tearing lays bare inside a solid, "#rrggbb"; None: that of the body.
+        Colour of the inside of a solid where it has torn, "#rrggbb". None: that of the body.
     texture
-        An image laid over the surface by its texture coordinates, uint8 of shape [height, width, 3].
+        Image on the surface, placed by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
-        Shade across triangles of one face (True) or show each triangle flat (False).
+        Shade smoothly across the triangles of a face (True), or each triangle flat (False).
     gloss
         Strength of highlights, 0 … 1.
     azimuth, elevation
-        Direction from the body to the camera [degrees]: anticlockwise from x seen from above, and above
-        the horizon.
+        Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     background, ground
         Colours of the backdrop and of the ground beneath the body, "#rrggbb".
     obstacle
-        Colour of the solid colliders, "#rrggbb"; in strain colours even where they have a texture.
+        Colour of solid colliders, "#rrggbb". In strain colours it is used even if they have a texture.
     obstacle_texture
-        An image laid over them as over the body; see `msdwarp.pictures.collider_meshes.mesh_of` for where.
+        Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` says how it lies.
     strain
-        Draw connections in the colours of their strain, unless a run asks for the look.
+        Colour connections by their strain, unless a run asks for the texture.
     full_strain
-        The strain at which a connection is drawn red.
+        Strain at which a connection is drawn red.
     particles
-        Draw particles as balls between the connections; None: where there are not too many, and where connections
-        are drawn in the body's colour as balls no thicker than these.
+        Draw particles as balls. None: if there are not too many; on connections in the body's colour the balls are
+        no thicker than these.
     tube
-        Radius of connections that are drawn, such as those of ropes [m]; None: a share of their rest length.
+        Radius at which connections are drawn, such as those of ropes [m]. None: a fraction of their rest length.
 
     Raises
     ------

@@ -22,33 +22,32 @@ _SHOWN = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """A system in its surroundings, how long it is watched, and how it looks.
+    """Bodies, what surrounds them, how long to simulate, and how to draw it.
 
     Parameters
     ----------
     system
-        What is simulated.
+        The bodies to simulate.
     colliders
-        Obstacles; the fixed plane that faces most upwards is drawn as the ground.
+        Obstacles. The fixed plane that faces most upwards is drawn as the ground.
     loads
-        What acts on it beside gravity and obstacles: a `Force`, `Wind`, and so on.
+        Loads on the bodies beside gravity and obstacles, such as `Force` or `Wind`.
     touch
-        How bodies touch each other, a `Touch` or several of them; by default they pass through each other.
+        How bodies touch each other: a `Touch`, or several. By default they pass through each other.
     gravity
-        Acceleration of free fall [m/s²], which may be a function of time; see `Simulation`.
+        Acceleration of free fall [m/s²]; it may be a function of time, see `Simulation`.
     duration
         Simulated time [s].
     look
-        How it is drawn: the picture, and the bodies that have no look of their own.
+        How the picture is drawn, and all bodies without a look of their own.
     looks
-        Looks of bodies by the name of their group (see `System.named`), of which what belongs to a body counts
-        (see `Look`). Where groups share particles, and in triangles and connections between two of them, the
-        later one counts.
+        Looks of single bodies, by the name of their group (see `System.named`). They set what belongs to a body
+        (see `Look`). Where two groups share particles, triangles or connections, the later look counts.
     schedule
-        Changes of parameters at set times, made by `msdwarp.at`.
+        Changes at set times, made by `msdwarp.at`.
     probes
-        What is measured, by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes it to
-        probes.csv, and what is read by substep to probes_by_substep.csv.
+        Sensors by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes their values to
+        probes.csv, and those read by substep to probes_by_substep.csv.
 
     Raises
     ------

@@ -16,28 +16,28 @@ BODIES, ALL, NONE = "bodies", "all", "none"
 class Touch(Load):
     """Contact between bodies, and of bodies with themselves.
 
-    What hangs together by connections is a body. Bodies with a surface touch by it, points on it against
-    triangles; closed ones push out what is found inside, sheets have two sides. Ropes touch by their connections,
-    grains as spheres. See docs/contact.md for the law.
+    A body is a set of particles that are joined by connections. Bodies with a surface touch with it: points on
+    one against triangles of the other. Closed surfaces push out what is inside; sheets have two sides. Ropes
+    touch with their connections, grains as spheres. See docs/contact.md for the law.
 
     Parameters
     ----------
     friction
         Coulomb's coefficient μ between bodies.
     restitution
-        Speed after a collision over that before, of two single particles, from 0.05 to 1. That of bodies of many
-        particles depends on their own dampers and vibrations too.
+        Speed after a collision divided by that before, for two single particles, from 0.05 to 1. For bodies it
+        also depends on their own dampers and vibrations.
     between
         "bodies": different bodies touch; "all": also bodies with themselves; "none": they pass through each other.
     groups
-        Names of two groups of whole bodies that this is about (see `System.named`); by default all. Of several
-        that name a pair the last one counts.
+        Names of two groups of whole bodies to which this applies (see `System.named`); by default all bodies. If
+        several apply to a pair, the last one counts.
     thickness
-        Distance at which surfaces touch [m]. By default closed surfaces touch as they are drawn; a sheet is a
-        quarter as thick as its particles are apart, a rope and a heap of grains half as thick.
+        Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn. Sheets are 1/4
+        of their spacing thick, ropes and grains 1/2.
     stiffness
-        Stiffness of a contact [N/m]; by default what one more layer of connections would have: the harmonic mean
-        of both bodies' mean stiffness. Single particles have none: there it must be given.
+        Stiffness of a contact [N/m]. By default that of one more layer of connections: the harmonic mean of both
+        bodies' mean stiffness. Single particles have no springs, so there it must be given.
 
     Raises
     ------
