@@ -1,5 +1,6 @@
 """How Sphinx builds the site of these pages: `sphinx-build -W docs build/docs`."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -27,6 +28,7 @@ html_theme = "furo"
 html_title = "msdwarp"
 
 autosummary_generate = True
+shutil.rmtree(Path(__file__).parent / "api", ignore_errors=True)  # pages of names that are no more
 # Some file systems take Box.html and box.html for one.
 _clash = ("box", "cone", "live.view")
 autosummary_filename_map = {f"msdwarp.{name}": f"msdwarp.{name}-function" for name in _clash}
