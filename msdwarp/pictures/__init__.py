@@ -4,12 +4,13 @@ from .drawing import Drawing, PlacedPart, Scale
 from .film import FILM_FORMATS, check_formats, write_film
 from .opengl_window import ADVICE
 from .renderer import Renderer
-from .stage import Stage, outermost
+from .stage import VIEW_ANGLE, Stage, outermost
 from .timelapse import timelapse
 
 __all__ = [
     "ADVICE",
     "FILM_FORMATS",
+    "VIEW_ANGLE",
     "Drawing",
     "PlacedPart",
     "Renderer",
