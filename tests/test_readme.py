@@ -31,6 +31,13 @@ def test_the_second_example_leaves_a_dent(capsys):
     assert (dented.rest_length != dented.original_length).mean() > 0.05
 
 
+def test_the_example_of_the_live_view_runs(capsys):
+    pytest.importorskip("viser")
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/live.md").read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(example, "live.md", "exec"), {})
+    assert "http://127.0.0.1:" in capsys.readouterr().out
+
+
 def test_the_example_of_loads_runs(capsys):
     (example,) = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs/loads.md").read_text(encoding="utf-8"), re.DOTALL

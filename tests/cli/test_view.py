@@ -15,8 +15,8 @@ pytest.importorskip("viser")
 
 import msdwarp as msd
 from msdwarp.cli.rerun import rerun
-from msdwarp.cli.scene_files import find_scene
-from msdwarp.cli.view import ViewOptions, _like, _running
+from msdwarp.cli.scene_files import find_scene, scene_names
+from msdwarp.cli.view import SHELF, ViewOptions, _like, _running
 from msdwarp.live import View
 
 WAITS = 120.0
@@ -109,6 +109,11 @@ def test_what_was_recorded_live_is_made_again_to_the_last_bit(tmp_path, deeds):
         (folder / "deeds.json").write_text("{")
         with pytest.raises(ValueError, match="damaged"):
             rerun(path, device=None, out=None, quiet=True)
+
+
+def test_the_scenes_on_number_keys_are_there():
+    assert set(SHELF) <= set(scene_names())
+    assert len(SHELF) == 9
 
 
 def test_whole_parameters_stay_whole():
