@@ -3,11 +3,11 @@
     python -m benchmarks.speed.view [--device D] [--quick] [--plot-only]
 
 A sheet of so many triangles waves by a formula, so that nothing is simulated and all time is the view's. The page
-is read by a client on the same machine that takes all that is sent and draws nothing: a browser's own drawing comes
-on top, and on a machine of few cores the client takes some. "Pictures a second" counts whole frames that
+is read by a client on the same machine that takes all that is sent and draws nothing: a browser's own drawing
+comes on top, and on a machine of few cores the client takes some. "Pictures a second" counts whole frames that
 arrived while the view went as fast as it could; "delay" is the median time from a command, in a view that is
-paused, to the arrival of the picture that shows it. The window, where one can be opened (on Linux with DISPLAY set,
-as by xvfb-run), is drawn by the OpenGL that is there.
+paused, to the arrival of the picture that shows it. The window, where one can be opened (on Linux with DISPLAY
+set, as by xvfb-run), is drawn by the OpenGL that is there.
 
 What does a view cost the simulation? A cube is simulated as fast as it goes, without a view, with a page that
 nobody has opened, and with a client: frames simulated a second, in turn, medians of all rounds.
