@@ -5,6 +5,7 @@ from .keys import KEYS, listed
 from .recording import DEEDS, read_deeds
 from .sources import Played, Running, Source
 from .view import Screen, View
+from .window import Window
 
 __all__ = [
     "DEEDS",
@@ -16,6 +17,7 @@ __all__ = [
     "Screen",
     "Source",
     "View",
+    "Window",
     "listed",
     "read_deeds",
     "within_reach",
