@@ -45,24 +45,25 @@ def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, Image
 
 
 def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
-    """Return lines of text, the first of them in bold.
+    """Return lines of text, the first of them large, the last, a hint, faint.
 
     Parameters
     ----------
     lines
-        The text.
+        The text: two of them or more.
     unit
         Pixels for each that a window of 720 rows would have.
     columns
         The most letters of a line: a longer one is broken.
     """
-    rows = [(row, k == 0) for k, line in enumerate(lines) for row in textwrap.wrap(line, columns) or [""]]
-    size, pad = max(9, round(15 * unit)), 11 * unit
-    fonts = {bold: _font(size, bold=bold) for bold in (True, False)}
-    width = max(fonts[bold].getlength(row) for row, bold in rows)
-    image, pen = _panel(width + 2 * pad, len(rows) * 1.45 * size + 1.5 * pad, unit)
-    for k, (row, bold) in enumerate(rows):
-        pen.text((pad, 0.75 * pad + (k + 0.7) * 1.45 * size), row, INK, fonts[bold], anchor="lm")
+    pad, large, small = 11 * unit, max(10, round(15 * unit)), max(9, round(13 * unit))
+    first, body, hint = (_font(large, bold=True), INK), (_font(small), INK), (_font(small), FAINT)
+    styles = [first, *[body] * (len(lines) - 2), hint]
+    rows = [(row, one) for line, one in zip(lines, styles, strict=True) for row in textwrap.wrap(line, columns)]
+    width, step = max(font.getlength(row) for row, (font, _) in rows), 1.5 * small
+    image, pen = _panel(width + 2 * pad, len(rows) * step + 1.5 * pad, unit)
+    for k, (row, (font, ink)) in enumerate(rows):
+        pen.text((pad, 0.75 * pad + (k + 0.5) * step), row, ink, font, anchor="lm")
     return image
 
 

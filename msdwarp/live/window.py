@@ -30,6 +30,13 @@ ROOM = 0.8
 """How near the camera comes at first, over how near it could: bodies move."""
 BELOW = 0.35
 """How much the camera sees at first below a body without ground, over the body's length: it hangs down."""
+PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
+"""What is written below all else; the first where there is something that can be pulled."""
+MOUSE = """beside  drag: turn the camera
+wheel  nearer, farther
+right  drag: shift the camera
+q  close"""
+"""What the list of keys says of the mouse in a window."""
 GAP = 14
 """From what is written to the edge of a window of 720 rows, in pixels."""
 
@@ -183,8 +190,9 @@ class Window:
         """Write what the view says: its lines, the energies, the notice, the colours' meaning and the keys."""
         view, screen = self._both
         (width, height), unit = screen.size, self._unit
-        gap, lines, said = GAP * unit, tuple(view.lines), view.notice
-        columns = max(20, int(0.5 * width / (9.2 * unit)))
+        gap, said = GAP * unit, view.notice
+        lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
+        columns = max(20, int(0.4 * width / (7.5 * unit)))
         self._write("lines", (lines, columns), lambda: panels.text(lines, unit, columns=columns), (gap, -gap))
         last = view.readings[-1] if view.readings else None
         self._write("energies", last, lambda: panels.energies(view.readings, unit), (gap, gap))
@@ -197,7 +205,7 @@ class Window:
         self._write(
             "notice", said, lambda: panels.notice(said, unit, columns=row) if said else None, (None, raised)
         )
-        listed = view.keys() if view.helps else ""
+        listed = f"{view.keys()}\n{MOUSE}" if view.helps else ""
         self._write("keys", listed, lambda: panels.keys(listed, unit) if listed else None, (-gap, -gap))
 
     def _write(
