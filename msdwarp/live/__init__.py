@@ -7,6 +7,7 @@ from .opening import has_display, screen_for, view
 from .recording import DEEDS, FIRST_FRAME, read_deeds
 from .sources import Played, Running, Source
 from .view import Screen, View
+from .window import Window
 
 __all__ = [
     "DEEDS",
@@ -20,6 +21,7 @@ __all__ = [
     "Screen",
     "Source",
     "View",
+    "Window",
     "has_display",
     "listed",
     "read_deeds",
