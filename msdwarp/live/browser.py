@@ -1,6 +1,7 @@
 """Browser: a page that shows a view and has its buttons, sliders and keys, served by viser."""
 
 import io
+import logging
 import math
 import socket
 from contextlib import redirect_stdout
@@ -46,6 +47,9 @@ class Browser:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
         if port is not None and _is_taken(host, port):
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
+
+        # Who sends garbage is hung up on, which is no news to whoever runs this.
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
         class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
