@@ -1,10 +1,10 @@
-"""A minute of every scene whose bodies touch: does it hold, does it come to rest, how deep do bodies overlap?
+"""A minute of every scene whose bodies touch: whether it holds and comes to rest, and how deep they overlap.
 
     python -m benchmarks.accuracy.touching [--device D] [--quick] [--stiffness 1 100] [--minutes M] [--only tower]
 
-writes results/<device>/touching.csv, a row as soon as it is there; those of scenes and stiffnesses that are not run
-again stay. Springs are as many times as stiff as --stiffness says, and so are contacts; substeps are automatic. A
-scene that takes longer than --minutes is ended there: `seconds` says how far it came.
+writes results/<device>/touching.csv, a row as soon as it is there; those of scenes and stiffnesses that are not
+run again stay. Springs are as many times as stiff as --stiffness says, and so are contacts; substeps are
+automatic. A scene that takes longer than --minutes is ended there: `seconds` says how far it came.
 """
 
 import argparse
