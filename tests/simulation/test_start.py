@@ -56,6 +56,38 @@ def test_what_starts_inside_is_named(collider, depth):
     assert all_told[0].filename == __file__  # where the simulation is made, at least by a function of the user's
 
 
+@pytest.mark.parametrize(
+    "collider",
+    [
+        Box((0, 0, 0.1), (1, 1, 1)),
+        Box((0, 0, 0.1), (9, 9, 0.4)),  # a wall, out of which half of it would go up and half of it down
+        Sphere((0, 0, 0.1), 0.5),
+        Box((5, 0, 0.1), (1, 1, 1), motion=lambda t: (-5, 0, 0)),
+    ],
+    ids=["box", "wall", "sphere", "moving"],
+)
+def test_a_body_that_would_be_torn_on_its_way_out_is_refused(collider):
+    told = rf"the body of particle 4 starts wholly inside colliders\[1\], a {type(collider).__name__}: .*tear it"
+    with pytest.raises(ValueError, match=told):
+        simulate(System(position=np.full((4, 3), 3.0)) + cube(), Plane(offset=-9), collider)
+
+
+def test_a_body_near_one_side_of_a_box_is_led_out_whole():
+    with pytest.warns(DoubtfulStart, match=r"starts 0.25 m inside colliders\[0\], a Box"):
+        simulation = simulate(cube(-0.25, damping=1.0), Box((0, 0, -1), (4, 4, 2), restitution=0.0))
+    simulation.step(45)  # half as long again as it is led out
+    position = simulation.frame().position
+    assert position[:, 2].min() > -0.001  # what counts as touching is a hundredth of the spacing
+    # It rests, and sags: 18 particles of 0.1 N weigh on 9 columns of some 100 N/m, which is 2 mm of 0.2 m.
+    assert np.ptp(position, axis=0) == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_pinned_body_may_lie_inside():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(cube().pin(slice(None)), Box((0, 0, 0.1), (1, 1, 1)))
+
+
 def test_particle_and_depth_are_those_of_the_deepest():
     points = System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
     with pytest.warns(
