@@ -71,8 +71,8 @@ def draw_restitution(rows: list[dict]) -> None:
         axis.set_xlabel("step, by the automatic one")
     axes[0, 0].set_ylabel("speed after a collision over that before")
     axes[0, 0].set_ylim(0, 1.2)
-    title = "Restitution does not depend on the step: asked (dashed), found (line: mean, band: all moments of impact)"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12)
+    found = "asked (dashed), found (line: mean, band: all moments of impact)"
+    figure.suptitle(f"Restitution does not depend on the step: {found}", x=0.01, ha="left", fontsize=12)
     save(figure, "contact_restitution.png")
 
 
