@@ -158,3 +158,13 @@ def test_what_precision_bears_is_not_named():
         simulate(cube().translate((1e6, 0, 0)), precision="float64")
         simulate(cube().translate((1e6, 0, 0)), precision="float32-compensated")
         simulate(System(position=np.full((1, 3), 1e6)))  # it has no strain
+
+
+@pytest.mark.parametrize("substeps", ["auto", 60])
+def test_what_is_led_out_without_gravity_is_no_divergence(substeps):
+    # Where nothing else moves, the energy of being led out is all there is.
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=1.0).translate((0, 0, -0.15))
+    with pytest.warns(DoubtfulStart):
+        simulation = Simulation(body, colliders=[Plane()], gravity=0.0, substeps=substeps, device="cpu")
+    simulation.step(60)
+    assert simulation.frame().position[:, 2].min() > 0
