@@ -30,7 +30,7 @@ html_title = "msdwarp"
 autosummary_generate = True
 shutil.rmtree(Path(__file__).parent / "api", ignore_errors=True)  # pages of names that are no more
 # Some file systems take Box.html and box.html for one.
-_clash = ("box", "cone", "live.view")
+_clash = ("box", "cone", "view")
 autosummary_filename_map = {f"msdwarp.{name}": f"msdwarp.{name}-function" for name in _clash}
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # numpydoc's "Parameters" say what arguments are; signatures of unions take half a page

@@ -54,6 +54,7 @@ from .integrators import (
     as_stiff_as,
     stability_limit,
 )
+from .live import View, view
 from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
@@ -124,6 +125,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryWriter",
     "UnstableStep",
+    "View",
     "Wind",
     "as_stiff_as",
     "at",
@@ -141,4 +143,5 @@ __all__ = [
     "shell",
     "stability_limit",
     "verbose",
+    "view",
 ]

@@ -4,7 +4,7 @@ from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .search import box_bodies, box_facets, find_rows, forget_boxes
+from .search import box_bodies, box_facets, box_neighbours, find_rows, forget_boxes
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "add_impulses",
     "box_bodies",
     "box_facets",
+    "box_neighbours",
     "energy_of_touch",
     "find_rows",
     "forget_boxes",

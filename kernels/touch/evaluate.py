@@ -29,37 +29,49 @@ TANGENTIAL = 2.0 / 7.0
 
 @functools.cache
 def place_vertices(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over vertices, that puts each where its particles are, and forgets the force on it."""
+    """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
+
+    Its threads share the vertices. On the CPU there is one: each would have a copy of what `data` points to.
+    """
     V, Data = vector(dim, scalar), Surfaces(scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @kernel
-    def place(data: Data, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), flags: wp.array(dtype=float)):
+    def place(
+        data: Data,
+        lost: Lost,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        threads: int,
+        flags: wp.array(dtype=float),
+    ):
         i = wp.tid()
-        place = V()
-        speed = V()
-        for s in range(data.first[i], data.first[i + 1]):
-            j = data.particle[s]
-            x_j = load(x, j)
-            if wp.static(compensated):
-                x_j = x_j - load(lost.x, j)
-            place += data.weight[s] * x_j
-            speed += data.weight[s] * load(v, j)
-        data.x[i] = place
-        data.v[i] = speed
-        for k in range(wp.static(dim)):
-            data.force[i, k] = wp.int64(0)
-        moved = float(wp.length(place - data.x_found[i]))
-        if not (moved <= flags[wp.static(MOVED)]):
-            wp.atomic_max(flags, wp.static(MOVED), moved)
+        while i < data.x.shape[0]:
+            place = V()
+            speed = V()
+            for s in range(data.first[i], data.first[i + 1]):
+                j = data.particle[s]
+                x_j = load(x, j)
+                if wp.static(compensated):
+                    x_j = x_j - load(lost.x, j)
+                place += data.weight[s] * x_j
+                speed += data.weight[s] * load(v, j)
+            data.x[i] = place
+            data.v[i] = speed
+            for k in range(wp.static(dim)):
+                data.force[i, k] = wp.int64(0)
+            moved = float(wp.length(place - data.x_found[i]))
+            if not (moved <= flags[wp.static(MOVED)]):
+                wp.atomic_max(flags, wp.static(MOVED), moved)
+            i += threads
 
     return place
 
 
 @functools.cache
 def touch(scalar: type, sunk: bool):
-    """Compose the kernel, over points, that adds up the forces of their contacts.
+    """Compose the kernel that adds up the forces of the contacts of points. Its threads share those that are busy.
 
     Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
     shrinks to nothing: they are led apart, not thrown.
@@ -69,70 +81,70 @@ def touch(scalar: type, sunk: bool):
 
 @functools.cache
 def energy_of_touch(scalar: type, sunk: bool):
-    """Compose the kernel, over points, of what their contacts store [J] and turn to heat [W]."""
+    """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
     return _each_point(scalar, sunk, True)
 
 
 def _each_point(scalar: type, sunk: bool, measuring: bool):
     V, Data = vector(3, scalar), Surfaces(scalar)
-    point_of, corner_of, place_on, nearest_to = places(scalar)
+    place_of, place_on, nearest_to = places(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
     next_body, note = bodies_in_rows(scalar), note_overrun(scalar)
     zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
     tangential = scalar(TANGENTIAL)
 
     @wp.func
-    def normal_of(data: Data, facet: int) -> V:
+    def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
         """Return the unit normal out of a facet; 0 of one that has none."""
-        a = corner_of(data, facet, 0)
-        return wp.normalize(wp.cross(corner_of(data, facet, 1) - a, corner_of(data, facet, 2) - a))
+        a = x[corner[0]]
+        return wp.normalize(wp.cross(x[corner[1]] - a, x[corner[2]] - a))
 
     @wp.func
-    def velocity_on(data: Data, facet: int, w: V) -> V:
-        """Return how fast the place on a facet moves that has these weights of its corners."""
-        speed = data.v[data.corner[facet][0]] * w[0]
-        speed += data.v[data.corner[facet][1]] * w[1]
-        speed += data.v[data.corner[facet][2]] * w[2]
-        return speed
-
-    @wp.func
-    def add_to(data: Data, vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
-        wp.atomic_add(data.force, vertex, 0, a)
-        wp.atomic_add(data.force, vertex, 1, b)
-        wp.atomic_add(data.force, vertex, 2, c)
+    def add_to(force: wp.array2d(dtype=wp.int64), vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
+        wp.atomic_add(force, vertex, 0, a)
+        wp.atomic_add(force, vertex, 1, b)
+        wp.atomic_add(force, vertex, 2, c)
 
     @wp.func
     def part(total: wp.int64, share: scalar) -> wp.int64:
         return wp.int64(wp.float64(total) * wp.float64(share))
 
     @wp.func
-    def exert(data: Data, ends: wp.vec2i, s: scalar, facet: int, w: V, f: V, unit: wp.float64):
+    def exert(
+        force: wp.array2d(dtype=wp.int64),
+        ends: wp.vec2i,
+        s: scalar,
+        corner: wp.vec3i,
+        w: V,
+        f: V,
+        unit: wp.float64,
+    ):
         """Add force f to a point, and the opposite to a facet."""
         a = wp.int64(wp.float64(f[0]) / unit)
         b = wp.int64(wp.float64(f[1]) / unit)
         c = wp.int64(wp.float64(f[2]) / unit)
         if ends[0] == ends[1]:
-            add_to(data, ends[0], a, b, c)
+            add_to(force, ends[0], a, b, c)
         else:
             a_1 = part(a, s)
             b_1 = part(b, s)
             c_1 = part(c, s)
-            add_to(data, ends[1], a_1, b_1, c_1)
-            add_to(data, ends[0], a - a_1, b - b_1, c - c_1)
+            add_to(force, ends[1], a_1, b_1, c_1)
+            add_to(force, ends[0], a - a_1, b - b_1, c - c_1)
         a_1 = part(a, w[1])
         b_1 = part(b, w[1])
         c_1 = part(c, w[1])
         a_2 = part(a, w[2])
         b_2 = part(b, w[2])
         c_2 = part(c, w[2])
-        corner = data.corner[facet]
-        add_to(data, corner[1], -a_1, -b_1, -c_1)
-        add_to(data, corner[2], -a_2, -b_2, -c_2)
-        add_to(data, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
+        add_to(force, corner[1], -a_1, -b_1, -c_1)
+        add_to(force, corner[2], -a_2, -b_2, -c_2)
+        add_to(force, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
 
-    @kernel
-    def touch_points(
+    @wp.func
+    def touch_one(
         data: Data,
+        p: int,
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
@@ -141,15 +153,14 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
-        p = wp.tid()
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         n = data.length[p]
         if n > 0:
             ends = data.ends[p]
             s = data.share[p]
-            x = point_of(data, p)
-            v = data.v[ends[0]] + s * (data.v[ends[1]] - data.v[ends[0]])
+            x = place_of(data.x, ends, s)
+            v = place_of(data.v, ends, s)
             own = data.mobility[ends[0]]
             if ends[0] != ends[1]:
                 own = (one - s) * (one - s) * own + s * s * data.mobility[ends[1]]
@@ -159,47 +170,49 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
             new_slip_0 = V()
             new_slip_1 = V()
             other = int(-1)
-            r = next_body(data, p, n, other)
+            r = next_body(data.whose, data.away, p, n, other)
             while r >= 0:
                 # The facets of one body: the nearest counts. The one that was is looked at first.
                 other = data.whose[r, p]
                 facet = data.row[r, p]
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
-                w = nearest_to(data, facet, x)
-                away = x - place_on(data, facet, w)
+                corner = data.corner[facet]
+                w = nearest_to(data.x, corner, x)
+                away = x - place_on(data.x, corner, w)
                 best = wp.dot(away, away)
                 near = wp.sqrt(best) + skin[0]
                 for e in range(n):
                     if almost * data.away[e, p] <= near and data.whose[e, p] == other and e != r:
                         f = data.row[e, p]
-                        w_f = nearest_to(data, f, x)
-                        away = x - place_on(data, f, w_f)
+                        w_f = nearest_to(data.x, data.corner[f], x)
+                        away = x - place_on(data.x, data.corner[f], w_f)
                         if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                             best = wp.dot(away, away)
                             near = wp.sqrt(best) + skin[0]
                             facet = f
+                            corner = data.corner[f]
                             w = w_f
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
-                    normal = normal_of(data, facet)
-                    q = place_on(data, facet, w)
+                    normal = normal_of(data.x, corner)
+                    q = place_on(data.x, corner, w)
                     side = wp.dot(x - q, normal)
                     closed = data.closed[other] != 0 and mine != other
                     within = w[0] > zero and w[1] > zero and w[2] > zero
                     if closed and not within:
                         # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
                         tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
-                            corner_of(data, facet, 1) - corner_of(data, facet, 0)
+                            data.x[corner[1]] - data.x[corner[0]]
                         )
                         near = wp.sqrt(tie) + skin[0]
                         for e in range(n):
                             if almost * data.away[e, p] <= near and data.whose[e, p] == other:
                                 f = data.row[e, p]
-                                w_f = nearest_to(data, f, x)
-                                away = x - place_on(data, f, w_f)
+                                w_f = nearest_to(data.x, data.corner[f], x)
+                                away = x - place_on(data.x, data.corner[f], w_f)
                                 if wp.dot(away, away) <= tie:
-                                    seen = wp.dot(away, normal_of(data, f))
+                                    seen = wp.dot(away, normal_of(data.x, data.corner[f]))
                                     steeper = wp.abs(seen) - wp.abs(side)
                                     if steeper > zero or (steeper == zero and seen > side):
                                         side = seen
@@ -218,10 +231,10 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         overlap = overlap - data.allowed[p]
                     mobility = own
                     for k in range(3):
-                        mobility += w[k] * w[k] * data.mobility[data.corner[facet][k]]
+                        mobility += w[k] * w[k] * data.mobility[corner[k]]
                     if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        u = v - velocity_on(data, facet, w)
+                        u = v - place_on(data.v, corner, w)
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         # As it has a share of the stiffness, a point has one of the mass.
@@ -259,7 +272,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                                 lost -= k_t * wp.dot(slip, u_t)
                             power += wp.float64(lost)
                         else:
-                            exert(data, ends, s, facet, w, f_n * normal + f_t, unit)
+                            exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit)
                             if wp.static(sunk):
                                 led = wp.min(data.allowed[p], h * data.outwards)
                                 data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
@@ -273,7 +286,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                                     least = -reach
                                 if wp.static(sunk):
                                     least = least - data.allowed[p]
-                                note(data, p, facet, x, gap + h * u_n, least, -u_n)
+                                note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
                         if new_partner_0 < 0:
                             new_partner_0 = other
                             new_slip_0 = slip
@@ -282,16 +295,16 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                             new_slip_1 = slip
                 elif h > zero:
                     # What comes so fast that a substep takes it through has never been in touch.
-                    q = place_on(data, facet, w)
+                    q = place_on(data.x, corner, w)
                     gap = wp.sqrt(best)
-                    u_n = wp.dot(v - velocity_on(data, facet, w), x - q) / gap
+                    u_n = wp.dot(v - place_on(data.v, corner, w), x - q) / gap
                     least = zero
                     if data.closed[other] != 0 and mine != other:
                         least = -reach
-                        if wp.dot(x - q, normal_of(data, facet)) < zero:
+                        if wp.dot(x - q, normal_of(data.x, corner)) < zero:
                             u_n = zero  # it is within, and lost already
-                    note(data, p, facet, x, gap + h * u_n, least, -u_n)
-                r = next_body(data, p, n, other)
+                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
+                r = next_body(data.whose, data.away, p, n, other)
             if wp.static(not measuring):
                 if h > zero:
                     data.partner[0, p] = new_partner_0
@@ -303,5 +316,22 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         if wp.static(measuring):
             stored[p] = energy
             heated[p] = power
+
+    @kernel
+    def touch_points(
+        data: Data,
+        h: scalar,
+        behind: scalar,
+        unit: wp.float64,
+        skin: wp.array(dtype=scalar),
+        threads: int,
+        flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),
+        heated: wp.array(dtype=wp.float64),
+    ):
+        k = wp.tid()
+        while k < data.busy_count[0]:
+            touch_one(data, data.busy[k], h, behind, unit, skin, flags, stored, heated)
+            k += threads
 
     return touch_points

@@ -5,7 +5,6 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .surfaces import Surfaces
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
 """What is noted of the first one in a frame: how many there are, the point, the facet, how far off it they will be
@@ -15,22 +14,24 @@ NOTED = 8
 
 @functools.cache
 def note_overrun(scalar: type):
-    """Compose (data, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
+    """Compose (noted, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
 
     `onward` is the gap with which the substep will end [m]. Of sheets, ropes and particles the least gap is 0:
     past it a point has changed sides. Of closed bodies it is the depth from which a point is still pushed out.
     """
-    V, Data = vector(3, scalar), Surfaces(scalar)
+    V = vector(3, scalar)
 
     @wp.func
-    def note(data: Data, p: int, facet: int, x: V, onward: scalar, least: scalar, speed: scalar):
+    def note(
+        noted: wp.array(dtype=wp.float64), p: int, facet: int, x: V, onward: scalar, least: scalar, speed: scalar
+    ):
         if onward <= least:
-            if wp.atomic_add(data.overrun, wp.static(COUNT), wp.float64(1.0)) == wp.float64(0.0):
-                data.overrun[wp.static(POINT)] = wp.float64(p)
-                data.overrun[wp.static(FACET)] = wp.float64(facet)
-                data.overrun[wp.static(GAP)] = wp.float64(onward)
-                data.overrun[wp.static(SPEED)] = wp.float64(speed)
+            if wp.atomic_add(noted, wp.static(COUNT), wp.float64(1.0)) == wp.float64(0.0):
+                noted[wp.static(POINT)] = wp.float64(p)
+                noted[wp.static(FACET)] = wp.float64(facet)
+                noted[wp.static(GAP)] = wp.float64(onward)
+                noted[wp.static(SPEED)] = wp.float64(speed)
                 for k in range(3):
-                    data.overrun[wp.static(PLACE) + k] = wp.float64(x[k])
+                    noted[wp.static(PLACE) + k] = wp.float64(x[k])
 
     return note

@@ -11,33 +11,27 @@ from .surfaces import Surfaces
 
 @functools.cache
 def places(scalar: type):
-    """Compose (point_of, corner_of, place_on, nearest_to).
+    """Compose (place_of, place_on, nearest_to).
 
-    The place of a point; that of corner k of a facet; that on a facet by the weights of its corners; and the
-    weights of the place on a facet that is nearest to x.
+    The place of a point; that on a facet by the weights of its corners, which of velocities is a velocity; and the
+    weights of the place on a facet that is nearest to p. They take vertices and corners, not the whole of what
+    touches: on the CPU a function has a copy of what it is given.
     """
-    V, Data, nearest = vector(3, scalar), Surfaces(scalar), nearest_on_triangle(scalar)
+    V, nearest = vector(3, scalar), nearest_on_triangle(scalar)
 
     @wp.func
-    def point_of(data: Data, p: int) -> V:
-        ends = data.ends[p]
-        return data.x[ends[0]] + data.share[p] * (data.x[ends[1]] - data.x[ends[0]])
+    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, share: scalar) -> V:
+        return x[ends[0]] + share * (x[ends[1]] - x[ends[0]])
 
     @wp.func
-    def corner_of(data: Data, facet: int, k: int) -> V:
-        return data.x[data.corner[facet][k]]
+    def place_on(x: wp.array(dtype=V), corner: wp.vec3i, w: V) -> V:
+        return w[0] * x[corner[0]] + w[1] * x[corner[1]] + w[2] * x[corner[2]]
 
     @wp.func
-    def place_on(data: Data, facet: int, w: V) -> V:
-        return (
-            w[0] * corner_of(data, facet, 0) + w[1] * corner_of(data, facet, 1) + w[2] * corner_of(data, facet, 2)
-        )
+    def nearest_to(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> V:
+        return nearest(p, x[corner[0]], x[corner[1]], x[corner[2]])
 
-    @wp.func
-    def nearest_to(data: Data, facet: int, x: V) -> V:
-        return nearest(x, corner_of(data, facet, 0), corner_of(data, facet, 1), corner_of(data, facet, 2))
-
-    return point_of, corner_of, place_on, nearest_to
+    return place_of, place_on, nearest_to
 
 
 @functools.cache
@@ -88,22 +82,21 @@ def pairs(scalar: type):
 
 @functools.cache
 def bodies_in_rows(scalar: type):
-    """Compose (data, p, n, before) -> the nearest entry of the next body in row p of n entries."""
-    Data = Surfaces(scalar)
+    """Compose (whose, away, p, n, before) -> the nearest entry of the next body in row p of n entries."""
 
     @wp.func
-    def next_body(data: Data, p: int, n: int, before: int) -> int:
+    def next_body(
+        whose: wp.array2d(dtype=int), away: wp.array2d(dtype=scalar), p: int, n: int, before: int
+    ) -> int:
         """Return the entry in row p that was nearest of the next body behind `before`; −1 if there is none."""
         found = int(-1)
+        best = int(0)
         for e in range(n):
-            whose = data.whose[e, p]
-            if whose > before:
-                if found < 0:
+            body = whose[e, p]
+            if body > before:
+                if found < 0 or body < best or (body == best and away[e, p] < away[found, p]):
                     found = e
-                else:
-                    best = data.whose[found, p]
-                    if whose < best or (whose == best and data.away[e, p] < data.away[found, p]):
-                        found = e
+                    best = body
         return found
 
     return next_body

@@ -29,7 +29,7 @@ def box_facets(scalar: type):
 
 @functools.cache
 def forget_boxes():
-    """Compose the kernel, over bodies, that makes boxes hold nothing."""
+    """Compose the kernel, over bodies, that makes the boxes around them hold nothing."""
 
     @kernel
     def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3)):
@@ -66,15 +66,66 @@ def box_bodies():
 
 
 @functools.cache
+def box_neighbours(scalar: type):
+    """Compose the kernel, over bodies, that boxes where a point of each may be near what it touches.
+
+    The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
+    """
+    Data = Surfaces(scalar)
+    find_rule = pairs(scalar)[0]
+
+    @wp.func
+    def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:
+        """Return by how much a box grows to hold all that is so near to it, whatever was rounded."""
+        reach = wp.float32(around)
+        reach += wp.float32(2.0e-6) * (wp.length(wp.max(wp.abs(low), wp.abs(high))) + reach)
+        return wp.vec3(reach, reach, reach)
+
+    @kernel
+    def extend_neighbours(
+        data: Data,
+        bodies: wp.uint64,  # tree of the boxes around bodies
+        low: wp.array(dtype=wp.vec3),  # these, shape [body_count]
+        high: wp.array(dtype=wp.vec3),
+        farthest: scalar,  # how far off a point may touch anything [m]
+        skin: wp.array(dtype=scalar),  # [m], shape [1]
+        busy_count: wp.array(dtype=int),
+        # Out, shape [body_count]:
+        least: wp.array(dtype=wp.vec3),
+        most: wp.array(dtype=wp.vec3),
+    ):
+        i = wp.tid()
+        if i == 0:
+            busy_count[0] = 0  # of the search that begins
+        around = farthest + skin[0]
+        lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        upper = -lower
+        wide = margin(low[i], high[i], around)
+        near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
+        j = int(0)
+        while wp.bvh_query_next(near_bodies, j):
+            if find_rule(data, i, j) >= 0:
+                wide = margin(low[j], high[j], around)
+                lower = wp.min(lower, low[j] - wide)
+                upper = wp.max(upper, high[j] + wide)
+        least[i] = lower
+        most[i] = upper
+
+    return extend_neighbours
+
+
+@functools.cache
 def find_rows(scalar: type):
-    """Compose the kernel, over points, that lists the facets which each may touch before lists are made anew.
+    """Compose the kernel that lists the facets which each point may touch before lists are made anew.
+
+    Its threads share the points.
 
     Of each body those stay that may come to be the nearest meanwhile. With each stands how far off it is, so that
     later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor the
     order in which facets are found does.
     """
     Data = Surfaces(scalar)
-    (point_of, _, place_on, nearest_to), (find_rule, _, reach_of, _) = places(scalar), pairs(scalar)
+    (place_of, place_on, nearest_to), (find_rule, _, reach_of, _) = places(scalar), pairs(scalar)
     next_body = bodies_in_rows(scalar)
 
     @wp.func
@@ -86,27 +137,27 @@ def find_rows(scalar: type):
         return wp.vec3(x) - corner, wp.vec3(x) + corner
 
     @wp.func
-    def is_near(data: Data, vertex: int, corner: wp.vec3i) -> bool:
+    def is_near(first_near: wp.array(dtype=int), near: wp.array(dtype=int), vertex: int, corner: wp.vec3i) -> bool:
         """Tell whether a corner of a facet is among the neighbours of a vertex, which it never touches."""
         found = bool(False)
-        for e in range(data.first_near[vertex], data.first_near[vertex + 1]):
-            other = data.near[e]
+        for e in range(first_near[vertex], first_near[vertex + 1]):
+            other = near[e]
             if other == corner[0] or other == corner[1] or other == corner[2]:
                 found = True
         return found
 
-    @kernel
-    def find(
+    @wp.func
+    def find_one(
         data: Data,
+        p: int,
         bodies: wp.uint64,  # tree of the boxes around bodies
         facets: wp.uint64,  # tree of those around facets
         farthest: scalar,  # how far off a point may touch anything [m]
         skin: wp.array(dtype=scalar),  # [m], shape [1]
         flags: wp.array(dtype=float),
     ):
-        p = wp.tid()
         ends = data.ends[p]
-        x = point_of(data, p)
+        x = place_of(data.x, ends, data.share[p])
         mine = data.body[p]
         count = int(0)
         room = data.row.shape[0]
@@ -125,11 +176,12 @@ def find_rows(scalar: type):
                 if rule >= 0:
                     c = data.corner[facet]
                     reach = reach_of(data, rule, mine, other)
-                    away = wp.length(x - place_on(data, facet, nearest_to(data, facet, x)))
+                    away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
                     if away < reach + skin[0]:
                         may = bool(True)
                         if mine == other:
-                            may = not is_near(data, ends[0], c) and not is_near(data, ends[1], c)
+                            may = not is_near(data.first_near, data.near, ends[0], c)
+                            may = may and not is_near(data.first_near, data.near, ends[1], c)
                         if may:
                             if count < room:
                                 data.row[count, p] = facet
@@ -139,14 +191,14 @@ def find_rows(scalar: type):
         # Who is nearest of a body now stays so, but for those that are no further by twice what skins allow.
         listed = wp.min(count, room)
         other = int(-1)
-        r = next_body(data, p, listed, other)
+        r = next_body(data.whose, data.away, p, listed, other)
         while r >= 0:
             other = data.whose[r, p]
             limit = scalar(1.01) * (data.away[r, p] + scalar(2.0) * skin[0])
             for e in range(listed):
                 if data.whose[e, p] == other and data.away[e, p] > limit:
                     data.whose[e, p] = -1
-            r = next_body(data, p, listed, other)
+            r = next_body(data.whose, data.away, p, listed, other)
         kept = int(0)
         for e in range(listed):
             if data.whose[e, p] >= 0:
@@ -160,5 +212,31 @@ def find_rows(scalar: type):
                 data.partner[k, p] = -1
         if count > int(flags[wp.static(LONGEST_ROW)]):
             wp.atomic_max(flags, wp.static(LONGEST_ROW), float(count))
+
+    @kernel
+    def find(
+        data: Data,
+        bodies: wp.uint64,
+        facets: wp.uint64,
+        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
+        most: wp.array(dtype=wp.vec3),
+        farthest: scalar,
+        skin: wp.array(dtype=scalar),
+        threads: int,
+        flags: wp.array(dtype=float),
+    ):
+        p = wp.tid()
+        while p < data.length.shape[0]:
+            x = wp.vec3(place_of(data.x, data.ends[p], data.share[p]))
+            mine = data.body[p]
+            if wp.min(x, least[mine]) == least[mine] and wp.max(x, most[mine]) == most[mine]:
+                find_one(data, p, bodies, facets, farthest, skin, flags)
+            else:
+                data.length[p] = 0
+                for k in range(wp.static(HISTORY)):
+                    data.partner[k, p] = -1
+            if data.length[p] > 0 or data.allowed[p] > scalar(0.0):
+                data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
+            p += threads
 
     return find

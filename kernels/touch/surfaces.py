@@ -46,6 +46,8 @@ def Surfaces(scalar: type):
         whose: wp.array2d(dtype=int)  # the body of each
         away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m]
         length: wp.array(dtype=int)  # how many
+        busy: wp.array(dtype=int)  # the points that have any, or overlap since the start, in any order
+        busy_count: wp.array(dtype=int)  # how many these are, shape [1]
         slip: wp.array2d(dtype=V)  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
         partner: wp.array2d(dtype=int)  # which body that is, −1: none
         allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]

@@ -4,13 +4,16 @@ import contextlib
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from .. import checks
 from ..files import Trajectory
+from ..live import FIRST_FRAME, Handling, Repeat, read_deeds, within_reach
 from ..studies import compare
+from ..world import Scene
 from .options import Options, Pictures
 from .process import alone_in
 from .provenance import UNTOLD, about, built_again
@@ -57,10 +60,14 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, scri
             options = replace(options, pictures=Pictures(frames="none", video="none"))
         else:
             folder = result_folder(origin.name, out, False)
-        simulation = simulation_by(scene, options)
-        new = about(origin, scene) | used(simulation, options)
         if not len(trajectory):
             raise ValueError(f"{path} has no frames to make again")
+        if FIRST_FRAME in attributes:
+            if out is not None:
+                raise ValueError("out is given; what was recorded live is compared as it is made, and not kept")
+            return _by_hand(trajectory, scene, options, read_deeds(path.parent) or [])
+        simulation = simulation_by(scene, options)
+        new = about(origin, scene) | used(simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
         with alone_in(folder):
@@ -75,6 +82,25 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, scri
             size = float(np.ptp(trajectory.positions[0], axis=0).max()) or 1.0
             said += f", by at most {found.largest:.2g} m, {found.largest / size:.1g} of the body's size, in frame "
             return f"{said}{found.frame}{_why(attributes, new)}"
+
+
+def _by_hand(trajectory: Trajectory, scene: Scene, options: Options, deeds: list[dict[str, Any]]) -> str | None:
+    """Simulate again what was recorded live, with all that was done by hand; return in what it differs."""
+    handled = within_reach(scene)
+    simulation = simulation_by(handled, options)
+    handling = Handling(handled, simulation)
+    repeat = Repeat(handling, deeds)
+    first = checks.count("first_frame of the file", trajectory.attributes[FIRST_FRAME], 0)
+    for k in range(first + len(trajectory)):
+        if k:
+            repeat.before_frame()
+            simulation.step()
+        if k >= first:
+            was, found = trajectory.frame(k - first), simulation.frame()
+            same = np.array_equal(was.position, found.position) and np.array_equal(was.velocity, found.velocity)
+            if not same:
+                return f"it differs from frame {k - first} ({was.time:.4g} s) on"
+    return None
 
 
 def _why(before: dict, now: dict) -> str:

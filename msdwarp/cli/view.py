@@ -18,7 +18,7 @@ from .run import simulation_by, used
 from .scene_files import Origin, find_scene
 from .whole import Whole, WholeOrAuto
 
-SHELF = ("mattress", "dice", "worm", "cloth", "icecream", "cube", "jelly", "tower", "flag")
+SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
 
 

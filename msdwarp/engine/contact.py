@@ -98,6 +98,11 @@ class Contact(Effect):
                 collider.pose(0.0, self._dim)
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
+    @property
+    def led_out_at(self) -> float:
+        """How fast what started inside an obstacle is led out [m/s]; 0 where nothing did."""
+        return self._deepest / LED_OUT_IN
+
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame of so many substeps of `dt` seconds."""
         if self._bounces:  # velocities half a substep behind are those of the ways

@@ -19,6 +19,7 @@ from ..kernels.integrators import (
     each_connection,
     each_marked,
     each_particle,
+    persistent,
     world,
 )
 from .effect import Effect, Steps
@@ -75,6 +76,13 @@ class Dynamics:
         self._in_frame = self._begins = False
         self._stage = 0
         self._recorded: list[tuple[Any, Any]] | None = None
+        self._by_one_thread = (
+            not model.device.is_cuda
+            and bool(self._preceding)
+            and beginning(self.composition) is None
+            and not self.composition.route.tears
+        )
+        self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
     def _place(self, effect: Effect) -> None:
         """Have kernels find an effect's data as they are now."""
@@ -197,7 +205,6 @@ class Dynamics:
         if self._recorded is not None:
             self._recorded.append((method, step))
             return
-        model = self.model
         if forced and self._preceding:
             for effect in [] if self._in_frame else self._searching:
                 effect.search(step.x, step.v, step.lost)
@@ -207,6 +214,32 @@ class Dynamics:
                 for effect in self._summing:
                     effect.add_up(self._steps.dt * self._steps.weights[self._stage])
             self._begins = self._begins and self._looking
+        if forced and self._by_one_thread:
+            self._take_stage(method, step)
+        else:
+            self._launch_stage(method, step, forced)
+        if self.composition.timed and not self._looking and self.world.stage < self._last_stage:
+            self.world.stage += 1
+        if not self._looking:
+            self._stage += 1
+        self.have_begun()
+
+    def _take_stage(self, method: Any, step: Any) -> None:
+        """Launch a stage on one thread of the CPU, as where all stages of a frame are one launch.
+
+        With a thread for each particle and connection, each begins with a copy of its arguments: a third slower.
+        """
+        Step = method(self.composition).Step
+        raw = bytes(step.__ctype__())
+        if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
+            self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
+        steps = wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
+        inputs = [self.world, steps, 1, self.model.connection_count, 1]
+        wp.launch(persistent(self.composition, method, 1), 1, inputs, device=self.model.device)
+
+    def _launch_stage(self, method: Any, step: Any, forced: bool) -> None:
+        """Launch a stage with a thread for each connection, and one for each particle or column of such."""
+        model = self.model
         if forced and self.composition.route.evaluate is not None and model.connection_count:
             inputs = [self.world.forces, step.lost, step.x, step.v]
             kernel, threads = each_connection(self.composition), model.connection_count
@@ -219,11 +252,6 @@ class Dynamics:
         if forced and self.composition.apart:
             kernel, threads = each_marked(self.composition, method), len(self.world.marked)
             wp.launch(kernel, threads, [self.world, step], device=model.device)
-        if self.composition.timed and not self._looking and self.world.stage < self._last_stage:
-            self.world.stage += 1
-        if not self._looking:
-            self._stage += 1
-        self.have_begun()
 
     @property
     def drives(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, stored
+from ..bodies import System, pieces, stored
 from ..world import Collider
 from .contact import LED_OUT_IN
 from .depths import start_depths, touching
@@ -18,6 +18,8 @@ from .touching import Touching
 
 COARSE = 1e-3
 """Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
+TORN = 2.0
+"""Length that a connection would be led out to, over its own, from which on a body would be torn."""
 
 
 def starting_state(system: System, model: Model, carried: int, time: float, fps: float) -> State:
@@ -39,7 +41,14 @@ def starting_state(system: System, model: Model, carried: int, time: float, fps:
 
 
 def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
-    """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside."""
+    """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside.
+
+    Raises
+    ------
+    ValueError
+        If a whole body starts so within an obstacle that leading it out would tear it.
+    """
+    check_swallowed(model.system, colliders, model.driven)
     inside = start_inside(model.system, colliders, model.driven)
     displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
     overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching)]
@@ -74,6 +83,49 @@ def start_inside(
         f"{type(colliders[k]).__name__}{others}: unless it moves outwards by itself it is led out the nearest way "
         f"within {LED_OUT_IN} s{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
     )
+
+
+def check_swallowed(
+    system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
+) -> None:
+    """Raise ValueError for a body that starts wholly within an obstacle whose sides would pull it apart.
+
+    Each particle is led out the way that is nearest for itself. Of a body that lies in the middle of a box, or in
+    a wall, one half would leave by one side and one by the other.
+    """
+    free = ~system.pinned if driven is None else ~(system.pinned | driven)
+    if not colliders or not system.connection_count or not free.any():
+        return
+    depths = start_depths(system.position, colliders)
+    piece = pieces(system.particle_count, system.connections)
+    i, j = system.connections.T
+    for k, collider in enumerate(colliders):
+        outside = free & (depths[k] <= touching(system))
+        swallowed = np.ones(system.particle_count, dtype=bool)
+        swallowed[piece[outside]] = False
+        (inner,) = np.nonzero(swallowed[piece[i]] & free[i] & free[j])
+        if not len(inner):
+            continue
+        place = system.position + _ways_out(system.position, collider)
+        apart = np.linalg.norm(place[i[inner]] - place[j[inner]], axis=1)
+        now = np.linalg.norm(system.position[i[inner]] - system.position[j[inner]], axis=1)
+        worst = int(np.argmax(apart - TORN * now))
+        if apart[worst] > TORN * now[worst]:
+            body, ends = int(piece[i[inner[worst]]]), (int(i[inner[worst]]), int(j[inner[worst]]))
+            raise ValueError(
+                f"the body of particle {body} starts wholly inside colliders[{k}], a {type(collider).__name__}: "
+                f"the nearest ways out of particles {ends[0]} and {ends[1]} lead {apart[worst]:.3g} m apart, "
+                "which would tear it; it must start outside, or near one side of it, or be pinned"
+            )
+
+
+def _ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
+    """Return the nearest way out of an obstacle from each place inside [m]; 0 where sides are as near."""
+    depth = start_depths(position, [collider])[0]
+    step = 1e-6 * max(1.0, float(np.abs(position).max()))
+    steps = step * np.eye(position.shape[1])
+    rise = [start_depths(position + e, [collider])[0] - start_depths(position - e, [collider])[0] for e in steps]
+    return -depth[:, None] * np.stack(rise, axis=1) / (2 * step)
 
 
 def start_far(model: Model) -> str | None:

@@ -20,6 +20,7 @@ from ..kernels.touch import (
     add_impulses,
     box_bodies,
     box_facets,
+    box_neighbours,
     energy_of_touch,
     find_rows,
     forget_boxes,
@@ -122,10 +123,10 @@ class Touching(Effect):
         data.force = wp.zeros((vertices, 3), dtype=wp.int64, device=device)
         data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
         data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
-        data.row = wp.zeros((ROOM, points), dtype=int, device=device)
-        data.whose = wp.zeros((ROOM, points), dtype=int, device=device)
+        data.row, data.whose = (wp.zeros((ROOM, points), dtype=int, device=device) for _ in "rw")
         data.away = wp.zeros((ROOM, points), dtype=scalar, device=device)
-        data.length = wp.zeros(points, dtype=int, device=device)
+        data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
+        data.busy_count = wp.zeros(1, dtype=int, device=device)
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
         data.allowed = wp.zeros(points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
@@ -182,16 +183,15 @@ class Touching(Effect):
         owner = surfaces.body[surfaces.corner[:, 0]]
         self._tree = wp.Bvh(self._lower, self._upper)
         self._chunk = array(chunks(owner), wp.vec3i)
-        self._low, self._high = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lh")
+        boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
+        self._boxes, self._limits = boxes[:2], boxes[2:]
         self._box_bodies()
-        self._bodies = wp.Bvh(self._low, self._high)
-        self._flags = wp.zeros(FLAGS, dtype=float, device=device)
+        self._bodies, self._flags = wp.Bvh(*self._boxes), wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self._overrun = np.zeros(NOTED)
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        self._unread = wp.zeros_like(self._flags)
-        self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
+        self._unread, self._nowhere = wp.zeros_like(self._flags), wp.zeros(0, dtype=wp.float64, device=device)
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
         self._find_rows()
@@ -251,16 +251,23 @@ class Touching(Effect):
 
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""
-        data, device, kernel = self._touch, self._model.device, find_rows(self._model.scalar)
-        inputs = [data, self._bodies.id, self._tree.id, self._farthest, self._skin]
-        wp.launch(kernel, len(data.share), inputs, [self._flags], device=device)
+        data, device, scalar = self._touch, self._model.device, self._model.scalar
+        limits, around = self._limits, [self._farthest, self._skin]
+        inputs = [data, self._bodies.id, *self._boxes, *around, data.busy_count]
+        wp.launch(box_neighbours(scalar), len(data.kind), inputs, limits, device=device)
+        inputs = [data, self._bodies.id, self._tree.id, *limits, *around]
+        self._share(find_rows(scalar), len(data.share), inputs, [self._flags])
+
+    def _share(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
+        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all."""
+        threads = many if self._model.device.is_cuda else 1  # there each has a copy of its arguments, of 2 kB
+        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
 
     def _box_bodies(self) -> None:
         """Launch what finds the boxes around bodies."""
-        both = [self._low, self._high]
-        wp.launch(forget_boxes(), len(self._low), outputs=both, device=self._model.device)
-        inputs, outputs = [self._chunk, self._lower, self._upper], [self._low, self._high]
-        wp.launch(box_bodies(), len(self._chunk), inputs, outputs, device=self._model.device)
+        device, inputs = self._model.device, [self._chunk, self._lower, self._upper]
+        wp.launch(forget_boxes(), len(self._boxes[0]), outputs=self._boxes, device=device)
+        wp.launch(box_bodies(), len(self._chunk), inputs, self._boxes, device=device)
 
     def _place(self, x: wp.array, v: wp.array, lost: Any, flags: wp.array) -> None:
         """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
@@ -269,16 +276,16 @@ class Touching(Effect):
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated)
-        wp.launch(kernel, len(self._touch.x), [self._touch, lost, x, v], [flags], device=model.device)
+        self._share(kernel, len(self._touch.x), [self._touch, lost, x, v], [flags])
 
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch the contacts of particles at x that move at v."""
         model, data = self._model, self._touch
         self._place(x, v, lost, self._flags)
-        inputs = [data, self._dt if begins else 0.0, self._dt if self.steps.lagging else 0.0, self.data.unit]
-        inputs += [self._skin]
-        outputs = [self._flags, self._nowhere, self._nowhere]
-        wp.launch(touch(model.scalar, self._sunk), len(data.share), inputs, outputs, device=model.device)
+        lag = self._dt if self.steps.lagging else 0.0
+        inputs = [data, self._dt if begins else 0.0, lag, self.data.unit, self._skin]
+        kernel, nowhere = touch(model.scalar, self._sunk), self._nowhere
+        self._share(kernel, len(data.share), inputs, [self._flags, nowhere, nowhere])
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of what bodies push each other's particles with, where that is asked for."""
@@ -340,9 +347,9 @@ class Touching(Effect):
         more = 1 << (int(longest / ROOM_TO_SPARE) - 1).bit_length()
         if more * points > MOST_ROOM:
             raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-        self._touch.row = wp.zeros((more, points), dtype=int, device=self._model.device)
-        self._touch.whose = wp.zeros((more, points), dtype=int, device=self._model.device)
-        self._touch.away = wp.zeros((more, points), dtype=self._model.scalar, device=self._model.device)
+        data, device = self._touch, self._model.device
+        data.row, data.whose = (wp.zeros((more, points), dtype=int, device=device) for _ in "rw")
+        data.away = wp.zeros((more, points), dtype=self._model.scalar, device=device)
         return True
 
     @property
@@ -389,11 +396,5 @@ class Touching(Effect):
         self.search(x, v, None)
         sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
         inputs = [data, 0.0, 0.0, self.data.unit, self._skin]
-        wp.launch(
-            energy_of_touch(model.scalar, self._sunk),
-            len(data.share),
-            inputs,
-            [self._flags, *sums],
-            device=model.device,
-        )
+        self._share(energy_of_touch(model.scalar, self._sunk), len(data.share), inputs, [self._flags, *sums])
         return sums

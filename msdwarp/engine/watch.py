@@ -7,6 +7,7 @@ import warp as wp
 
 from ..kernels.reductions import look_over
 from .balance import rounding_energy, size, weight
+from .contact import Contact
 from .measures import measure
 from .model import Model
 from .state import State, copy_vectors, moving
@@ -28,6 +29,9 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start = measure(model, state)
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
+        # What starts in an obstacle and is led out drags along what it is connected to.
+        leads = max((one.led_out_at for one in model.effects if isinstance(one, Contact)), default=0.0)
+        scale += float(model.mass[np.isfinite(model.mass)].sum()) * leads**2
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 
@@ -54,7 +58,7 @@ class Watch:
         self._found = [self._first, self._energies]
         if model.device.is_cuda:
             self._found = [wp.empty_like(array, device="cpu", pinned=True) for array in self._found]
-        self._work = model.work
+        self._work, self._most_work = model.work, 0.0
         if self._work is not None:  # what loads have done is no sign of divergence
             self._shares = self._work.shares()
             self._found_work = self._shares
@@ -94,7 +98,8 @@ class Watch:
         if self._work is not None:
             work = self._work.found(self._found_work)
             self.energy -= work
-            most += abs(work)  # which is known to first order in the step only
+            self._most_work = max(self._most_work, abs(work))
+            most += self._most_work  # work is known to first order in the step only, also what has come back
         return int(first[0]) < self._model.particle_count or not self.energy <= most
 
     def culprit(self) -> int:

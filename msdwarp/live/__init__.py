@@ -4,12 +4,14 @@ from .browser import Browser
 from .handling import Handling, Repeat, within_reach
 from .keys import KEYS, listed
 from .opening import has_display, screen_for, view
-from .recording import DEEDS, read_deeds
+from .recording import DEEDS, FIRST_FRAME, read_deeds
 from .sources import Played, Running, Source
 from .view import Screen, View
+from .window import Window
 
 __all__ = [
     "DEEDS",
+    "FIRST_FRAME",
     "KEYS",
     "Browser",
     "Handling",
@@ -19,6 +21,7 @@ __all__ = [
     "Screen",
     "Source",
     "View",
+    "Window",
     "has_display",
     "listed",
     "read_deeds",

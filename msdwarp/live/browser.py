@@ -1,6 +1,8 @@
 """Browser: a page that shows a view and has its buttons, sliders and keys, served by viser."""
 
 import io
+import logging
+import math
 import socket
 from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import checks
-from ..pictures import Stage
+from ..pictures import VIEW_ANGLE, Stage
 from .panel import Panel
 from .patches import LEVELS, Patch, compact, levels, patches, scale_colours
 
@@ -45,6 +47,9 @@ class Browser:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
         if port is not None and _is_taken(host, port):
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
+
+        # Who sends garbage is hung up on, which is no news to whoever runs this.
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
         class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
@@ -109,13 +114,13 @@ class Browser:
                 server.scene.add_grid(
                     "/ground",
                     infinite_grid=True,
-                    cell_size=ground.tile / 2,
-                    section_size=ground.tile,
+                    cell_size=ground.tile,
+                    section_size=5 * ground.tile,
                     cell_thickness=0.4,
                     section_thickness=0.8,
                     cell_color=(214, 216, 220),
                     section_color=(190, 194, 200),
-                    fade_distance=3 * ground.half,
+                    fade_distance=2 * ground.half,
                     plane_color=_bytes(checks.colour("ground", view.source.scene.look.ground)),
                     plane_opacity=1.0,
                     shadow_opacity=0.3,
@@ -127,11 +132,13 @@ class Browser:
         if view.source is self._scene:
             return
         self._scene = view.source
-        # The scene may move about: the camera stands a little further off.
-        eye = camera.target + 1.5 * (camera.eye - camera.target)
+        # The body may move about, and the panel covers a part: the camera stands further off than in pictures.
+        eye, opening = camera.target + 1.8 * (camera.eye - camera.target), math.radians(VIEW_ANGLE)
         first = server.initial_camera
         first.position, first.look_at, first.up = tuple(eye), tuple(camera.target), (0.0, 0.0, 1.0)
+        first.fov = opening
         for client in server.get_clients().values():
+            client.camera.fov = opening
             client.camera.position, client.camera.look_at = eye, camera.target
 
     def show(self) -> None:

@@ -1,18 +1,18 @@
 """Opening: `view`, which shows a scene, a simulation or a trajectory."""
 
 import contextlib
-import os
-import sys
 from pathlib import Path
 
 from .. import checks
 from ..files import Trajectory
+from ..pictures import no_display
 from ..simulation import Simulation
 from ..world import Hand, Scene, scene_from_stored
 from .browser import HOST, Browser
 from .handling import within_reach
 from .sources import Played, Running, Source
 from .view import Screen, View
+from .window import Window
 
 
 def view(
@@ -71,16 +71,14 @@ def view(
 
 
 def has_display() -> bool:
-    """Tell whether a window can be opened: on Linux, where a display is named."""
-    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY"))
+    """Tell whether a window can be opened here."""
+    return no_display() is None
 
 
 def screen_for(browser: bool, host: str = HOST, port: int | None = None) -> Screen:
     """Return a page or a window."""
     if browser:
         return Browser(host, port)
-    from .window import Window  # which imports PyVista
-
     return Window()
 
 

@@ -15,6 +15,8 @@ from .sources import Running, Source
 
 TRAJECTORY, DEEDS = "trajectory.vtkhdf", "deeds.json"
 """Files of a recording: its frames, and what was done by hand since the start, if anything was."""
+FIRST_FRAME = "first_frame"
+"""The attribute of a recording's file that says which frame of the simulation its first one is."""
 
 
 class Recording:
@@ -41,7 +43,7 @@ class Recording:
         first = source.frame()
         self._begun = source.handling.simulation.frame_index
         scene = scene_as_stored(source.scene, [first.time, first.time + source.scene.duration])
-        attributes = dict(source.attributes) | {"first_frame": self._begun}
+        attributes = dict(source.attributes) | {FIRST_FRAME: self._begun}
         self._writer = TrajectoryWriter(
             self.path, source.scene.system, fps=source.fps, attributes=attributes, scene=scene, strain=False
         )

@@ -130,6 +130,7 @@ class View(Commands):
                 screen.open(self)
                 opened.append(screen)
             self._stage()
+            self._start_clock()
             while not self._ends.is_set() and not until():
                 open_yet = [screen.poll() for screen in opened]  # each is asked
                 if not all(open_yet):

@@ -118,7 +118,8 @@ def _write_film(images: Iterator[NDArray[np.uint8]], count: int, path: Path, vid
     if video == "mp4":
         import imageio.v2 as imageio  # pyright: ignore[reportMissingImports]
 
-        with imageio.get_writer(path, fps=fps, macro_block_size=2, quality=8) as film:
+        writer: Any = imageio.get_writer(path, fps=fps, macro_block_size=2, quality=8)
+        with writer as film:
             for image in images:
                 film.append_data(image)
         return

@@ -17,7 +17,7 @@ Stops = tuple[tuple[float, float, float], ...]
 
 
 @functools.lru_cache(maxsize=4)
-def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
+def bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
@@ -40,7 +40,7 @@ def _bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
 def with_bar(image: NDArray[np.uint8], scale: Scale, stops: Stops) -> NDArray[np.uint8]:
     """Return the picture with a bar of the scale's colours, evenly spaced stops, in its lower right corner."""
     picture = Image.fromarray(image)
-    legend = _bar(picture.height, scale, stops)
+    legend = bar(picture.height, scale, stops)
     picture.paste(legend, (picture.width - legend.width, picture.height - legend.height), legend)
     return np.asarray(picture)
 

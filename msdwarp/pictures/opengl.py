@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import halve_over
+from .actors import Actors, add_lights, ground_square, ground_texture
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
-from .stage import HEAD, KEY, SHADOW, VIEW_ANGLE, Stage
+from .stage import VIEW_ANGLE, Stage
 
 
 class OpenGL:
@@ -38,19 +39,16 @@ class OpenGL:
         red, green, blue = (round(255 * c) for c in checks.colour("background", stage.look.background))
         self._backdrop = wp.full(shape, red + (green << 8) + (blue << 16), dtype=wp.uint32, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
-        self._shadow: Any = None
-        self._shadow_actor: Any = None
         weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
+        texture = None
         if self.ground is not None:
-            texture = pv.Texture(np.ascontiguousarray(self.ground.texture[::-1]))
-            texture.InterpolateOn()
-            bare = self._add_ground(pv, texture)
+            texture = ground_texture(pv, self.ground)
+            bare = self._plotter.add_mesh(ground_square(pv, self.ground), texture=texture, lighting=False)
             self._picture((0, 0, *shape))
             wp.copy(self._backdrop, self._pixels)
             self._plotter.remove_actor(bare, render=False)
-            self._shadow = self._add_shadow(pv, texture)
-        self._bodies = self._add_bodies(pv)
+        self._actors = Actors(pv, self._plotter, drawing, self.ground, texture, self.camera.light)
         self._arrows = arrows
         if arrows is not None:
             self._front, self._arrow_mesh = self._add_in_front(pv, arrows)
@@ -63,39 +61,10 @@ class OpenGL:
         plotter.disable_anti_aliasing()
         plotter.set_background("black")
         plotter.renderer.SetBackgroundAlpha(0.0)
-        key = pv.Light(position=self.camera.light, intensity=KEY, light_type="scene light")
-        key.positional = False
-        plotter.add_light(key)
-        plotter.add_light(pv.Light(intensity=HEAD, light_type="headlight"))
+        add_lights(pv, plotter, self.camera.light)
         plotter.camera.position, plotter.camera.focal_point = self.camera.eye, self.camera.target
         plotter.camera.up, plotter.camera.view_angle = self.camera.up, VIEW_ANGLE
         return plotter
-
-    def _add_ground(self, pv: Any, texture: Any) -> Any:
-        assert self.ground is not None
-        u, v = self.ground.half * self.ground.u, self.ground.half * self.ground.v
-        corners = np.array([-u - v, u - v, u + v, v - u]) + self.ground.centre
-        square = pv.PolyData.from_regular_faces(corners.astype(np.float32), [[0, 1, 2, 3]])
-        square.active_texture_coordinates = self.ground.uv(corners).astype(np.float32)
-        return self._plotter.add_mesh(square, texture=texture, lighting=False)
-
-    def _add_shadow(self, pv: Any, texture: Any) -> Any:
-        """Add the body's triangles a second time, to lie on the ground: its own texture, darkened."""
-        assert self.ground is not None
-        shadow = self._triangles(pv, self.drawing.triangles)
-        shadow.active_texture_coordinates = np.zeros((shadow.n_points, 2), np.float32)
-        actor = self._plotter.add_mesh(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
-        self._only_above_ground(pv, actor, 0.0)
-        # Not quite all the way, so that what is below the ground stays below it and is cut off.
-        self._along_light = (1 - 1e-3) * self.camera.light / (self.camera.light @ self.ground.normal)
-        self._shadow_actor = actor
-        return shadow
-
-    def _only_above_ground(self, pv: Any, actor: Any, below: float) -> None:
-        """Cut off what is further below the ground [m]: it is drawn before all else and hides nothing."""
-        assert self.ground is not None
-        origin = self.ground.centre - below * self.ground.normal
-        actor.mapper.AddClippingPlane(pv.generate_plane(self.ground.normal, origin))
 
     def _add_in_front(self, pv: Any, arrows: Arrows) -> tuple[Any, Any]:
         """Add arrows in a layer in front of all else; return its renderer, and their mesh."""
@@ -120,58 +89,9 @@ class OpenGL:
         self._plotter.render_window.AddRenderer(front)
         return front, mesh
 
-    def _add_bodies(self, pv: Any) -> list[Any]:
-        """Add the drawing's triangles, those of one gloss together: VTK has one for all that it draws at once."""
-        drawing, texture = self.drawing, None
-        if drawing.texture is not None:
-            texture = pv.Texture(np.ascontiguousarray(drawing.texture))
-        return [self._add_body(pv, gloss, texture) for gloss in np.unique(drawing.gloss)]
-
-    def _add_body(self, pv: Any, gloss: float, texture: Any) -> Any:
-        drawing = self.drawing
-        body = self._triangles(pv, drawing.triangles[drawing.gloss == gloss])
-        # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        body.points = drawing.points.numpy()
-        body.point_data["Normals"] = drawing.normals.numpy()
-        body.GetPointData().SetActiveNormals("Normals")
-        style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
-        style |= {"ambient": drawing.ambient, "diffuse": drawing.diffuse}
-        style |= {"specular": float(gloss), "specular_power": 30.0}
-        if texture is not None:
-            body.active_texture_coordinates = drawing.uv
-            style["texture"] = texture
-        else:
-            body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
-            style |= {"scalars": "colours", "rgb": True}
-        actor = self._plotter.add_mesh(body, **style)
-        actor.prop.interpolation = "Phong"
-        if self.ground is not None:
-            self._only_above_ground(pv, actor, drawing.below)
-        return body
-
-    def _triangles(self, pv: Any, triangles: NDArray) -> Any:
-        points = np.zeros((len(self.drawing.points), 3), np.float32)
-        return pv.PolyData.from_regular_faces(points, triangles)
-
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
-        drawing = self.drawing
-        for body in self._bodies:
-            body.GetPoints().Modified()
-            body.GetPointData().GetNormals().Modified()
-            if drawing.colours_move:
-                body.point_data["colours"][:] = 255 * drawing.colours.numpy()
-        points = drawing.points.numpy()
-        drawn = [points]
-        if self._shadow is not None and self.ground is not None:
-            self._shadow_actor.visibility = shadows
-            height = (points - self.ground.centre) @ self.ground.normal
-            landed = points - height[:, None] * self._along_light
-            self._shadow.points[:] = landed
-            self._shadow.GetPoints().Modified()
-            self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)
-            self._shadow.GetPointData().GetTCoords().Modified()
-            drawn.append(landed)
+        drawn = self._actors.follow(shadows=shadows)
         if self._arrows is not None:
             self._arrow_mesh.GetPoints().Modified()
             self._arrow_mesh.GetPointData().GetNormals().Modified()

@@ -60,3 +60,34 @@ def _egl_works() -> bool:
             egl.eglTerminate(display)
             return True
     return False
+
+
+def no_display() -> str | None:
+    """Return why no window can be opened here, or None where one can.
+
+    VTK ends the process where the X server does not answer, so that is tried first, as is its OpenGL (GLX); on
+    systems other than Linux there is a display.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    name = os.environ.get("DISPLAY")
+    if not name:
+        return "there is no display to open a window on: DISPLAY is not set"
+    try:
+        x11, gl = ctypes.CDLL("libX11.so.6"), ctypes.CDLL("libGL.so.1")
+    except OSError as error:
+        return f"no window can be opened: {error}; install libgl1 and libx11-6 (Debian's names)"
+    pointer = ctypes.c_void_p
+    x11.XOpenDisplay.restype, x11.XOpenDisplay.argtypes = pointer, [ctypes.c_char_p]
+    x11.XCloseDisplay.argtypes = [pointer]
+    gl.glXQueryExtension.argtypes = [pointer, pointer, pointer]
+    display = x11.XOpenDisplay(None)
+    if not display:
+        return f"the display {name} cannot be opened"
+    try:
+        error, event = ctypes.c_int(), ctypes.c_int()
+        if not gl.glXQueryExtension(display, ctypes.byref(error), ctypes.byref(event)):
+            return f"the display {name} has no OpenGL (GLX)"
+    finally:
+        x11.XCloseDisplay(display)
+    return None

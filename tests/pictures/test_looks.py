@@ -47,7 +47,7 @@ def parts_of(scene, colouring="texture"):
     """Return the parts of a scene's body, after it has followed its particles."""
     drawing = Drawing(scene, colouring)
     drawing.follow(scene.system.position)
-    return [one.part for one in drawing._body]
+    return [one.part for one in drawing.body]
 
 
 def pixels_like(image, channel):

@@ -56,6 +56,38 @@ def test_what_starts_inside_is_named(collider, depth):
     assert all_told[0].filename == __file__  # where the simulation is made, at least by a function of the user's
 
 
+@pytest.mark.parametrize(
+    "collider",
+    [
+        Box((0, 0, 0.1), (1, 1, 1)),
+        Box((0, 0, 0.1), (9, 9, 0.4)),  # a wall, out of which half of it would go up and half of it down
+        Sphere((0, 0, 0.1), 0.5),
+        Box((5, 0, 0.1), (1, 1, 1), motion=lambda t: (-5, 0, 0)),
+    ],
+    ids=["box", "wall", "sphere", "moving"],
+)
+def test_a_body_that_would_be_torn_on_its_way_out_is_refused(collider):
+    told = rf"the body of particle 4 starts wholly inside colliders\[1\], a {type(collider).__name__}: .*tear it"
+    with pytest.raises(ValueError, match=told):
+        simulate(System(position=np.full((4, 3), 3.0)) + cube(), Plane(offset=-9), collider)
+
+
+def test_a_body_near_one_side_of_a_box_is_led_out_whole():
+    with pytest.warns(DoubtfulStart, match=r"starts 0.25 m inside colliders\[0\], a Box"):
+        simulation = simulate(cube(-0.25, damping=1.0), Box((0, 0, -1), (4, 4, 2), restitution=0.0))
+    simulation.step(45)  # half as long again as it is led out
+    position = simulation.frame().position
+    assert position[:, 2].min() > -0.001  # what counts as touching is a hundredth of the spacing
+    # It rests, and sags: 18 particles of 0.1 N weigh on 9 columns of some 100 N/m, which is 2 mm of 0.2 m.
+    assert np.ptp(position, axis=0) == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_pinned_body_may_lie_inside():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(cube().pin(slice(None)), Box((0, 0, 0.1), (1, 1, 1)))
+
+
 def test_particle_and_depth_are_those_of_the_deepest():
     points = System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
     with pytest.warns(
@@ -126,3 +158,13 @@ def test_what_precision_bears_is_not_named():
         simulate(cube().translate((1e6, 0, 0)), precision="float64")
         simulate(cube().translate((1e6, 0, 0)), precision="float32-compensated")
         simulate(System(position=np.full((1, 3), 1e6)))  # it has no strain
+
+
+@pytest.mark.parametrize("substeps", ["auto", 60])
+def test_what_is_led_out_without_gravity_is_no_divergence(substeps):
+    # Where nothing else moves, the energy of being led out is all there is.
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=1.0).translate((0, 0, -0.15))
+    with pytest.warns(DoubtfulStart):
+        simulation = Simulation(body, colliders=[Plane()], gravity=0.0, substeps=substeps, device="cpu")
+    simulation.step(60)
+    assert simulation.frame().position[:, 2].min() > 0

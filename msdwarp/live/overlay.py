@@ -1,0 +1,128 @@
+"""Panels: what is written over the window of a view, as images with a veil behind the text."""
+
+import functools
+import importlib.util
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from .sources import Reading
+
+VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
+"""Colours of what is behind the text, of the text, and of what matters less."""
+CURVES = {"kinetic": (43, 108, 196, 255), "elastic": (214, 96, 28, 255), "potential": (52, 142, 84, 255)}
+"""Colours of energies."""
+RECENT = 60
+"""The most readings that the plot of energies shows."""
+FINE = 3
+"""How many times finer curves are drawn than they are shown: smooth edges."""
+
+
+@functools.lru_cache(maxsize=16)
+def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """Return a font that has arrows: the one that Matplotlib has, which PyVista needs; else Pillow's."""
+    found = importlib.util.find_spec("matplotlib")
+    for folder in (found.submodule_search_locations or []) if found is not None else []:
+        path = Path(folder) / "mpl-data/fonts/ttf" / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
+        if path.exists():
+            return ImageFont.truetype(path, size)
+    return ImageFont.load_default(size)
+
+
+def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, ImageDraw.ImageDraw]:
+    """Return an empty panel with round corners, and a pen to write on it."""
+    size = (round(width), round(height))
+    # The corners are cut out of a finer mask; colours stay white there, so that no dark edge shines through.
+    mask = Image.new("L", (size[0] * FINE, size[1] * FINE), 0)
+    ends = (0, 0, mask.width - 1, mask.height - 1)
+    ImageDraw.Draw(mask).rounded_rectangle(ends, radius=8 * unit * FINE, fill=VEIL[3])
+    image = Image.new("RGBA", size, VEIL)
+    image.putalpha(mask.resize(size, Image.Resampling.BOX))
+    return image, ImageDraw.Draw(image)
+
+
+def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
+    """Return lines of text, the first of them large, the last, a hint, faint.
+
+    Parameters
+    ----------
+    lines
+        The text: two of them or more.
+    unit
+        Pixels for each that a window of 720 rows would have.
+    columns
+        The most letters of a line: a longer one is broken.
+    """
+    pad, large, small = 11 * unit, max(10, round(15 * unit)), max(9, round(13 * unit))
+    first, body, hint = (_font(large, bold=True), INK), (_font(small), INK), (_font(small), FAINT)
+    styles = [first, *[body] * (len(lines) - 2), hint]
+    rows = [(row, one) for line, one in zip(lines, styles, strict=True) for row in textwrap.wrap(line, columns)]
+    width, step = max(font.getlength(row) for row, (font, _) in rows), 1.5 * small
+    image, pen = _panel(width + 2 * pad, len(rows) * step + 1.5 * pad, unit)
+    for k, (row, (font, ink)) in enumerate(rows):
+        pen.text((pad, 0.75 * pad + (k + 0.5) * step), row, ink, font, anchor="lm")
+    return image
+
+
+def notice(said: str, unit: float, *, columns: int = 56) -> Image.Image:
+    """Return what was done last, large; see `text`."""
+    rows = textwrap.wrap(said, columns)
+    size, pad = max(12, round((24 if len(rows) < 2 else 18) * unit)), 16 * unit
+    font = _font(size)
+    image, pen = _panel(
+        max(font.getlength(row) for row in rows) + 2 * pad, len(rows) * 1.35 * size + 1.2 * pad, unit
+    )
+    for k, row in enumerate(rows):
+        pen.text((image.width / 2, 0.6 * pad + (k + 0.5) * 1.35 * size), row, INK, font, anchor="mm")
+    return image
+
+
+def keys(listed: str, unit: float) -> Image.Image:
+    """Return the list of keys: a line for each, which is parted from what it does by two spaces."""
+    rows = [line.split("  ", 1) for line in listed.splitlines()]
+    size, pad = max(9, round(15 * unit)), 16 * unit
+    bold, plain = _font(size, bold=True), _font(size)
+    first = max(bold.getlength(row[0]) for row in rows) + 1.2 * size
+    width = first + max(plain.getlength(row[-1]) for row in rows) + 2 * pad
+    image, pen = _panel(width, len(rows) * 1.6 * size + 1.4 * pad, unit)
+    for k, row in enumerate(rows):
+        y = 0.7 * pad + (k + 0.5) * 1.6 * size
+        pen.text((pad, y), row[0], INK, bold, anchor="lm")
+        pen.text((pad + first, y), row[-1], INK, plain, anchor="lm")
+    return image
+
+
+def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
+    """Return a plot of the energies of the last readings; None where there are too few.
+
+    The potential energy is counted from the lowest that is seen.
+    """
+    seen = list(readings)[-RECENT:]
+    if len(seen) < 3 or seen[-1].time <= seen[0].time:
+        return None
+    size, pad, wide, high = max(8, round(12 * unit)), 11 * unit, 250 * unit, 84 * unit
+    font = _font(size)
+    image, pen = _panel(wide + 2 * pad, high + 2.2 * size + 2 * pad, unit)
+    times = np.array([one.time for one in seen])
+    curves = {name: np.array([getattr(one, name) for one in seen]) for name in CURVES}
+    curves["potential"] = curves["potential"] - curves["potential"].min()
+    most = max(1e-30, *(float(np.nan_to_num(curve).max()) for curve in curves.values()))
+    x = pad + wide * (times - times[0]) / (times[-1] - times[0])
+    top = pad + 2.2 * size
+    strokes = Image.new("RGBA", (image.width * FINE, image.height * FINE), (255, 255, 255, 0))
+    drawn = ImageDraw.Draw(strokes)
+    for name, curve in curves.items():
+        y = top + high * (1.0 - np.clip(np.nan_to_num(curve) / most, 0.0, 1.0))
+        drawn.line([(FINE * a, FINE * b) for a, b in zip(x, y, strict=True)], CURVES[name], round(2 * unit * FINE))
+    # Averaged with its own weight: colours between strokes and nothing do not fade to white.
+    image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
+    pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
+    left = pad
+    for name, colour in CURVES.items():
+        pen.text((left, 0.8 * pad + size / 2), name, colour, font, anchor="lm")
+        left += font.getlength(name) + size
+    pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")
+    return image

@@ -1,0 +1,296 @@
+"""Window: a view in a window of its own, handled by keys and the mouse."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..bodies import in_space
+from ..pictures import OnScreen, Stage, bar
+from ..world import Scene
+from . import overlay
+
+if TYPE_CHECKING:
+    from .sources import Source
+    from .view import View
+
+SIZE = (1280, 800)
+"""Width and height of the window at first, in pixels."""
+CLOSES = ("escape", "q")
+"""The keys that close the window."""
+ZOOM = 1.15
+"""How many times nearer a notch of the wheel brings what is seen."""
+MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
+"""What the buttons of the mouse do to the camera; the left one pulls where it is pressed on the body."""
+PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
+"""Colours of the arrow that shows where the hand pulls, and of what is around it."""
+ROOM = 0.8
+"""How near the camera comes at first, over how near it could: bodies move."""
+BELOW = 0.35
+"""How much the camera sees at first below a body without ground, over the body's length: it hangs down."""
+PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
+"""What is written below all else; the first where there is something that can be pulled."""
+MOUSE = """beside  drag: turn the camera
+wheel  nearer, farther
+right  drag: shift the camera
+q  close"""
+"""What the list of keys says of the mouse in a window."""
+GAP = 14
+"""From what is written to the edge of a window of 720 rows, in pixels."""
+
+
+class Window:
+    """A view in a window of its own: a `Screen` (see `View`).
+
+    The left button of the mouse takes hold of the body and pulls it; beside the body it turns the camera. The
+    middle and the right one shift the camera, and the wheel brings it nearer. Keys do what `KEYS` says; escape and
+    q close.
+
+    Parameters
+    ----------
+    size
+        Width and height of the window at first, in pixels.
+    """
+
+    def __init__(self, size: tuple[int, int] = SIZE) -> None:
+        self._first_size = size
+        self._view: View | None = None
+        self._screen: OnScreen | None = None
+
+    def open(self, view: "View") -> None:
+        """Open the window.
+
+        Raises
+        ------
+        RuntimeError
+            If there is no display to open it on; `msdwarp.pictures.no_display` says so beforehand.
+        """
+        self._view, self._source = view, None
+        self._source: Source | None
+        self._does, self._at, self._is_stale = "", (0, 0), False
+        self._written: dict[str, Any] = {}
+        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._first_size, self._happened)
+        self._size = self._screen.size
+
+    @property
+    def _both(self) -> "tuple[View, OnScreen]":
+        assert self._view is not None
+        assert self._screen is not None
+        return self._view, self._screen
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody looks: whether the window is open."""
+        return self._screen is not None and self._screen.is_open
+
+    def stage(self) -> None:
+        """Show another scene, or the same drawing in another way; the camera stays where the source does."""
+        view, screen = self._both
+        same, self._source = self._source is view.source, view.source
+        if not same:
+            frame = view.shown.frame
+            assert frame is not None
+            seen = surroundings(view.shown.scene, frame.position)
+            self._stage = Stage(view.shown.scene, seen, screen.size, zoom=ROOM)
+            screen.entitle(f"msdwarp - {view.source.title}")
+        screen.stage(view.shown.drawing, self._stage, keep_camera=same)
+        self._is_stale = True
+
+    def show(self) -> None:
+        """Show the frame that the drawing follows now."""
+        self._point()
+        self._both[1].draw()
+        self._is_stale = False
+
+    def poll(self) -> bool:
+        """See to keys and the mouse; return whether the window is still open."""
+        _, screen = self._both
+        if self._does == "ask":  # the view has seen to what was picked by now
+            self._does = "pull" if self._pulls else "turn"
+        if self._is_stale:  # and the view has shown no frame since
+            self._point()
+            screen.redraw()
+            self._is_stale = False
+        if not screen.poll():
+            return False
+        if screen.size != self._size:
+            self._size = screen.size
+            self.tell()
+            self._is_stale = True
+        return True
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._screen is not None:
+            self._screen.close()
+        self._screen = self._view = self._source = None
+
+    def image(self) -> NDArray[np.uint8]:
+        """Return what the window shows, shape [height, width, 3]."""
+        return self._both[1].image()
+
+    # What comes from the person.
+
+    @property
+    def _pulls(self) -> bool:
+        """Whether this window's hand holds something."""
+        view, _ = self._both
+        return view.hand.grip is not None and view.hand.holder is self
+
+    def _happened(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
+        view, screen = self._both
+        height = screen.size[1]
+        right, up = (x - self._at[0]) / height, (y - self._at[1]) / height
+        self._at = (x, y)
+        if what == "key":
+            self._press(key.lower(), shift)
+        elif what in MOVES and not self._does:
+            self._does = MOVES[what]
+            if what == "left" and view.source.handling is not None:
+                origin, direction, _ = self._ray()
+                view.post("pick", holder=self, origin=origin, direction=direction)
+                self._does = "ask"
+        elif what.endswith(" up"):
+            if self._does in ("ask", "pull"):
+                view.post("let_go", holder=self)
+            self._does = ""
+        elif what == "move" and self._does in ("ask", "pull"):
+            view.post("drag", holder=self, ray=self._ray())
+            self._is_stale = True
+        elif what == "move" and self._does:
+            getattr(screen.orbit, self._does)(right, up)
+            self._is_stale = True
+        elif what.startswith("wheel"):
+            screen.orbit.zoom(ZOOM if what == "wheel in" else 1 / ZOOM)
+            self._is_stale = True
+
+    def _press(self, key: str, shift: bool) -> None:
+        view, _ = self._both
+        if key in CLOSES:
+            view.post("quit")
+        else:
+            view.press(key, shift=shift)
+
+    def _ray(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Return the ray through where the mouse is: origin [m], direction, and the way into the screen."""
+        _, screen = self._both
+        (width, height), (x, y) = screen.size, self._at
+        return screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
+
+    # What is written and drawn over the scene.
+
+    @property
+    def _unit(self) -> float:
+        """Pixels for each that a window of 720 rows would have."""
+        return min(max(self._size[1] / 720, 0.8), 2.5)
+
+    def tell(self) -> None:
+        """Write what the view says: its lines, the energies, the notice, the colours' meaning and the keys."""
+        view, screen = self._both
+        (width, height), unit = screen.size, self._unit
+        gap, said = GAP * unit, view.notice
+        lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
+        columns = max(20, int(0.4 * width / (7.5 * unit)))
+        self._write("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
+        last = view.readings[-1] if view.readings else None
+        self._write("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
+        scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
+        if scale is not None:
+            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # what follows the values is no round number
+        self._write("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
+        row = max(20, int(0.8 * width / (15 * unit)))
+        raised = gap + 0.16 * height
+        self._write(
+            "notice", said, lambda: overlay.notice(said, unit, columns=row) if said else None, (None, raised)
+        )
+        listed = f"{view.keys()}\n{MOUSE}" if view.helps else ""
+        self._write("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
+
+    def _write(
+        self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
+    ) -> None:
+        """Have a panel show something, unless it does already.
+
+        It stands as far from the lower left corner as `at` says, or where that is negative from the upper or the
+        right edge; in the middle for None.
+        """
+        _, screen = self._both
+        if self._written.get(name) == (what, screen.size):
+            return
+        self._written[name] = (what, screen.size)
+        image, place = paint(), [0.0, 0.0]
+        if image is not None:
+            for k, (to, size, room) in enumerate(zip(at, image.size, screen.size, strict=True)):
+                place[k] = (room - size) / 2 if to is None else to
+                if to is not None and np.signbit(to):
+                    place[k] = room + to - size
+        screen.panel(name, image, *place)
+        self._is_stale = True
+
+    def _point(self) -> None:
+        """Draw an arrow from what the hand holds to where it pulls."""
+        view, screen = self._both
+        grip, frame = view.hand.grip, view.shown.frame
+        ends = None
+        if grip is not None and frame is not None:
+            held = in_space(frame.position[grip.particles].astype(np.float64) - grip.offset, np.float64)
+            here = held.mean(axis=0)
+            if grip.offset.shape[1] < 3:  # out of the body's plane it is where it was taken
+                flat = in_space(np.ones((1, grip.offset.shape[1])), np.float64)[0] == 0
+                here[flat] = view.hand.target[flat]
+            ends = screen.orbit.pixels(
+                np.array([here, view.hand.target]), height=screen.size[1], width=screen.size[0]
+            )
+        for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
+            drawn = None if ends is None else arrow(ends[0], ends[1], self._unit, grow * self._unit)
+            screen.shape(name, drawn, colour)
+
+
+def surroundings(scene: Scene, position: NDArray) -> NDArray:
+    """Return what a camera should have in view that does not know where the body goes [m], shape [any, d].
+
+    The body as it is, what lies below it on the ground, and as much again beside it; where there is no ground, a
+    share of its length below it.
+    """
+    low, high = position.min(axis=0), position.max(axis=0)
+    size = float((high - low).max())
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, len(low))
+    if scene.ground is None:
+        fallen = corners - BELOW * size * np.eye(len(low))[-1]
+    else:
+        normal = np.asarray(scene.ground.unit_normal(scene.system.dim), dtype=np.float64)
+        height = corners @ normal - scene.ground.offset
+        fallen = corners - np.maximum(height, 0.0)[:, None] * normal
+        middle = fallen.mean(axis=0)
+        fallen = middle + 1.5 * (fallen - middle)
+    return np.concatenate([position, fallen])
+
+
+def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:
+    """Return triangles of a dot and an arrow from there, shape [any, 3, 2].
+
+    Parameters
+    ----------
+    start, end
+        Where from and where to, in pixels, shape [2].
+    unit
+        Pixels for each that a window of 720 rows would have.
+    grow
+        How much wider all is on each side, in pixels.
+    """
+    turns = np.linspace(0.0, 2.0 * np.pi, 25)
+    rim = start + (5.0 * unit + grow) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    dot = np.stack([np.broadcast_to(start, (24, 2)), rim[:-1], rim[1:]], axis=1)
+    length = float(np.linalg.norm(end - start))
+    if length < 8.0 * unit:
+        return dot
+    along = (end - start) / length
+    aside = np.array([-along[1], along[0]])
+    head, wide, thin = min(18.0 * unit, 0.6 * length), 0.45, 2.0 * unit + grow
+    neck = end - head * along
+    tip, base = end + 2.0 * grow * along, neck - grow * along
+    half = (wide * head + 1.5 * grow) * aside
+    a, b, c, d = start + thin * aside, start - thin * aside, neck - thin * aside, neck + thin * aside
+    return np.concatenate([dot, [[a, b, c], [a, c, d], [tip, base + half, base - half]]])

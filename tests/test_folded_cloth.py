@@ -1,0 +1,54 @@
+"""A cloth that is folded on itself again and again: no triangle of it goes through another one."""
+
+import numpy as np
+import pytest
+
+import msdwarp as msd
+
+PERIOD = 1.5
+"""How long it takes to squeeze the cloth once, and to let go again [s]."""
+
+
+def crossing_frames(times: int, touch: msd.Touch | None) -> list[int]:
+    """Squeeze a cloth so many times; return the frames in which triangles of it go through each other."""
+    # An oracle that shares no code with msdwarp: the Incremental Potential Contact Toolkit, ipctk.xyz.
+    ipctk = pytest.importorskip("ipctk")
+    spacing = 0.05
+    cloth = msd.sheet((13, 7), spacing, mass=0.002, stiffness=60.0, damping=0.05, bending=4e-3)
+    cloth = cloth.translate(tuple(np.array([0, 0, 0.01]) - cloth.position.min(axis=0)))
+    along = cloth.position[:, 0]
+    length = np.ptp(along)
+
+    def squeeze(t):
+        """Bring one end to within a third of the length of the other, and back."""
+        return 0.7 * length * (np.cos(2 * np.pi * np.asarray(t)[..., None] / PERIOD) - 1) / 2 * np.array([1, 0, 0])
+
+    scene = msd.Scene(
+        system=cloth.pin(along < 0.5 * spacing),
+        colliders=[msd.Plane(restitution=0.0, friction=0.5)],
+        loads=[msd.Drive(np.flatnonzero(along > length - 0.5 * spacing), squeeze)],
+        touch=touch,
+    )
+    simulation = msd.Simulation.of(scene, device="cpu")
+    assert cloth.surface is not None
+    triangles = np.unique(np.sort(cloth.surface.particle[cloth.surface.triangles], axis=1), axis=0)
+    mesh = ipctk.CollisionMesh(cloth.position, ipctk.edges(triangles), triangles)
+    found = []
+    for frame in range(round(times * PERIOD * simulation.fps)):
+        simulation.step()
+        if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
+            found.append(frame)
+    return found
+
+
+@pytest.mark.slow
+def test_a_cloth_folded_on_itself_twenty_times_does_not_cross_itself():
+    # Folds are some (D/(ρ t g))^(1/3) wide, 8 cm, more than a spacing; the cloth is 0.4 of a spacing thick. With a
+    # quarter of that rigidity edges pass each other in creases sharper than their triangles (docs/contact.md).
+    touch = msd.Touch(friction=0.3, restitution=0.1, between="all", thickness=0.02)
+    assert crossing_frames(20, touch) == []
+
+
+@pytest.mark.slow
+def test_without_contact_the_same_folds_go_through_each_other():
+    assert crossing_frames(2, None)
