@@ -186,7 +186,7 @@ class Touching(Effect):
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._box_bodies()
-        self._bodies, self._flags = wp.Bvh(self._boxes[0], self._boxes[1]), wp.zeros(FLAGS, dtype=float, device=device)
+        self._bodies, self._flags = wp.Bvh(boxes[0], boxes[1]), wp.zeros(FLAGS, dtype=float, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self._overrun = np.zeros(NOTED)
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
