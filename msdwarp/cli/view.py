@@ -140,13 +140,18 @@ def _screen(options: ViewOptions) -> Screen:
 
 def _run(view: View) -> None:
     """Run a view, until it is closed or a signal asks to end."""
-    for screen in view.screens:
-        if isinstance(screen, Browser):
-            print(f"{screen.address}  (Ctrl-C ends)", flush=True)
-            if screen.host in ("127.0.0.1", "localhost"):
-                print(f"from another machine: ssh -L {screen.port}:127.0.0.1:{screen.port} USER@THIS-MACHINE")
-            else:
-                print("anyone who can reach this address can see and handle it", flush=True)
     with stop_asked_for(Console(stderr=True)) as asked:
+        for screen in view.screens:
+            if isinstance(screen, Browser):
+                _tell(screen)
         view.run(until=lambda: bool(asked))
         asked.clear()
+
+
+def _tell(page: Browser) -> None:
+    """Say where a page is, and who can open it."""
+    print(f"{page.address}  (Ctrl-C ends)", flush=True)
+    if page.host in ("127.0.0.1", "localhost"):
+        print(f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True)
+    else:
+        print("anyone who can reach this address can see and handle it", flush=True)

@@ -227,15 +227,18 @@ class Dynamics:
     def _take_stage(self, method: Any, step: Any) -> None:
         """Launch a stage on one thread of the CPU, as where all stages of a frame are one launch.
 
-        With a thread for each particle and connection, each begins with a copy of its arguments: a third slower.
+        With a thread for each particle and connection, each would begin with a copy of its arguments.
         """
-        Step = method(self.composition).Step
+        kernel: Any = persistent(self.composition, method, 1)
+        # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
+        # composition, with the same fields.
+        Step: Any = kernel.adj.args[1].type.dtype
         raw = bytes(step.__ctype__())
         if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
         steps = wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
         inputs = [self.world, steps, 1, self.model.connection_count, 1]
-        wp.launch(persistent(self.composition, method, 1), 1, inputs, device=self.model.device)
+        wp.launch(kernel, 1, inputs, device=self.model.device)
 
     def _launch_stage(self, method: Any, step: Any, forced: bool) -> None:
         """Launch a stage with a thread for each connection, and one for each particle or column of such."""

@@ -201,7 +201,7 @@ class Browser:
         return True
 
     def close(self) -> None:
-        """End: the page is gone."""
+        """End: the page is gone. It may be called again."""
         with redirect_stdout(io.StringIO()):
             self._server.stop()
 

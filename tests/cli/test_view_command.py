@@ -19,7 +19,7 @@ from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.cli.view import SHELF, ViewOptions, _like, _running
 from msdwarp.live import View
 
-WAITS = 120.0
+WAITS = 300.0
 """How long a loaded machine may take to do what is asked [s]."""
 
 
