@@ -93,6 +93,13 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
         raise ValueError(f"{where} is {said}; it must be {allowed}")
 
 
+def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return numbers as an array; raise ValueError if one is not finite."""
+    given = array(name, value)
+    every(name, given, np.isfinite(given), "finite")
+    return given
+
+
 def within(name: str, values: NDArray, *limits: tuple[Callable[[NDArray], NDArray], str]) -> None:
     """Raise ValueError that names the first entry of `values` that is not within all `limits`.
 

@@ -16,6 +16,12 @@ from ..world import Look
 from .results import overlay_path
 from .whole import Whole, WholeOrAuto
 
+MethodName = Literal[
+    "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
+]
+PrecisionName = Literal["float32", "float32-compensated", "float64"]
+RouteName = Literal["auto", "scatter", "gather", "stencil"]
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -156,12 +162,9 @@ class Options:
     """
 
     device: str | None = None
-    precision: Literal["float32", "float32-compensated", "float64"] | None = None
-    route: Literal["auto", "scatter", "gather", "stencil"] = "auto"
-    integrator: (
-        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
-        | None
-    ) = None
+    precision: PrecisionName | None = None
+    route: RouteName = "auto"
+    integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     allow_unstable: Annotated[bool, Parameter(negative=())] = False
     tolerance: float | None = None

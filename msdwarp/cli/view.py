@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -11,7 +11,7 @@ from rich.console import Console
 from ..files import Trajectory
 from ..live import Browser, Played, Running, Screen, Source, View, has_display, screen_for, within_reach
 from ..world import Scene
-from .options import Options
+from .options import MethodName, Options, PrecisionName, RouteName
 from .process import stop_asked_for
 from .provenance import about
 from .run import simulation_by, used
@@ -61,12 +61,9 @@ class ViewOptions:
     port: Whole | None = None
     paused: Annotated[bool, Parameter(negative=())] = False
     device: str | None = None
-    precision: Literal["float32", "float32-compensated", "float64"] | None = None
-    route: Literal["auto", "scatter", "gather", "stencil"] = "auto"
-    integrator: (
-        Literal["symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"]
-        | None
-    ) = None
+    precision: PrecisionName | None = None
+    route: RouteName = "auto"
+    integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     fps: float = 60.0
     verbose: Annotated[bool, Parameter(negative=())] = False

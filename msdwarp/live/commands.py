@@ -176,7 +176,7 @@ class Commands:
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
         """Take hold of the body where a ray first meets what is drawn of it."""
         drawing = self.shown.drawing
-        triangles = np.concatenate([one.part.triangles + one.vertices.start for one in drawing.body])
+        triangles = np.concatenate([one.triangles for one in drawing.body])
         ray = place("origin", origin), place("direction", direction)
         point = hit(*ray, drawing.points.numpy(), triangles)
         if point is not None:
@@ -233,23 +233,10 @@ class Commands:
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    name.removeprefix("_"): getattr(Commands, name)
+    name: getattr(Commands, f"_{name}")
     for name in (
-        *("_pause", "_step", "_pace", "_reset", "_scene", "_parameters", "_scale", "_freeze", "_gravity", "_wind"),
-        *(
-            "_wires",
-            "_colour",
-            "_help",
-            "_seek",
-            "_quit",
-            "_grab",
-            "_pick",
-            "_drag",
-            "_let_go",
-            "_pin",
-            "_record",
-            "_screenshot",
-        ),
+        *("pause", "step", "pace", "reset", "scene", "parameters", "scale", "freeze", "gravity", "wind", "wires"),
+        *("colour", "help", "seek", "quit", "grab", "pick", "drag", "let_go", "pin", "record", "screenshot"),
     )
 }
 """What can be asked of a view, by name."""

@@ -21,7 +21,7 @@ MOST_DIVISIONS = 16
 class Patch(NamedTuple):
     """Triangles of one colour, whose vertices lie between those of a drawing."""
 
-    corners: NDArray[np.int64]
+    corners: NDArray[np.integer]
     """Vertices of the drawing that each vertex lies between, shape [vertex_count, 3]; where each is one of the
     drawing's, shape [vertex_count]."""
     weights: NDArray[np.float32] | None
@@ -53,9 +53,9 @@ def patches(drawing: Drawing) -> list[Patch]:
     return found
 
 
-def levels(drawing: Drawing) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def levels(drawing: Drawing) -> Iterator[tuple[int, NDArray[np.int32]]]:
     """Return the triangles of the body in each of the colours that its values have now, by their level."""
-    triangles = np.concatenate([one.part.triangles + one.vertices.start for one in drawing.body])
+    triangles = np.concatenate([one.triangles for one in drawing.body])
     stops = scale_colours(drawing)
     of_vertex = np.argmin(((drawing.colours.numpy()[:, None] - stops) ** 2).sum(axis=2), axis=1)
     of_triangle = np.rint(of_vertex[triangles].mean(axis=1)).astype(int)
@@ -72,7 +72,7 @@ def scale_colours(drawing: Drawing) -> NDArray[np.float64]:
     return np.stack([np.interp(at, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
 
 
-def compact(triangles: NDArray) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]]:
     """Return the vertices that triangles have, and the triangles counted by these."""
     corners, faces = np.unique(triangles, return_inverse=True)
     return corners, faces.reshape(-1, 3).astype(np.uint32)
@@ -80,7 +80,7 @@ def compact(triangles: NDArray) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
 
 def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
     """Return a part without texture: by the colours of its vertices."""
-    triangles = one.part.triangles + one.vertices.start
+    triangles = one.triangles
     colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
     for colour in np.unique(colours, axis=0):
         corners, faces = compact(triangles[(colours == colour).all(axis=1)])
@@ -90,7 +90,7 @@ def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
 def _textured(drawing: Drawing, one: PlacedPart, divisions: int) -> Iterator[Patch]:
     """Return a part with a texture: in pieces, each of the colour that the texture has in its middle."""
     assert drawing.texture is not None
-    triangles = one.part.triangles + one.vertices.start
+    triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
         divisions = 1  # one colour all over
     weights, pieces = _divided(divisions)

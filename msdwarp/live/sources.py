@@ -151,6 +151,8 @@ class Running:
 
     def broken_at(self) -> NDArray | None:
         """Return when connections broke [s], shape [connection_count]; None where none can."""
+        if not self.scene.system.tears:  # other fields that the run changes would be copied in vain
+            return None
         return self._simulation.stepping.changed_fields().get("broken_at")
 
     def reset(self) -> None:

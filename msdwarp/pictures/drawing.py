@@ -51,6 +51,11 @@ class PlacedPart(NamedTuple):
     colours: wp.array
     """Red, green and blue in 0 … 1, vec3."""
 
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """Its triangles, by the drawing's vertices, shape [any, 3]."""
+        return self.part.triangles + np.int32(self.vertices.start)
+
     def follow(self, x: wp.array, time: float) -> None:
         """Move to where the part is when the particles are at x and it is `time` [s]."""
         self.part.place(x, time, self.points, self.normals)
@@ -92,7 +97,7 @@ class Drawing:
         self.normals = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
         self.colours = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
         placed = self._placed(parts)
-        self.triangles = np.concatenate([one.part.triangles + np.int32(one.vertices.start) for one in placed])
+        self.triangles = np.concatenate([one.triangles for one in placed])
         self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
@@ -66,11 +66,11 @@ class Attachment(Load):
             checks.instance("carried_by", self.carried_by, Collider, "Sphere()")
         points: Any = self.to
         if points is not None:
-            object.__setattr__(self, "to", _finite("to", points))
+            object.__setattr__(self, "to", checks.finite("to", points))
         if isinstance(self.rest_length, str):
             checks.one_of("rest_length", self.rest_length, [NOW, "a number of at least 0"])
         else:
-            lengths = _finite("rest_length", self.rest_length)
+            lengths = checks.finite("rest_length", self.rest_length)
             checks.every("rest_length", lengths, lengths >= 0, "at least 0")
             object.__setattr__(self, "rest_length", lengths)
 
@@ -116,13 +116,6 @@ class Attachment(Load):
                     "attached to: there is no direction in which to keep it off. It must be 0, or 'now'"
                 )
         return replace(self, to=np.array(to), rest_length=np.array(lengths))
-
-
-def _finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; raise ValueError if one is not finite."""
-    given = checks.array(name, value)
-    checks.every(name, given, np.isfinite(given), "finite")
-    return given
 
 
 def _counted(value: Any, thing: str) -> str:

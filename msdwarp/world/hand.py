@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
@@ -52,12 +52,12 @@ class Hand(Load):
             raise ValueError(f"on names {len(held)} particles; it must be at most room = {self.room}")
         if len(np.unique(held)) < len(held):
             raise ValueError("on names a particle twice; each must be named once")
-        to = _finite("to", self.to).reshape(len(held), -1) if len(held) else np.zeros((0, 0))
+        to = checks.finite("to", self.to).reshape(len(held), -1) if len(held) else np.zeros((0, 0))
         order = np.argsort(held)
         object.__setattr__(self, "on", held[order])
         object.__setattr__(self, "to", to[order])
         for name in ("stiffness", "damping"):
-            values = _finite(name, getattr(self, name))
+            values = checks.finite(name, getattr(self, name))
             checks.every(name, values, values >= 0, "at least 0")
             object.__setattr__(self, name, checks.broadcast(name, values, held.shape)[order])
 
@@ -87,10 +87,3 @@ class Hand(Load):
         checks.every("on", self.on, (self.on >= 0) & (self.on < count), f"from 0 to {count - 1}")
         if len(self.on) and self.to.shape[1] != dim:
             raise ValueError(f"to has {self.to.shape[1]} coordinates; it must have {dim}")
-
-
-def _finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; raise ValueError if one is not finite."""
-    given = checks.array(name, value)
-    checks.every(name, given, np.isfinite(given), "finite")
-    return given
