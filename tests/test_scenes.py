@@ -252,7 +252,8 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
     substeps = msd.Simulation.of(scene, device="cpu").substeps
-    duration = 0.25 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
+    # When something breaks, rounding decides on what follows; where bodies touch, on which side of an edge.
+    duration = 0.1 if scene.touch else 0.25 if scene.system.tears else 0.5
     exact = simulate(scene, duration, precision="float64", substeps=substeps)
     rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):
