@@ -54,8 +54,9 @@ def _on_its_turn(item: pytest.Item, fields: dict) -> bool:
     """Return whether a test is done by its route: as on a chessboard, gather has white fields, stencil black ones.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both: each route is tried with each value of each parameter, and not with all combinations.
-    Where there is nothing but the device to choose, both have their turn. `fields` numbers values as they are met.
+    that are composed of both: each route is tried with every value of each of several parameters, or with every
+    second one of the only parameter. Where there is nothing but the device to choose, both have their turn.
+    `fields` numbers values as they are met.
     """
     call = getattr(item, "callspec", None)
     route = call.params.get("device") if call else None
