@@ -69,8 +69,8 @@ def test_after_each_single_write_to_disk_every_frame_is_there(
     assert len(log) > 4 * count
     seen = 1
     for k, content in enumerate(beginnings(first, log)):
-        # A frame takes 14 or 20 writes, as the one before did, and 49 where the file grows: every 11th of them comes
-        # by all in time.
+        # A frame takes 14 or 20 writes, as the one before did, and 49 where the file grows: every 11th of them
+        # comes by all in time.
         if k > 100 and k % 11 and k < len(log) - 1:
             continue
         path = tmp_path / f"{k}.vtkhdf"
