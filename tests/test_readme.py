@@ -91,6 +91,7 @@ def test_the_example_of_loads_runs(capsys):
     assert names["positions"].shape == (120, 3)
 
 
+@pytest.mark.slow
 def test_the_example_of_contact_rests(capsys):
     names = run("docs/contact.md")
     height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])

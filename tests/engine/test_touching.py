@@ -66,9 +66,9 @@ def bounced(restitution: float, finer: int, **options) -> np.ndarray:
         pytest.param(0.5, SymplecticEuler(), marks=pytest.mark.slow),
         pytest.param(0.5, RK4(), marks=pytest.mark.slow),
         (0.9, SymplecticEuler()),
-        (0.9, Leapfrog()),
+        pytest.param(0.9, Leapfrog(), marks=pytest.mark.slow),
         (1.0, SymplecticEuler()),
-        (1.0, RK4()),
+        pytest.param(1.0, RK4(), marks=pytest.mark.slow),
     ],
 )
 def test_two_particles_bounce_as_asked(plain_device, restitution, method):
