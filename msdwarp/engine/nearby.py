@@ -82,7 +82,7 @@ class Nearby:
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         """By how much more than it touches a point is looked around [m], shape [1]."""
-        self.flags = wp.zeros(FLAGS, dtype=float, device=device)
+        self.flags: Any = wp.zeros(FLAGS, dtype=float, device=device)
         """What has been found out since they were read: see `kernels.touch.surfaces`."""
         self._unread = wp.zeros_like(self.flags)
         owner, a, b = data.owner.numpy(), *surfaces.ends.T
