@@ -91,7 +91,6 @@ def test_momentum_goes_through_the_cradle():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("error::msdwarp.ContactOverrun")
 def test_the_curtain_hides_the_ball_and_comes_to_lie_on_the_floor():
     scene = build("curtain")
     system = scene.system
