@@ -21,8 +21,9 @@ def draw_work(rows: list[dict]) -> None:
     """Draw error against force evaluations, a panel for each case."""
     plt = pyplot()
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    size = (4.1 * len(scenes), 4.4)
     figure, axes = plt.subplots(
-        1, len(scenes), figsize=(4.1 * len(scenes), 4.4), layout="constrained", squeeze=False
+        1, len(scenes), figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
     )
     handles = {}
     for axis, scene in zip(axes[0], scenes, strict=True):
