@@ -136,8 +136,7 @@ def test_the_bowl_holds_its_scoops():
         assert np.hypot(*middle[:2]) < (0.3 if k < 3 else 0.1)
         assert (0.2 < middle[2] < 0.45) == (k < 3)
     # It is pressed wide, by millimetres, and stands on its base still.
-    rim = start[:, 2] > 0.35
-    rim &= groups["bowl"]
+    rim = scene.system.group("bowl") & (start[:, 2] > 0.35)
     assert np.hypot(*end[rim, :2].T).mean() > np.hypot(*start[rim, :2].T).mean() + 0.001
     assert np.abs(end[groups["bowl"], :2].mean(axis=0)).max() < 0.02
     # Ice cream keeps the shape that it was pressed into.
