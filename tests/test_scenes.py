@@ -230,11 +230,14 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
     scene = build("mattress")
     simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(round(scene.duration * simulation.fps))
-    top = left_alone(simulation).reshape(5, 13, 25, 3)[-1, :, :, 2]
+    foam = scene.system.group("mattress")
+    top = left_alone(simulation)[foam].reshape(5, 13, 25, 3)[-1, :, :, 2]
     deepest = np.unravel_index(np.argmin(top), top.shape)
     assert deepest[0] in (5, 6, 7)
-    assert 15 < deepest[1] < 21  # 0.3 m from the middle
+    assert 15 < deepest[1] < 23  # 0.3 to 0.8 m from the middle
     assert top.min() < np.median(top) - 0.05
+    ball = simulation.frame().position[~foam].mean(axis=0)
+    assert ball[0] > 1.0 + 0.28  # it has rolled off: half of the mattress's length, and its own radius
 
 
 @pytest.mark.slow

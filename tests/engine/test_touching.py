@@ -377,6 +377,18 @@ def test_ropes_and_bodies_meet(plain_device):
     assert x[:, 2].min() < 0
 
 
+@pytest.mark.slow
+def test_a_thin_wall_bears_what_falls_on_it_if_it_is_a_body(plain_device):
+    # As a Box of this thickness it would go between particles that are 100 mm apart, through the whole body.
+    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.75))
+    wall = box((2, 6, 3), (0.04, 0.2, 0.25), mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.25))
+    simulation = Simulation(body + wall.pin(slice(None)), touch=Touch(restitution=0.1), device=plain_device)
+    simulation.step(60)
+    # The middle of the body stays half its width above the wall's top, at 0.5 m, less its sag and the overlap by
+    # its weight: 6 N on the points over a strip of 40 mm, of a stiffness of some 100 N/m each.
+    assert 0.5 + 0.14 < simulation.frame().position[:64, 2].mean() < 0.5 + 0.15
+
+
 def test_a_method_of_too_long_steps_is_refused():
     with pytest.raises(ValueError, match=r"integrator is RKC2.*; where bodies touch it must be another"):
         Simulation(dice(), touch=Touch(), integrator=RKC2(), device="cpu")
