@@ -49,6 +49,9 @@ class Pictures:
         energy or contact force of particles. Default: set by the scene.
     arrows
         Draw contact forces as arrows, in front of the bodies.
+    renderer
+        What draws: opengl, raycast (which needs no OpenGL and draws on a GPU where there is one), or auto:
+        raycast for what is simulated on a GPU, else opengl where it is found.
     """
 
     frames: Literal["png", "none"] = "png"
@@ -60,6 +63,7 @@ class Pictures:
     azimuth: float | None = None
     elevation: float | None = None
     zoom: float = 1.0
+    renderer: Literal["auto", "opengl", "raycast"] = "auto"
 
     @property
     def any(self) -> bool:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System, in_space
-from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
+from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS, lift
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
@@ -86,7 +86,7 @@ class Drawing:
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
         self.device = device
         body = self._body_of(scene)
-        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.gloss)
+        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in meshes(scene)]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
@@ -224,12 +224,16 @@ class Drawing:
         move_of = dict(zip(images, moves, strict=True))
         return texture, [move_of[key](uv) for key, uv in zip(keys, uvs, strict=True)]
 
-    def follow(self, position: NDArray, time: float = 0.0, values: NDArray | None = None) -> None:
+    def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
         """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`.
 
-        Where the drawing is by value, the body takes the colours of `values`, shape [particle_count].
+        Positions may be an array of Warp on the drawing's device, of vectors with d coordinates. Where the drawing
+        is by value, the body takes the colours of `values`, shape [particle_count].
         """
-        self._x.assign(in_space(position))
+        if isinstance(position, wp.array):
+            wp.launch(lift(position.dtype), len(position), [position], [self._x], device=self.device)
+        else:
+            self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
             self._shares.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):

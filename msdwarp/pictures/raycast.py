@@ -72,6 +72,10 @@ class RayCaster:
         self._chosen = wp.zeros((2, height * width), dtype=int, device=device)
         self._count = wp.zeros(2, dtype=int, device=device)
         self._pixels = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
+        # From a GPU bytes go fastest into memory that is pinned.
+        self._host = self._pixels
+        if on_gpu:
+            self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
 
     def _lit_by(self, light: NDArray) -> None:
         """Set where the key light is, and how large."""
@@ -102,7 +106,10 @@ class RayCaster:
         if self._arrows is not None:
             over = self._body_of(self._arrows)
             wp.launch(raycast.lay_over, (height, width), [over, self._view], [self._pixels], device=device)
-        return self._pixels.numpy().astype(np.uint8)  # a copy
+        if self._host is not self._pixels:
+            wp.copy(self._host, self._pixels)
+            wp.synchronize_stream(device)
+        return self._host.numpy().astype(np.uint8)  # a copy
 
     def _follow(self) -> None:
         """Have the mesh be where the drawing is: with its search tree as it is, or every so often a new one.
