@@ -15,6 +15,7 @@ class Body:
     texture: wp.array2d(dtype=wp.vec3)  # in 0 … 1, shape [height, width]
     textured: int  # 1 if the texture is what is seen, 0 if the colours are
     gloss: wp.array(dtype=float)  # strength of highlights of each triangle, shape [triangle_count]
+    first_shaded: int  # on triangles before this one no shadows fall
 
 
 @wp.struct
@@ -146,17 +147,18 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     share = ALIKE
     facing = wp.dot(normal, view.light)
     if facing > 0.0:
-        share = float(1.0)
-        if count > 0:
+        arrives = float(1.0)
+        if count > 0 and hit.face >= body.first_shaded:
             spot = view.eye + hit.t * ray
             start = spot + GAP * hit.t * normal
             start += hit.u * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face), side * body.normals[i])
             start += hit.v * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 1), side * body.normals[j])
             start += w * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 2), side * body.normals[k])
             share = light_seen(body.mesh, view, start, first, count)
+            arrives = share
         mirrored = 2.0 * facing * normal - view.light
-        diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * share)
-        glint += view.key * gloss * share * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+        diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
+        glint += view.key * gloss * arrives * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
     return diffuse * colour + wp.vec3(glint, glint, glint), share
 
 

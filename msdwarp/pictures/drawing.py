@@ -78,8 +78,8 @@ class Drawing:
         self.by_value = isinstance(colouring, Scale)
         """Whether the body takes the colours of values, which it is given as it follows the particles."""
         bare = system.surface is None
-        self._shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
-        self._plain_tubes = self._shows_strain or (bare and self.by_value)
+        self.shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
+        self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = look.full_strain
         self._paints: dict[Part, Paint] = {}
         self.scale = self._scale_of(colouring)
@@ -135,7 +135,7 @@ class Drawing:
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colour", colouring, COLOURINGS)
-        return Scale("strain  |length / rest length - 1|", self._full_strain) if self._shows_strain else None
+        return Scale("strain  |length / rest length - 1|", self._full_strain) if self.shows_strain else None
 
     @property
     def colours_move(self) -> bool:
@@ -150,7 +150,7 @@ class Drawing:
     def _body_of(self, scene: Scene) -> list[BodyPart]:
         """Return the parts that follow the particles, look by look."""
         system, of_particle = scene.system, look_of_particles(scene)
-        surface = None if self._shows_strain else system.surface
+        surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # the others lie along two of these
@@ -185,7 +185,7 @@ class Drawing:
         unit = _unit(look, rest_length)
         ends, broken_at = system.connections[connections], _broken_at(system, connections)
         tubes = Tubes(ends, TUBE * unit, Finish(np.ones(3)), self.device, broken_at=broken_at)
-        if self._shows_strain:
+        if self.shows_strain:
             self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
         few = system.particle_count <= MOST_BALLS
         if not (look.particles or (look.particles is None and few)):

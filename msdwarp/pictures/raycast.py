@@ -47,6 +47,9 @@ class RayCaster:
         self._body.texture = _image(blank if drawing.texture is None else drawing.texture, device)
         self._body.textured = int(drawing.texture is not None)
         self._body.gloss = wp.array(drawing.gloss, dtype=float, device=device)
+        # A lattice of tubes would be covered all over by its own fine shadows, which hide what its colours tell.
+        if drawing.shows_strain:
+            self._body.first_shaded = sum(len(one.part.triangles) for one in drawing.body)
 
         view = self._view = shading.Surroundings()
         view.eye = wp.vec3(*camera.eye)
@@ -91,10 +94,14 @@ class RayCaster:
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        self.refit()
+        return self.shoot(shadows=shadows)
+
+    def shoot(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing as it stood when `refit` was called last."""
         self._view.shadows = int(shadows)
         width, height = self._size
         device = self.drawing.device
-        self._follow()
         inputs = [self._body, self._view]
         tiles = -(-width // raycast.TILE) * -(-height // raycast.TILE)
         every = tiles * raycast.TILE**2
@@ -111,10 +118,10 @@ class RayCaster:
             wp.synchronize_stream(device)
         return self._host.numpy().astype(np.uint8)  # a copy
 
-    def _follow(self) -> None:
-        """Have the mesh be where the drawing is: with its search tree as it is, or every so often a new one.
+    def refit(self) -> None:
+        """Have what is searched by rays be where the drawing is; every so often make its search tree anew.
 
-        It is made with the first picture, since the tree is as good as the points that it is made for.
+        The first one is made with the first picture, since it is as good as the points that it is made for.
         """
         if self._mesh is None or self._refits == REFITS:
             self._mesh = wp.Mesh(points=self.drawing.points, indices=self._triangles)

@@ -145,6 +145,18 @@ def test_two_pictures_of_the_same_are_the_same_to_the_last_bit(place):
     np.testing.assert_array_equal(*pictures)
 
 
+def test_a_lattice_in_strain_colours_has_no_shadows_on_itself_but_casts_one():
+    body = msd.box((5, 5, 5), 0.2, mass=1.0).translate((0.0, 0.0, 0.6))
+    renderer, image = pictured([], size=(160, 120), system=body, colouring="strain")
+    plain = renderer.bare(body.position, shadows=False).astype(float)
+    darker = (image.mean(axis=2) < plain.mean(axis=2) - 1).nonzero()
+    assert len(darker[0]) > 50  # on the floor
+    stage = renderer.stage
+    rows, columns = stage.camera.pixels(body.position, stage.height, stage.width)
+    inside = (np.abs(darker[0] - rows.mean()) < 3) & (np.abs(darker[1] - columns.mean()) < 3)
+    assert not inside.any()
+
+
 def test_without_shadows_there_are_none():
     scene = msd.Scene(system=SPECK, colliders=[msd.Plane(), msd.Sphere(tuple(CENTRE), RADIUS)], look=LOOK)
     renderer = msd.Renderer(scene, ROOM, resolution=SIZE, backend="raycast")
