@@ -206,18 +206,21 @@ class Renderer:
         return image if scale is None else with_bar(image, scale, self.drawing.stops)
 
 
+def no_opengl() -> str | None:
+    """Return why OpenGL cannot draw pictures here, or None where it can."""
+    if importlib.util.find_spec("pyvista") is None:
+        return "PyVista is not installed"
+    return f"no OpenGL library was found; {ADVICE}" if opengl_window() is None else None
+
+
 def _opengl(backend: str, device: str | None) -> bool:
     """Tell whether OpenGL draws; raise RuntimeError if it is asked for where it cannot."""
     if backend == "raycast" or (backend == "auto" and device is not None and device != "cpu"):
         return False
-    missing = None
-    if importlib.util.find_spec("pyvista") is None:
-        missing = "backend is 'opengl'; PyVista, which draws by it, is not installed: use 'raycast'"
-    elif opengl_window() is None:
-        missing = f"backend is 'opengl'; no OpenGL library was found: use 'raycast', or {ADVICE}"
-    if missing and backend == "opengl":
-        raise RuntimeError(missing)
-    return missing is None
+    why = no_opengl()
+    if why is not None and backend == "opengl":
+        raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raycast': {why}")
+    return why is None
 
 
 def _device(device: str | None) -> str:

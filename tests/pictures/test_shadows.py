@@ -234,7 +234,7 @@ class TestChoice:
                 importlib.util, "find_spec", lambda name: None if name == "pyvista" else find(name)
             )
         assert not self.made().uses_opengl
-        with pytest.raises(RuntimeError, match=r"backend is 'opengl'; .*: use 'raycast'"):
+        with pytest.raises(RuntimeError, match="'opengl', which cannot draw here; it must be 'raycast'"):
             self.made(backend="opengl")
 
     @pytest.mark.gpu
