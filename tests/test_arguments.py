@@ -102,6 +102,7 @@ SELECTIONS = [
 ]
 PICTURES = [
     (lambda: msd.Look(gloss="1"), "gloss is '1'; it must be a number from 0 to 1"),
+    (lambda: msd.Look(obstacle_gloss=-1), "obstacle_gloss is -1.0; it must be from 0 to 1"),
     (lambda: msd.Look(gloss=2), "gloss is 2.0; it must be from 0 to 1"),
     (lambda: msd.Look(smooth="yes"), "smooth is 'yes'; it must be one of False, True"),
     (lambda: msd.Look(azimuth="1"), "azimuth is '1'; it must be a number from -360 to 360"),

@@ -1,7 +1,7 @@
 """What is drawn: points, normals and colours that follow the particles, and rays cast at them."""
 
 from .arrows import HEAD, RINGS, SIDES, THICK, WIDE, place_arrows
-from .drawing import STRAIN_STOPS, VALUE_STOPS, halve_over
+from .drawing import STRAIN_STOPS, VALUE_STOPS, halve_over, lift
 
 __all__ = [
     "HEAD",
@@ -12,5 +12,6 @@ __all__ = [
     "VALUE_STOPS",
     "WIDE",
     "halve_over",
+    "lift",
     "place_arrows",
 ]

@@ -1,5 +1,7 @@
 """What is drawn: points, normals and colours that follow the particles (float32, three coordinates)."""
 
+import functools
+
 import warp as wp
 
 from ..basis import kernel
@@ -22,6 +24,29 @@ VALUE_STOPS = (
 Each is as far from the next in OKLab as the others are, to 5 %, and lighter: equal differences of values look
 alike. The darkest is light enough for shading to show the shape of a body at rest.
 """
+
+
+@functools.cache
+def lift(vectors: type):
+    """Return a kernel that copies vectors of one to three coordinates into space: the second of two is z."""
+    dim = wp.types.type_size(vectors)
+
+    @kernel
+    def lift_all(
+        x: wp.array(dtype=vectors),  # [m], shape [particle_count]
+        # Out:
+        in_space: wp.array(dtype=wp.vec3),  # [m], shape [particle_count]
+    ):
+        i = wp.tid()
+        here = x[i]
+        if wp.static(dim == 1):
+            in_space[i] = wp.vec3(float(here[0]), 0.0, 0.0)
+        if wp.static(dim == 2):
+            in_space[i] = wp.vec3(float(here[0]), 0.0, float(here[1]))
+        if wp.static(dim == 3):
+            in_space[i] = wp.vec3(float(here[0]), float(here[1]), float(here[2]))
+
+    return lift_all
 
 
 @kernel

@@ -12,7 +12,7 @@ from PIL import Image
 from rich.progress import Progress
 
 from ..files import FrameArray, Trajectory
-from ..pictures import ADVICE, Renderer, Scale, outermost, timelapse, write_film
+from ..pictures import Renderer, Scale, no_opengl, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -33,6 +33,7 @@ def draw(
     *,
     shown: Sequence[int] | None = None,
     fps: float | None = None,
+    device: str | None = None,
 ) -> str:
     """Draw a trajectory into a folder; return a line that says so.
 
@@ -52,6 +53,8 @@ def draw(
         The numbers of the frames that are drawn; by default all.
     fps
         Pictures per second of the film; by default as many as frames of a second.
+    device
+        Where it was simulated just now, and is drawn by the ray caster; None where that is left open.
 
     Raises
     ------
@@ -59,7 +62,8 @@ def draw(
         If a signal asks to end: between two pictures, and never while VTK is imported, which would crash.
     """
     with stop_asked_for(progress.console) as asked:
-        return _draw(scene, trajectory, folder, name, pictures, progress, asked, shown=shown, fps=fps)
+        what = scene, trajectory, folder, name, pictures, progress, asked
+        return _draw(*what, shown=shown, fps=fps, device=device)
 
 
 def _draw(
@@ -73,6 +77,7 @@ def _draw(
     *,
     shown: Sequence[int] | None,
     fps: float | None,
+    device: str | None,
 ) -> str:
     """Draw, until a signal asks to end."""
     began = time.perf_counter()
@@ -85,11 +90,11 @@ def _draw(
     size = parse_resolution(pictures.resolution)
     seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
     forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
-    how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest}
-    renderer = Renderer(scene, np.concatenate(seen), resolution=size, **how)
+    how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
+    renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
     _end_if(asked)
-    if not renderer.uses_opengl:
-        progress.console.print(f"no OpenGL library found: frames are ray cast; {ADVICE}", soft_wrap=True)
+    if pictures.renderer == "auto" and not renderer.uses_opengl and renderer.drawing.device == "cpu":
+        progress.console.print(f"frames are ray cast: {no_opengl()}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
     if not pictures.frames == pictures.video == "none":
         drawing = progress.track(shown, count, description="drawing")

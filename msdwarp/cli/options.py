@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from cyclopts import Parameter
 
 from .. import checks
-from ..pictures import check_formats
+from ..pictures import check_formats, no_opengl
 from ..world import Look
 from .results import overlay_path
 from .whole import Whole, WholeOrAuto
@@ -49,6 +49,9 @@ class Pictures:
         energy or contact force of particles. Default: set by the scene.
     arrows
         Draw contact forces as arrows, in front of the bodies.
+    renderer
+        What draws: opengl, raycast (which needs no OpenGL and draws on a GPU where there is one), or auto:
+        raycast for what is simulated on a GPU, else opengl where it is found.
     """
 
     frames: Literal["png", "none"] = "png"
@@ -60,6 +63,7 @@ class Pictures:
     azimuth: float | None = None
     elevation: float | None = None
     zoom: float = 1.0
+    renderer: Literal["auto", "opengl", "raycast"] = "auto"
 
     @property
     def any(self) -> bool:
@@ -91,6 +95,8 @@ class Pictures:
         check_formats(self.frames, self.video)
         parse_resolution(self.resolution)
         checks.positive("zoom", self.zoom)
+        if self.renderer == "opengl" and (why := no_opengl()) is not None:
+            raise ValueError(f"renderer is opengl, which cannot draw here; it must be raycast or auto: {why}")
         Look(**self._turned())  # which checks the angles
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(

@@ -209,7 +209,8 @@ class Run:
                 with Trajectory(path) as trajectory:
                     pictures = self.options.pictures
                     try:
-                        lines.append(draw(self.scene, trajectory, self.folder, self.name, pictures, progress))
+                        what = self.scene, trajectory, self.folder, self.name, pictures, progress
+                        lines.append(draw(*what, device=self.simulation.device))
                     except Interrupted as error:
                         raise Interrupted(self._continued(str(error)), error.number) from None
         if not self.options.quiet:

@@ -5,7 +5,7 @@ from .film import FILM_FORMATS, check_formats, write_film
 from .legend import bar
 from .onscreen import OnScreen
 from .opengl_window import ADVICE, no_display
-from .renderer import Renderer
+from .renderer import Renderer, no_opengl
 from .stage import VIEW_ANGLE, Stage, outermost
 from .timelapse import timelapse
 
@@ -22,6 +22,7 @@ __all__ = [
     "bar",
     "check_formats",
     "no_display",
+    "no_opengl",
     "outermost",
     "timelapse",
     "write_film",

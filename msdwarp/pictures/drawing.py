@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System, in_space
-from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
+from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS, lift
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
 from .dressing import inside_of, look_of_particles, look_of_triangles, part_of, torn, uncovered
+from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
-from .stage import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 
 COLOURINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
@@ -78,15 +78,15 @@ class Drawing:
         self.by_value = isinstance(colouring, Scale)
         """Whether the body takes the colours of values, which it is given as it follows the particles."""
         bare = system.surface is None
-        self._shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
-        self._plain_tubes = self._shows_strain or (bare and self.by_value)
+        self.shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
+        self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = look.full_strain
         self._paints: dict[Part, Paint] = {}
         self.scale = self._scale_of(colouring)
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
         self.device = device
         body = self._body_of(scene)
-        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.gloss)
+        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in meshes(scene)]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
@@ -135,7 +135,7 @@ class Drawing:
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colour", colouring, COLOURINGS)
-        return Scale("strain  |length / rest length - 1|", self._full_strain) if self._shows_strain else None
+        return Scale("strain  |length / rest length - 1|", self._full_strain) if self.shows_strain else None
 
     @property
     def colours_move(self) -> bool:
@@ -150,7 +150,7 @@ class Drawing:
     def _body_of(self, scene: Scene) -> list[BodyPart]:
         """Return the parts that follow the particles, look by look."""
         system, of_particle = scene.system, look_of_particles(scene)
-        surface = None if self._shows_strain else system.surface
+        surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # the others lie along two of these
@@ -185,7 +185,7 @@ class Drawing:
         unit = _unit(look, rest_length)
         ends, broken_at = system.connections[connections], _broken_at(system, connections)
         tubes = Tubes(ends, TUBE * unit, Finish(np.ones(3)), self.device, broken_at=broken_at)
-        if self._shows_strain:
+        if self.shows_strain:
             self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
         few = system.particle_count <= MOST_BALLS
         if not (look.particles or (look.particles is None and few)):
@@ -224,12 +224,16 @@ class Drawing:
         move_of = dict(zip(images, moves, strict=True))
         return texture, [move_of[key](uv) for key, uv in zip(keys, uvs, strict=True)]
 
-    def follow(self, position: NDArray, time: float = 0.0, values: NDArray | None = None) -> None:
+    def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
         """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`.
 
-        Where the drawing is by value, the body takes the colours of `values`, shape [particle_count].
+        Positions may be an array of Warp on the drawing's device, of vectors with d coordinates. Where the drawing
+        is by value, the body takes the colours of `values`, shape [particle_count].
         """
-        self._x.assign(in_space(position))
+        if isinstance(position, wp.array):
+            wp.launch(lift(position.dtype), len(position), [position], [self._x], device=self.device)
+        else:
+            self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
             self._shares.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):

@@ -1,10 +1,12 @@
-"""Pictures of a scene, by OpenGL (PyVista) or, where there is no library for it, by the ray caster."""
+"""Pictures of a scene, by OpenGL (PyVista) or by the ray caster, which needs nothing but Warp."""
 
+import importlib.util
 import os
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
@@ -18,12 +20,15 @@ from .opengl_window import ADVICE, opengl_window
 from .raycast import RayCaster
 from .stage import Stage
 
+BACKENDS = ("auto", "opengl", "raycast")
+"""What can draw; "auto" is one of the others."""
+
 
 class Backend(Protocol):
     """Draws one picture of a drawing as it stands."""
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture, with shadows on the ground or without, uint8 of shape [height, width, 3]."""
+        """Return the picture, with shadows or without, uint8 of shape [height, width, 3]."""
         ...
 
 
@@ -44,7 +49,10 @@ class Renderer:
         `Scale`, which colours the surface (or connections, if there is none) by values given with each frame.
         Default: set by the scene's look.
     backend
-        "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
+        "opengl" (PyVista), "raycast" (Warp, on any device), or "auto": the ray caster where `device` is a GPU,
+        else PyVista where it and an OpenGL library are found.
+    device
+        Where the ray caster draws: cpu, cuda:0 ... By default the first GPU, or the CPU if there is none.
     zoom
         Zoom factor, above 0; 1 fits everything.
     arrows
@@ -67,17 +75,20 @@ class Renderer:
         resolution: tuple[int, int] = (1280, 720),
         colouring: str | Scale | None = None,
         backend: str = "auto",
+        device: str | None = None,
         zoom: float = 1.0,
         arrows: float | None = None,
     ) -> None:
-        checks.one_of("backend", backend, ("auto", "opengl", "raycast"))
+        checks.one_of("backend", backend, BACKENDS)
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         width, height = _pixels(resolution)
         checks.positive("zoom", zoom)
         if colouring is None:
             colouring = "strain" if scene.look.strain else "texture"
         start_warp()
-        self.drawing = Drawing(scene, colouring)
+        self.uses_opengl = _opengl(backend, device)
+        place = "cpu" if self.uses_opengl else _device(device)
+        self.drawing = Drawing(scene, colouring, place)
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
@@ -85,12 +96,8 @@ class Renderer:
         self.stage = Stage(scene, positions, (width, height), zoom)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
-        window = opengl_window()
-        if backend == "opengl" and window is None:
-            raise RuntimeError(f"no OpenGL library was found; {ADVICE}")
-        self.uses_opengl = backend != "raycast" and window is not None
         if self.uses_opengl:
-            if window:
+            if window := opengl_window():
                 os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
             self._backend: Backend = OpenGL(self.drawing, self.stage, self.arrows)
         else:
@@ -98,7 +105,7 @@ class Renderer:
 
     def image(
         self,
-        position: NDArray,
+        position: NDArray | wp.array,
         time: float = 0.0,
         values: ArrayLike | None = None,
         forces: ArrayLike | None = None,
@@ -108,7 +115,8 @@ class Renderer:
         Parameters
         ----------
         position
-            Particle positions [m], shape [particle_count, d].
+            Particle positions [m], shape [particle_count, d]; or an array of Warp, of so many vectors, such as
+            `Simulation.positions`, which the ray caster reads where it is, unchecked.
         time
             When that is [s]: where moving colliders are drawn.
         values
@@ -127,7 +135,7 @@ class Renderer:
 
     def bare(
         self,
-        position: NDArray | None,
+        position: NDArray | wp.array | None,
         time: float = 0.0,
         *,
         shadows: bool = True,
@@ -151,11 +159,21 @@ class Renderer:
             self.drawing.follow_without_body(camera.eye - camera.forward, time)
             return self._backend.draw(shadows=shadows)
         checks.non_negative("time", time)
-        position = self._vectors("position", position)
+        if not self._is_here(position):
+            position = self._vectors("position", position.numpy() if isinstance(position, wp.array) else position)
         if self.arrows is not None:
-            self.arrows.follow(position, None if forces is None else self._vectors("forces", forces))
+            there = position.numpy() if isinstance(position, wp.array) else position
+            self.arrows.follow(there, None if forces is None else self._vectors("forces", forces))
         self.drawing.follow(position, time, self._checked(values))
         return self._backend.draw(shadows=shadows)
+
+    def _is_here(self, position: NDArray | wp.array) -> bool:
+        """Tell whether positions are where the drawing is, so that they need not be copied to the host."""
+        if not isinstance(position, wp.array):
+            return False
+        if position.device != wp.get_device(self.drawing.device) or position.shape != self._shape[:1]:
+            return False
+        return wp.types.type_size(position.dtype) == self._shape[1]
 
     def _vectors(self, name: str, value: ArrayLike) -> NDArray:
         """Return a vector for each particle; raise ValueError unless it is that."""
@@ -186,6 +204,34 @@ class Renderer:
         if self.arrows is not None:
             image = with_arrow(image, f"{self.arrows.full:g} N or more", LONGEST)
         return image if scale is None else with_bar(image, scale, self.drawing.stops)
+
+
+def no_opengl() -> str | None:
+    """Return why OpenGL cannot draw pictures here, or None where it can."""
+    if importlib.util.find_spec("pyvista") is None:
+        return "PyVista is not installed"
+    return f"no OpenGL library was found; {ADVICE}" if opengl_window() is None else None
+
+
+def _opengl(backend: str, device: str | None) -> bool:
+    """Tell whether OpenGL draws; raise RuntimeError if it is asked for where it cannot."""
+    if backend == "raycast" or (backend == "auto" and device is not None and device != "cpu"):
+        return False
+    why = no_opengl()
+    if why is not None and backend == "opengl":
+        raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raycast': {why}")
+    return why is None
+
+
+def _device(device: str | None) -> str:
+    """Return the device that the ray caster draws on; raise ValueError if there is none of that name."""
+    if device is None:
+        return wp.get_preferred_device().alias
+    try:
+        return wp.get_device(device).alias
+    except Exception as error:  # which one it is depends on what is wrong with the name
+        known = ", ".join(one.alias for one in wp.get_devices())
+        raise ValueError(f"device is {checks.said(device)}; it must be one of {known}") from error
 
 
 def _numbers(name: str, value: ArrayLike) -> NDArray:

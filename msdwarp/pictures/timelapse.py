@@ -21,7 +21,7 @@ def timelapse(
     """Return one picture of several poses, laid over each other in order, each more opaque than the one before.
 
     A pose's pixels are those that differ from a picture without the body; what it covers of earlier poses shows
-    through. Shadows are as dark as their bodies are opaque, and fall on the ground only, not on other poses.
+    through. Shadows are as dark as their bodies are opaque, and fall on what stands still, not on poses.
     Colliders are where they are at the last pose.
 
     Parameters

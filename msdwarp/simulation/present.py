@@ -1,5 +1,6 @@
 """Present: what can be read off a simulation between two frames."""
 
+import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame, System
@@ -82,6 +83,14 @@ class Present:
     def rest_length(self) -> NDArray:
         """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
         return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
+
+    @property
+    def positions(self) -> wp.array:
+        """Present positions [m] where they are: an array of Warp on the device, which later steps overwrite.
+
+        It is of vectors, shape [particle_count]; `Renderer.image` draws it without a copy to the host.
+        """
+        return self.stepping.state.x
 
     def frame(self) -> Frame:
         """Return the present positions and velocities."""

@@ -38,6 +38,8 @@ class Look:
         Colour of solid colliders, "#rrggbb". In strain colours it is used even if they have a texture.
     obstacle_texture
         Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` says how it lies.
+    obstacle_gloss
+        Strength of highlights on solid colliders, 0 … 1. The ground has none.
     strain
         Colour connections by their strain, unless a run asks for the texture.
     full_strain
@@ -65,6 +67,7 @@ class Look:
     ground: str = "#cfd6dc"
     obstacle: str = "#c9c3ba"
     obstacle_texture: NDArray[np.uint8] | None = None
+    obstacle_gloss: float = 0.1
     strain: bool = False
     full_strain: float = 0.2
     particles: bool | None = None
@@ -80,6 +83,7 @@ class Look:
             _check_image(name, getattr(self, name))
         checks.one_of("smooth", self.smooth, (False, True))
         checks.between("gloss", self.gloss, 0, 1)
+        checks.between("obstacle_gloss", self.obstacle_gloss, 0, 1)
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
         checks.one_of("strain", self.strain, (False, True))

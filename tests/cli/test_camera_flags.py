@@ -52,6 +52,7 @@ def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
         (["--azimuth", "400"], "azimuth is 400.0; it must be from -360 to 360"),
         (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
         (["--zoom", "0"], "zoom is 0; it must be a number above 0"),
+        (["--renderer", "vulkan"], "renderer is 'vulkan'; it must be one of auto, opengl, raycast"),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tmp_path, flags, message):
@@ -136,3 +137,21 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube,
 def test_a_run_stores_where_the_camera_stood():
     pictures = Options.stored(Options().as_stored()).pictures
     assert (pictures.azimuth, pictures.elevation, pictures.zoom) == (None, None, 1.0)
+
+
+def test_opengl_is_refused_where_there_is_none_before_a_file_is_touched(msdwarp, tmp_path, monkeypatch):
+    monkeypatch.setattr("msdwarp.pictures.renderer.opengl_window", lambda: None)
+    code, out, err = msdwarp("run", "cube", "--size", "3", *SMALL, "--renderer", "opengl")
+    assert (code, out) == (1, "")
+    assert "renderer is opengl, which cannot draw here; it must be raycast or auto: no OpenGL library" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_ray_caster_draws_a_run_and_its_trajectory_alike(msdwarp, cube, tmp_path):
+    how = ("--renderer", "raycast", "--video", "none", "--resolution", "64x64")
+    assert msdwarp("render", "out/cube", *how)[0] == 0
+    assert (
+        msdwarp("run", "cube", "--size", "3", "--duration", "0.2", "--device", "cpu", *how, "--out", "b")[0] == 0
+    )
+    name = "frame_0012.png"
+    assert (cube / "render" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

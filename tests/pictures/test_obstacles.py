@@ -9,8 +9,8 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
+from msdwarp.pictures.light import AMBIENT, HEAD, KEY, SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
-from msdwarp.pictures.stage import AMBIENT, HEAD, KEY, SHADOW
 
 BACKENDS = [
     pytest.param(
@@ -220,7 +220,7 @@ def shade(colour, normal, camera):
 def test_an_obstacle_is_seen_where_it_is_in_its_colour(body, backend, colouring):
     # A block beside the body, half of it below the ground.
     block = msd.Box((1.2, 0.0, 0.0), (0.6, 0.6, 1.0))
-    look = msd.Look(obstacle="#4060c0", gloss=0.0, obstacle_texture=None)
+    look = msd.Look(obstacle="#4060c0", obstacle_gloss=0.0)
     scene = msd.Scene(system=body, colliders=[msd.Plane(), block], look=look)
     seen = np.concatenate([body.position, [[1.2, -1.5, 0.0]]])  # room in front of the block
     renderer = msd.Renderer(scene, seen, resolution=SIZE, backend=backend, colouring=colouring)
@@ -266,7 +266,10 @@ def test_the_shadow_of_an_obstacle_ends_where_it_meets_the_ground(body, backend)
 def test_a_moving_obstacle_is_drawn_where_it_is_at_the_time(body, backend):
     ball = msd.Sphere((0.9, 0, 0.3), 0.3, motion=lambda t: (0.9 * t, 0, 0))
     scene = msd.Scene(
-        system=body, colliders=[msd.Plane(), ball], duration=1.0, look=msd.Look(obstacle="#2040d0", gloss=0)
+        system=body,
+        colliders=[msd.Plane(), ball],
+        duration=1.0,
+        look=msd.Look(obstacle="#2040d0", obstacle_gloss=0),
     )
     renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend=backend)
     for time, here, there in ((0.0, 0.9, 1.8), (1.0, 1.8, 0.9), (0.0, 0.9, 1.8)):
@@ -284,7 +287,7 @@ def test_body_and_obstacle_keep_their_own_textures(body, backend, textured):
     random = np.random.default_rng(3)
     stripes = np.repeat(random.integers(60, 200, (24, 1, 3)), 36, axis=1).astype(np.uint8)
     dots = np.repeat(np.repeat(random.integers(60, 200, (4, 9, 3)), 8, axis=0), 8, axis=1).astype(np.uint8)
-    colours = {"colour": "#c03020", "obstacle": "#4060c0", "gloss": 0.0}
+    colours = {"colour": "#c03020", "obstacle": "#4060c0", "gloss": 0.0, "obstacle_gloss": 0.0}
     own = {"texture": stripes} if textured != "obstacle" else {}
     other = {"obstacle_texture": dots} if textured != "body" else {}
     block = msd.Box((0.9, 0.0, 0.5), (0.5, 0.5, 0.5))

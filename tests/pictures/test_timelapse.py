@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from msdwarp.pictures.light import SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
-from msdwarp.pictures.stage import SHADOW
 from msdwarp.pictures.timelapse import FAINTEST, timelapse
 
 BACKENDS = [
@@ -81,7 +81,7 @@ def test_a_later_pose_covers_an_earlier_one(scene):
 def test_moving_obstacles_are_where_they_are_at_the_last_pose():
     body = msd.box((3, 3, 3), 0.2, mass=0.1).translate((0, 0, 0.4))
     ball = msd.Sphere((1, 0, 0.3), 0.3, motion=lambda t: (t, 0, 0))
-    look = msd.Look(obstacle="#2040d0", gloss=0.0)
+    look = msd.Look(obstacle="#2040d0", gloss=0.0, obstacle_gloss=0.0)
     scene = msd.Scene(system=body, colliders=[msd.Plane(), ball], look=look, duration=1.0)
     renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend="raycast")
     picture = timelapse(renderer, [body.position] * 2, [0.0, 1.0])

@@ -1,0 +1,193 @@
+"""What a ray sees: bodies and obstacles, lit and in shadow, the ground, and the background."""
+
+import warp as wp
+
+
+@wp.struct
+class Body:
+    """The triangles that are drawn."""
+
+    mesh: wp.uint64
+    # Of vertices, each of shape [vertex_count]:
+    normals: wp.array(dtype=wp.vec3)  # of unit length
+    colours: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
+    uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
+    texture: wp.array2d(dtype=wp.vec3)  # in 0 … 1, shape [height, width]
+    textured: int  # 1 if the texture is what is seen, 0 if the colours are
+    gloss: wp.array(dtype=float)  # strength of highlights of each triangle, shape [triangle_count]
+    first_shaded: int  # on triangles before this one no shadows fall
+
+
+@wp.struct
+class Surroundings:
+    """Camera, light and ground."""
+
+    eye: wp.vec3
+    """Where the camera is [m]."""
+    corner: wp.vec3
+    """Direction through the upper left corner of the picture."""
+    across: wp.vec3
+    """From the direction of one pixel to that of its right neighbour."""
+    down: wp.vec3
+    far: float
+    """Beyond this distance nothing is met [m]."""
+    light: wp.vec3
+    """Unit vector towards the middle of the key light."""
+    light_u: wp.vec3
+    """A point (a, b) of the key light, a disc of radius 1, is in the direction light + a light_u + b light_v."""
+    light_v: wp.vec3
+    spots: wp.array(dtype=wp.vec2)
+    """Points of the key light: the first four for a look, those behind them for counting."""
+    towards_viewer: wp.vec3
+    """Unit vector against the direction of view: towards the second light."""
+    background: wp.vec3
+    """Colour where nothing is met, in 0 … 1."""
+    # Strengths of what lights the body: from everywhere, from the key light and from the viewer.
+    ambient: float
+    key: float
+    head: float
+    shininess: float
+    """Phong's exponent of highlights."""
+    shadows: int
+    """1 if there are shadows, else 0."""
+    shaded: float
+    """What is left of the key light on bodies in full shadow, 0 … 1."""
+    shadow: float
+    """What is left of the ground's colour in full shadow, 0 … 1."""
+    has_ground: int
+    below: float
+    """What is further below the ground is not seen [m]."""
+    ground: wp.array2d(dtype=wp.vec3)
+    """Its texture in 0 … 1, shape [height, width]."""
+    ground_centre: wp.vec3
+    """Its middle [m]."""
+    ground_normal: wp.vec3
+    """Unit vector upwards."""
+    ground_u: wp.vec3
+    """u = (p − centre)·ground_u + 1/2 is the texture coordinate of a point p of the ground [1/m]."""
+    ground_v: wp.vec3
+    """The same for v [1/m]."""
+
+
+GAP = wp.constant(1.0e-4)
+"""How far from what it starts on a ray towards the light begins, over the distance from the camera: well above the
+rounding of float32, and less than a tenth of a pixel."""
+LOOKS = wp.constant(4)
+"""Points of the light that neighbouring pixels look at, one each, to find where a shadow fades."""
+ALIKE = wp.constant(0.5)
+"""In place of the share of the key light that is seen, where none of it could fall."""
+
+
+@wp.func
+def texel(image: wp.array2d(dtype=wp.vec3), u: float, v: float) -> wp.vec3:
+    """Return the image at (u, v), linear between pixels; row 0 is at v = 1, and edges extend."""
+    column = wp.clamp(u, 0.0, 1.0) * float(image.shape[1]) - 0.5
+    row = (1.0 - wp.clamp(v, 0.0, 1.0)) * float(image.shape[0]) - 0.5
+    c0 = int(wp.floor(column))
+    r0 = int(wp.floor(row))
+    s = column - float(c0)
+    t = row - float(r0)
+    c1 = wp.min(c0 + 1, image.shape[1] - 1)
+    r1 = wp.min(r0 + 1, image.shape[0] - 1)
+    c0 = wp.max(c0, 0)
+    r0 = wp.max(r0, 0)
+    upper = (1.0 - s) * image[r0, c0] + s * image[r0, c1]
+    lower = (1.0 - s) * image[r1, c0] + s * image[r1, c1]
+    return (1.0 - t) * upper + t * lower
+
+
+@wp.func
+def light_seen(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
+    """Return the share of so many points of the key light, from `first` on, that nothing hides."""
+    if view.shadows == 0:
+        return 1.0
+    hidden = int(0)
+    for k in range(first, first + count):
+        way = view.light + view.spots[k][0] * view.light_u + view.spots[k][1] * view.light_v
+        if wp.mesh_query_ray_anyhit(mesh, start, wp.normalize(way), view.far):
+            hidden += 1
+    return 1.0 - float(hidden) / float(count)
+
+
+@wp.func
+def lifted(spot: wp.vec3, corner: wp.vec3, normal: wp.vec3) -> wp.vec3:
+    """Return the way from a point up to the plane through a corner across its normal, if it is below that."""
+    return wp.max(wp.dot(corner - spot, normal), 0.0) * normal
+
+
+@wp.func
+def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
+    """Return the colour of the body where the ray hit it, and the share of the key light that is seen from there.
+
+    Phong's shading, both sides alike. Where triangles stand for a smooth surface, a ray towards the light starts
+    on that, as the normals tell it, since the triangles' own shadow would be jagged where the light grazes them
+    (J. Hanika, "Hacking the shadow terminator", Ray Tracing Gems II, 2021).
+    """
+    i = wp.mesh_get_index(body.mesh, 3 * hit.face)
+    j = wp.mesh_get_index(body.mesh, 3 * hit.face + 1)
+    k = wp.mesh_get_index(body.mesh, 3 * hit.face + 2)
+    w = 1.0 - hit.u - hit.v
+    normal = wp.normalize(hit.u * body.normals[i] + hit.v * body.normals[j] + w * body.normals[k])
+    side = float(1.0)
+    if wp.dot(normal, ray) > 0.0:
+        side = -1.0
+    normal = side * normal
+    colour = hit.u * body.colours[i] + hit.v * body.colours[j] + w * body.colours[k]
+    if body.textured == 1:
+        at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
+        colour = texel(body.texture, at[0], at[1])
+    gloss = body.gloss[hit.face]
+    diffuse = view.ambient
+    glint = float(0.0)
+    facing = wp.dot(normal, view.towards_viewer)
+    if facing > 0.0:
+        mirrored = 2.0 * facing * normal - view.towards_viewer
+        diffuse += view.head * facing
+        glint += view.head * gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+    share = ALIKE
+    facing = wp.dot(normal, view.light)
+    if facing > 0.0:
+        arrives = float(1.0)
+        if count > 0 and hit.face >= body.first_shaded:
+            spot = view.eye + hit.t * ray
+            start = spot + GAP * hit.t * normal
+            start += hit.u * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face), side * body.normals[i])
+            start += hit.v * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 1), side * body.normals[j])
+            start += w * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 2), side * body.normals[k])
+            share = light_seen(body.mesh, view, start, first, count)
+            arrives = share
+        mirrored = 2.0 * facing * normal - view.light
+        diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
+        glint += view.key * gloss * arrives * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+    return diffuse * colour + wp.vec3(glint, glint, glint), share
+
+
+@wp.func
+def height(view: Surroundings, spot: wp.vec3) -> float:
+    """Return how far a point is above the ground [m]."""
+    return wp.dot(spot - view.ground_centre, view.ground_normal)
+
+
+@wp.func
+def seen(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
+    """Return what is seen at a point of the picture, given in pixels from its upper left corner.
+
+    That is its colour, and the share of `count` points of the key light, from `first` on, that is seen from there.
+    """
+    ray = wp.normalize(view.corner + column * view.across + row * view.down)
+    colour = view.background
+    share = ALIKE
+    hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
+    if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
+        colour, share = seen_body(body, view, hit, ray, first, count)
+    else:
+        slope = wp.dot(ray, view.ground_normal)
+        if view.has_ground == 1 and slope < 0.0:
+            t = wp.dot(view.ground_centre - view.eye, view.ground_normal) / slope
+            spot = view.eye + t * ray
+            u = wp.dot(spot - view.ground_centre, view.ground_u) + 0.5
+            v = wp.dot(spot - view.ground_centre, view.ground_v) + 0.5
+            if t > 0.0 and u >= 0.0 and u <= 1.0 and v >= 0.0 and v <= 1.0:
+                share = light_seen(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
+                colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, u, v)
+    return colour, share

@@ -1,0 +1,253 @@
+"""Shadows of the ray caster, where geometry says they are, and the ray caster as a renderer of its own."""
+
+import functools
+import importlib.util
+
+import numpy as np
+import pytest
+import warp as wp
+
+import msdwarp as msd
+from msdwarp.pictures import renderer as renderer_module
+from msdwarp.pictures.light import AMBIENT, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, spread
+from msdwarp.pictures.raycast import RayCaster
+from msdwarp.pictures.stage import Stage
+
+SIZE = (64, 48)
+RADIUS, CENTRE = 0.3, np.array([0.0, 0.0, 1.0])
+LOOK = msd.Look(colour="#808080", obstacle="#808080", gloss=0.0, obstacle_gloss=0.0, azimuth=-90, elevation=60)
+SPECK = msd.box((2, 2, 2), 1e-3, mass=1.0).translate((2.5, -2.0, 0.002))  # too small to be seen
+ROOM = np.array([[-1.5, -1.5, 0.0], [2.5, 2.0, 0.0], [0.0, 0.0, 1.5]])
+
+
+def pictured(colliders, *, size=SIZE, room=ROOM, system=SPECK, look=LOOK, device="cpu", **how):
+    """Return a renderer of a scene above the floor, and its picture."""
+    scene = msd.Scene(system=system, colliders=[msd.Plane(), *colliders], look=look)
+    renderer = msd.Renderer(scene, room, resolution=size, backend="raycast", device=device, **how)
+    return renderer, renderer.image(system.position).astype(float)
+
+
+def pixels_of(renderer, points):
+    """Return the pixels, shape [any, 2], in which points [m] are seen."""
+    stage = renderer.stage
+    return np.stack(stage.camera.pixels(np.asarray(points), stage.height, stage.width), axis=-1).astype(int)
+
+
+def lit_share(renderer, image, points):
+    """Return the share of the key light that reaches points of the ground, by their brightness."""
+    ground = renderer.stage.ground
+    u, v = ground.uv(points).T
+    painted = ground.texture[(v * 2048).astype(int), (u * 2048).astype(int)].mean(axis=1)
+    row, column = pixels_of(renderer, points).T
+    return (image[row, column].mean(axis=1) / painted - SHADOW) / (1 - SHADOW)
+
+
+@pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def place(request):
+    """A device to draw on."""
+    if request.param != "cpu" and not wp.is_cuda_available():
+        pytest.skip("no CUDA device")
+    return request.param
+
+
+def test_the_shadow_of_a_sphere_has_its_centre_and_its_radius(place):
+    ball = msd.Sphere(tuple(CENTRE), RADIUS)
+    renderer, image = pictured([ball], size=(320, 240), device=place)
+    light = renderer.stage.camera.light
+    # Rays along the light through the sphere's outline, a circle across it, meet the floor in an ellipse: of half
+    # axis RADIUS across the light's way over the floor, RADIUS / light_z along it.
+    foot = CENTRE - CENTRE[2] / light[2] * light
+    along = light * (1, 1, 0) / np.linalg.norm(light[:2])
+    sideways = np.cross([0, 0, 1], along)
+    # Half the light is seen where its middle disappears, to the second order in SOFTNESS; there it rises by
+    # 1 / (pi / 2) of all over a distance SOFTNESS · way, which is larger than a pixel (0.02 m).
+    way = CENTRE[2] / light[2]
+    for axis, half in ((along, RADIUS / light[2]), (sideways, RADIUS)):
+        for sign in (1, -1):
+            if sign > 0 and axis is along:
+                continue  # the sphere stands before it
+            inner, rim, outer = (
+                foot + sign * (half + shift * SOFTNESS * way / light[2]) * axis for shift in (-1.5, 0, 1.5)
+            )
+            shares = lit_share(renderer, image, np.array([foot, inner, rim, outer]))
+            # 8-bit rounding of a difference of 0.34 · 200: 0.01. Between pixels 0.02 m apart in a width of 0.13 m,
+            # at the rim: 0.2.
+            np.testing.assert_allclose(shares[[0, 1, 3]], [0, 0, 1], atol=0.03)
+            assert shares[2] == pytest.approx(0.5, abs=0.2)
+
+
+def test_nothing_is_dark_where_nothing_hides_the_light():
+    renderer, image = pictured([], size=(160, 120))
+    along = np.linspace(-1.3, 1.5, 8)  # not on the edges of the floor's squares, of 1 m
+    points = np.array([[x, y, 0.0] for x in along for y in along])
+    # 8-bit rounding, and the pattern of the floor between its pixels.
+    np.testing.assert_allclose(lit_share(renderer, image, points), 1.0, atol=0.1)
+
+
+@functools.cache
+def two_blocks():
+    """Return a slab, a block above its middle, and the picture of both and of the slab alone."""
+    slab = msd.Box((0.0, 0.0, 0.1), (2.4, 2.4, 0.2))
+    block = msd.Box((0.0, 0.0, 0.9), (0.5, 0.5, 0.1))
+    return [pictured(solids, size=(160, 120)) for solids in ([slab, block], [slab])]
+
+
+def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
+    (renderer, both), (_, alone) = two_blocks()
+    camera = renderer.stage.camera
+    shaded = np.array([0.0, 0.0, 0.9]) - (0.9 - 0.2) / camera.light[2] * camera.light
+    (row, column), (far_row, far_column) = pixels_of(renderer, [shaded, [0.9, -0.9, 0.2]])
+    head, key = HEAD * -camera.forward[2], KEY * camera.light[2]
+    colour = 255 * 0x80 / 255
+    # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colours too.
+    np.testing.assert_allclose(both[row, column], colour * (AMBIENT + head + SHADED * key), atol=1)
+    np.testing.assert_allclose(alone[row, column], colour * (AMBIENT + head + key), atol=1)
+    np.testing.assert_allclose(both[far_row, far_column], colour * (AMBIENT + head + key), atol=1)
+
+
+def test_a_body_has_the_shadow_of_an_obstacle_and_no_acne_elsewhere():
+    body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
+    block = msd.Box((-0.5, 0.4, 1.9), (0.7, 0.7, 0.1))
+    _, alone = pictured([], size=(160, 120), system=body, look=LOOK)
+    renderer, both = pictured([block], size=(160, 120), system=body, look=LOOK)
+    camera = renderer.stage.camera
+    towards_block = block.position - 1.2 * camera.light  # where light through the block's middle goes
+    landed = towards_block + np.linspace(-0.6, 0.6, 241)[:, None] * camera.light
+    on_body = landed[np.argmin(np.abs(np.linalg.norm(landed - (0, 0, 0.7), axis=1) - 0.6))]
+    assert abs(np.linalg.norm(on_body - (0, 0, 0.7)) - 0.6) < 0.05  # the light does meet the body
+    row, column = pixels_of(renderer, [on_body])[0]
+    assert both[row, column].mean() < 0.9 * alone[row, column].mean()
+    # A ball alone shades its own far side only, which faces away from the light: towards the light its brightness
+    # changes from pixel to pixel by no more than its slope does, a hundredth of it and rounding.
+    middle = pixels_of(renderer, [np.array([0, 0, 0.7]) + 0.55 * (camera.light - camera.forward) / 2])[0]
+    spot = alone[middle[0] - 4 : middle[0] + 5, middle[1] - 4 : middle[1] + 5].mean(axis=2)
+    assert np.abs(np.diff(spot, axis=0)).max() < 4
+    assert np.abs(np.diff(spot, axis=1)).max() < 4
+
+
+def test_a_scene_and_its_mirror_image_have_mirrored_shadows():
+    # Mirrored in the plane of the light and the vertical, a sphere on it and its shadow are the same.
+    light = pictured([])[0].stage.camera.light
+    renderer, image = pictured([msd.Sphere(tuple(CENTRE), RADIUS)], size=(320, 240))
+    along = light * (1, 1, 0) / np.linalg.norm(light[:2])
+    sideways = np.cross([0, 0, 1], along)
+    foot = CENTRE - CENTRE[2] / light[2] * light
+    offsets = np.linspace(0.02, 0.45, 12)[:, None] * sideways
+    left, right = (lit_share(renderer, image, foot + sign * offsets) for sign in (1, -1))
+    # Pixels, 0.02 m wide, lie differently on either side of a fade 0.13 m wide: each is off by half of one.
+    np.testing.assert_allclose(left, right, atol=0.2)
+    assert np.abs(left - right).mean() < 0.06
+
+
+def test_two_pictures_of_the_same_are_the_same_to_the_last_bit(place):
+    body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
+    pictures = [pictured([msd.Sphere((1.2, 0, 0.4), 0.4)], system=body, device=place)[1] for _ in range(2)]
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_a_lattice_in_strain_colours_has_no_shadows_on_itself_but_casts_one():
+    body = msd.box((5, 5, 5), 0.2, mass=1.0).translate((0.0, 0.0, 0.6))
+    renderer, image = pictured([], size=(160, 120), system=body, colouring="strain")
+    plain = renderer.bare(body.position, shadows=False).astype(float)
+    darker = (image.mean(axis=2) < plain.mean(axis=2) - 1).nonzero()
+    assert len(darker[0]) > 50  # on the floor
+    stage = renderer.stage
+    rows, columns = stage.camera.pixels(body.position, stage.height, stage.width)
+    inside = (np.abs(darker[0] - rows.mean()) < 3) & (np.abs(darker[1] - columns.mean()) < 3)
+    assert not inside.any()
+
+
+def test_without_shadows_there_are_none():
+    scene = msd.Scene(system=SPECK, colliders=[msd.Plane(), msd.Sphere(tuple(CENTRE), RADIUS)], look=LOOK)
+    renderer = msd.Renderer(scene, ROOM, resolution=SIZE, backend="raycast")
+    bare = renderer.bare(SPECK.position, shadows=False).astype(float)
+    light = renderer.stage.camera.light
+    foot = CENTRE - CENTRE[2] / light[2] * light
+    assert lit_share(renderer, bare, foot[None])[0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_positions_on_the_device_give_the_same_picture(place):
+    body = msd.box((4, 4, 4), 0.1, mass=0.1).translate((0, 0, 0.6))
+    scene = msd.Scene(system=body, colliders=[msd.Plane()])
+    simulation = msd.Simulation.of(scene, device=place)
+    simulation.step(5)
+    renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend="raycast", device=place)
+    np.testing.assert_array_equal(
+        renderer.image(simulation.positions), renderer.image(simulation.frame().position)
+    )
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+def test_positions_on_the_device_are_lifted_into_space(dim):
+    body = msd.chain(5, dim=1) if dim == 1 else msd.sheet((4, 4), dim=2)
+    simulation = msd.Simulation(body, device="cpu", precision="float64")
+    renderer = msd.Renderer(
+        msd.Scene(system=body), body.position, resolution=SIZE, backend="raycast", device="cpu"
+    )
+    np.testing.assert_array_equal(renderer.image(simulation.positions), renderer.image(body.position))
+
+
+def test_a_search_tree_made_anew_draws_the_same(monkeypatch):
+    monkeypatch.setattr("msdwarp.pictures.raycast.REFITS", 2)
+    body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
+    scene = msd.Scene(system=body, colliders=[msd.Plane()], look=LOOK)
+    renderer = msd.Renderer(scene, ROOM, resolution=SIZE, backend="raycast")
+    first, *others = (renderer.image(body.position) for _ in range(6))
+    for other in others:
+        np.testing.assert_array_equal(first, other)
+
+
+def test_points_of_the_light_are_spread_evenly():
+    points = spread(64)
+    assert (np.linalg.norm(points, axis=1) <= 1).all()
+    for some in (points, *points.reshape(4, 16, 2)):  # in an even disc the mean of r² is 1/2
+        assert (some**2).sum(axis=1).mean() == pytest.approx(0.5, abs=0.05)
+        np.testing.assert_allclose(some.mean(axis=0), 0, atol=0.1)
+    direction = np.array([0.6, 0.0, 0.8])
+    axes = np.array([*across(direction), direction])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+
+
+class TestChoice:
+    """What draws, where, and what is refused."""
+
+    scene = msd.Scene(system=msd.box((3, 3, 3), 0.1), colliders=[msd.Plane()])
+
+    def made(self, **how):
+        return msd.Renderer(self.scene, self.scene.system.position, resolution=SIZE, **how)
+
+    def test_an_unknown_renderer_is_named(self):
+        with pytest.raises(ValueError, match="backend is 'vulkan'; it must be one of 'auto', 'opengl', 'raycast'"):
+            self.made(backend="vulkan")
+
+    def test_an_unknown_device_is_named(self):
+        with pytest.raises(ValueError, match="device is 'cuda:99'; it must be one of cpu"):
+            self.made(backend="raycast", device="cuda:99")
+
+    @pytest.mark.parametrize("gone", ["window", "pyvista"])
+    def test_where_there_is_no_opengl_the_ray_caster_draws(self, gone, monkeypatch):
+        if gone == "window":
+            monkeypatch.setattr(renderer_module, "opengl_window", lambda: None)
+        else:
+            find = importlib.util.find_spec
+            monkeypatch.setattr(
+                importlib.util, "find_spec", lambda name: None if name == "pyvista" else find(name)
+            )
+        assert not self.made().uses_opengl
+        with pytest.raises(RuntimeError, match="'opengl', which cannot draw here; it must be 'raycast'"):
+            self.made(backend="opengl")
+
+    @pytest.mark.gpu
+    def test_what_is_on_a_gpu_is_drawn_there(self):
+        if not wp.is_cuda_available():
+            pytest.skip("no CUDA device")
+        renderer = self.made(device="cuda:0")
+        assert not renderer.uses_opengl
+        assert renderer.drawing.device == "cuda:0"
+
+    def test_the_stage_and_the_drawing_suffice(self):
+        renderer = self.made(backend="raycast", device="cpu")
+        renderer.drawing.follow(self.scene.system.position)
+        stage = Stage(self.scene, self.scene.system.position, SIZE)
+        picture = RayCaster(renderer.drawing, stage).draw()
+        np.testing.assert_array_equal(picture, renderer.image(self.scene.system.position))
