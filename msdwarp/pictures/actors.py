@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drawing import Drawing
-from .stage import HEAD, KEY, SHADOW, Ground
+from .light import HEAD, KEY, SHADOW, SHININESS
+from .stage import Ground
 
 
 def add_lights(pv: Any, plotter: Any, towards: NDArray) -> None:
@@ -98,7 +99,7 @@ class Actors:
         body.GetPointData().SetActiveNormals("Normals")
         style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
         style |= {"ambient": drawing.ambient, "diffuse": drawing.diffuse}
-        style |= {"specular": float(gloss), "specular_power": 30.0}
+        style |= {"specular": float(gloss), "specular_power": SHININESS}
         if texture is not None:
             body.active_texture_coordinates = drawing.uv
             style["texture"] = texture

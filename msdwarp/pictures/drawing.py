@@ -14,8 +14,8 @@ from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
 from .dressing import inside_of, look_of_particles, look_of_triangles, part_of, torn, uncovered
+from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
-from .stage import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 
 COLOURINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11

@@ -11,7 +11,8 @@ from .. import checks
 from ..kernels.pictures import raycast
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
-from .stage import HEAD, KEY, SHADOW, VIEW_ANGLE, Stage
+from .light import HEAD, KEY, SHADOW
+from .stage import VIEW_ANGLE, Stage
 
 
 def _image(pixels: NDArray[np.uint8], device: str) -> wp.array:

@@ -10,14 +10,8 @@ from .. import checks
 from ..bodies import in_space
 from ..world import Look, Scene
 from .collider_meshes import extent
+from .light import towards_key
 
-# The light: a key light from the upper left behind the camera, and a weaker one at the camera.
-AMBIENT, KEY, HEAD = 0.40, 0.49, 0.30
-EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""The light from all around, and the share left of the two lights, where colours tell values: even light, so that
-they look on all sides as they do in the legend."""
-SHADOW = 0.66
-"""Brightness of the ground in shadow over that in light."""
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
@@ -119,8 +113,7 @@ class Camera:
     @property
     def light(self) -> NDArray:
         """Direction towards the key light, of unit length: over the camera's left shoulder."""
-        direction = -0.75 * self.right - 0.35 * self.forward * (1, 1, 0) + np.array([0, 0, 1.1])
-        return direction / np.linalg.norm(direction)
+        return towards_key(self.right, self.forward)
 
 
 class Ground:

@@ -9,8 +9,8 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
+from msdwarp.pictures.light import AMBIENT, HEAD, KEY, SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
-from msdwarp.pictures.stage import AMBIENT, HEAD, KEY, SHADOW
 
 BACKENDS = [
     pytest.param(

@@ -11,9 +11,10 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.bodies.space import in_space
 from msdwarp.pictures.drawing import Drawing
+from msdwarp.pictures.light import SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.parts import round_solid
-from msdwarp.pictures.stage import SHADOW, VIEW_ANGLE, Camera, Ground, outermost
+from msdwarp.pictures.stage import VIEW_ANGLE, Camera, Ground, outermost
 
 BACKENDS = [
     pytest.param(

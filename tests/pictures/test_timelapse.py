@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from msdwarp.pictures.light import SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
-from msdwarp.pictures.stage import SHADOW
 from msdwarp.pictures.timelapse import FAINTEST, timelapse
 
 BACKENDS = [

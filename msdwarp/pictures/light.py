@@ -1,0 +1,67 @@
+"""Light: where it comes from, how strong it is and how soft its shadows are, in all pictures alike.
+
+A surface of colour c, unit normal n and gloss g that is seen from the direction v is as bright as
+
+    c (AMBIENT + KEY k max(n·l, 0) + HEAD max(n·h, 0)) + g (KEY s max(r·v, 0)^SHININESS + HEAD max(q·v, 0)^SHININESS),
+
+where l points to the key light and h back along the camera's view; r and q are these, mirrored at n. A share s of the
+key light is seen from there, 0 in full shadow, and k = SHADED + (1 - SHADED) s of it arrives: what is around scatters
+the rest. The ground is painted, and keeps SHADOW + (1 - SHADOW) s of its colour.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+AMBIENT, KEY, HEAD = 0.40, 0.49, 0.30
+"""Light from all around, the key light from the upper left behind the camera, and a weaker one at the camera."""
+EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
+"""The light from all around, and the share left of the two lights, where colours tell values: even light, so that
+they look on all sides as they do in the legend."""
+SHADOW = 0.66
+"""Brightness of the ground in full shadow over that in light."""
+SHADED = 0.15
+"""The share of the key light that still reaches a body or an obstacle in full shadow."""
+SOFTNESS = 0.05
+"""Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
+this."""
+SHININESS = 30.0
+"""Phong's exponent of highlights."""
+
+
+def towards_key(right: NDArray, forward: NDArray) -> NDArray[np.float64]:
+    """Return the direction towards the key light, of unit length: over the left shoulder of a camera.
+
+    `right` and `forward` are unit vectors of its view, shape [3].
+    """
+    direction = -0.75 * right - 0.35 * forward * (1, 1, 0) + np.array([0, 0, 1.1])
+    return direction / np.linalg.norm(direction)
+
+
+def spread(count: int) -> NDArray[np.float64]:
+    """Return points spread evenly over the unit disc, shape [count, 2]: those of the key light that are looked at.
+
+    Any some of them that follow each other are spread over the disc too (a spiral by the golden angle: H. Vogel, "A
+    better way to construct the sunflower head", Mathematical Biosciences 44, 1979, with the radii in the order of
+    the van der Corput sequence).
+    """
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    radius = np.sqrt(_van_der_corput(count) + 0.5 / count)
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def across(direction: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return two unit vectors across a direction of unit length, shape [3], and across each other."""
+    aside = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    first = np.cross(aside, direction)
+    first /= np.linalg.norm(first)
+    return first, np.cross(direction, first)
+
+
+def _van_der_corput(count: int) -> NDArray[np.float64]:
+    """Return the first numbers of the van der Corput sequence in base 2, shape [count]: 0, 1/2, 1/4, 3/4, 1/8 ..."""
+    number, result = np.arange(count), np.zeros(count)
+    share = 0.5
+    while number.any():
+        result += share * (number % 2)
+        number, share = number // 2, share / 2
+    return result
