@@ -99,6 +99,8 @@ class Drawing:
         placed = self._placed(parts)
         self.triangles = np.concatenate([one.triangles for one in placed])
         self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
+        self.closed = np.repeat([part.closed for part in parts], [len(part.triangles) for part in parts])
+        """Which triangles have backs that are never seen, shape [triangle_count]."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
@@ -110,6 +112,8 @@ class Drawing:
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
         self.body, self.obstacles = placed[: len(body)], placed[len(body) :]
+        self.in_sight = slice(0, vertex_count)
+        """The vertices of what is drawn at all: those of obstacles where it follows without the body."""
         if self.by_value:
             self._paints = {part: ValuePaint(part, device) for part in body}
         self._painted = [
@@ -229,6 +233,7 @@ class Drawing:
 
         Where the drawing is by value, the body takes the colours of `values`, shape [particle_count].
         """
+        self.in_sight = slice(0, len(self.points))
         self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
             self._shares.assign((values / self.scale.full).astype(np.float32))
@@ -239,6 +244,7 @@ class Drawing:
 
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
+        self.in_sight = slice(sum(len(one.points) for one in self.body), len(self.points))
         for one in self.body:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
