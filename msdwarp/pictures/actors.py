@@ -87,22 +87,21 @@ class Actors:
                 actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
 
     def _add_bodies(self) -> list[Any]:
-        """Add the drawing's triangles, those of one gloss together: VTK has one for all that it draws at once.
+        """Add the drawing's triangles, those that are drawn alike together: VTK has one way for all at once.
 
         The backs of closed parts, which are hidden by their fronts, are not drawn.
         """
         drawing, texture = self.drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
-        kinds = np.unique(np.stack([drawing.gloss, drawing.closed], axis=1), axis=0)
-        return [self._add_body(gloss, bool(closed), texture) for gloss, closed in kinds]
+        of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
+        kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
+        return [self._add_body(drawing.triangles[kind.ravel() == k], *one, texture) for k, one in enumerate(kinds)]
 
-    def _add_body(self, gloss: float, closed: bool, texture: Any) -> Any:
+    def _add_body(self, triangles: NDArray, gloss: float, closed: float, shaded: float, texture: Any) -> Any:
         pv, drawing = self._pv, self.drawing
         points = np.zeros((len(drawing.points), 3), np.float32)
-        body = pv.PolyData.from_regular_faces(
-            points, drawing.triangles[(drawing.gloss == gloss) & (drawing.closed == closed)]
-        )
+        body = pv.PolyData.from_regular_faces(points, triangles)
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         body.points = drawing.points.numpy()
         body.point_data["Normals"] = drawing.normals.numpy()
@@ -120,7 +119,7 @@ class Actors:
             body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
             body.GetPointData().SetActiveScalars("colours")
             actor.mapper.ScalarVisibilityOn()
-        self.shading.light(actor)
+        self.shading.light(actor, shadows=bool(shaded))
         # What moves decides on no camera, and asks for no picture until it is in place.
         self._plotter.add_actor(actor, reset_camera=False, render=False)
         self._actors.append(actor)

@@ -13,7 +13,15 @@ from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
 from ..world import Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import meshes
-from .dressing import inside_of, look_of_particles, look_of_triangles, part_of, torn, uncovered
+from .dressing import (
+    inside_of,
+    look_of_particles,
+    look_of_triangles,
+    outermost_connections,
+    part_of,
+    torn,
+    uncovered,
+)
 from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
 
@@ -25,6 +33,10 @@ INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 MOST_BALLS, LARGE_BALLS = 200, 50
 """Particles of the largest system whose particles are drawn as balls unless the look says otherwise, and of the
 largest whose balls are large enough in the picture to deserve 162 corners, else 42."""
+MOST_TUBES = 6000
+"""Where strain is shown of more connections, those inside a body, which others hide, are not drawn."""
+FULL_STRAIN = 0.2
+"""The strain at the ends of its scale where neither a look nor a run says what it is."""
 ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes, and the most of their particles where balls join these."""
 
@@ -36,6 +48,8 @@ class Scale(NamedTuple):
     """What is shown, with its unit: "speed [m/s]"."""
     full: float
     """The value at the end of the scale, above 0: values from 0 on are told apart, and more is drawn as this."""
+    signed: bool = False
+    """Whether it begins at minus that, not at 0."""
 
 
 class PlacedPart(NamedTuple):
@@ -80,7 +94,7 @@ class Drawing:
         bare = system.surface is None
         self._shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
         self._plain_tubes = self._shows_strain or (bare and self.by_value)
-        self._full_strain = look.full_strain
+        self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self._paints: dict[Part, Paint] = {}
         self.scale = self._scale_of(colouring)
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
@@ -101,6 +115,9 @@ class Drawing:
         self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
         self.closed = np.repeat([part.closed for part in parts], [len(part.triangles) for part in parts])
         """Which triangles have backs that are never seen, shape [triangle_count]."""
+        takes_shadows = [not (self.colours_move and k < len(body)) for k in range(len(parts))]
+        self.takes_shadows = np.repeat(takes_shadows, [len(part.triangles) for part in parts])
+        """Which triangles are darker in shadow, shape [triangle_count]: those whose colours tell nothing."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
@@ -139,7 +156,11 @@ class Drawing:
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colour", colouring, COLOURINGS)
-        return Scale("strain  |length / rest length - 1|", self._full_strain) if self._shows_strain else None
+        return (
+            Scale("strain (below 0: shorter than at rest)", self._full_strain, True)
+            if self._shows_strain
+            else None
+        )
 
     @property
     def colours_move(self) -> bool:
@@ -148,7 +169,7 @@ class Drawing:
 
     @property
     def stops(self) -> tuple[tuple[float, float, float], ...]:
-        """Colours of the scale, evenly spaced from none to full."""
+        """Colours of the scale, evenly spaced from its start to its end."""
         return VALUE_STOPS if self.by_value else STRAIN_STOPS
 
     def _body_of(self, scene: Scene) -> list[BodyPart]:
@@ -159,6 +180,8 @@ class Drawing:
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # the others lie along two of these
             drawn = drawn & between
+        if self._shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
+            drawn = drawn & outermost_connections(system)
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)

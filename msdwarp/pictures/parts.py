@@ -124,7 +124,6 @@ class Tubes:
     """A tube of some sides along each of some connections, shape [any, 2], while these are whole."""
 
     moves = True
-    closed = False
 
     def __init__(
         self,
@@ -144,6 +143,7 @@ class Tubes:
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
         self.radius = radius
+        self.closed = sides == 3  # so thin that no end is seen from inside
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
         self._broken_at = None if broken_at is None else wp.array(broken_at, dtype=float, device=device)
 
@@ -219,7 +219,7 @@ class Paint(Protocol):
 
 
 class StrainPaint:
-    """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
+    """Colours of tubes by the strain of their connections, from blue (compressed) over grey (rest) to red (stretched)."""
 
     def __init__(self, tubes: Tubes, rest_length: NDArray, full_strain: float, device: str) -> None:
         self._tubes = tubes

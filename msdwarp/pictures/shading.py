@@ -54,10 +54,12 @@ float keyLight(vec3 at, float facing)
   vec2 slope = -normal.xy / (abs(normal.z) < 1e-20 ? 1e-20 : normal.z);
   slope *= min(1.0, {STEEPEST} / max(length(slope), 1e-6));
   vec2 inMap = abs(at.xy * lampUnits.x - 0.5);
+  if (lampUnits.w == 0.0)
+    return 1.0;
   float above = texture(shadowAround, at.xy * lampUnits.x).r - at.z;
   // A texel holds the distance at its middle, half a texel aside.
   float margin = lampUnits.y * (0.3 + 0.6 * (abs(slope.x) + abs(slope.y)));
-  if (lampUnits.w == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5)
+  if (above <= margin || max(inMap.x, inMap.y) > 0.5)
     return 1.0;
   if (facing <= 0.0)
     return 0.0;
@@ -114,10 +116,10 @@ class Shading:
             "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
             "shadowAround": _of_numbers(pv, shadow_map.around, between=True),
         }
-        self._programs: list[Any] = []
+        self._programs: list[tuple[Any, bool]] = []
 
-    def light(self, actor: Any, *, ground: bool = False) -> None:
-        """Light an actor; one of the ground is painted, and takes shadows only."""
+    def light(self, actor: Any, *, ground: bool = False, shadows: bool = True) -> None:
+        """Light an actor, which takes shadows; one of the ground is painted, and takes nothing else."""
         program = actor.GetShaderProperty()
         for name, (_, texture) in self._textures.items():
             actor.prop.SetTexture(name, texture)
@@ -141,7 +143,7 @@ class Shading:
         write("//VTK::Light::Impl", _ON_GROUND if ground else _ON_BODIES)
         if not ground:
             write("//VTK::TCoord::Impl", behind("//VTK::TCoord::Impl", _GLINT))
-        self._programs.append(program)
+        self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
         """Light by what the shadow map sees now, or as if nothing hid the light."""
@@ -149,9 +151,9 @@ class Shading:
         for row in range(4):
             for column in range(4):
                 self._matrix.SetElement(column, row, to_lamp[row, column])  # OpenGL reads column by column
-        for program in self._programs:
+        for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
-            units = (1 / self._map.width, texel, 0.0, float(shadows))
+            units = (1 / self._map.width, texel, 0.0, float(shadows and takes_shadows))
             program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", units)
         for image, texture in self._textures.values():
             image.GetPointData().GetScalars().Modified()

@@ -41,7 +41,8 @@ class Look:
     strain
         Colour connections by their strain, unless a run asks for the texture.
     full_strain
-        Strain at which a connection is drawn red.
+        Strain at which a connection is drawn red, and minus that blue. None: as large as most strains of a run that
+        is drawn, else 0.2.
     particles
         Draw particles as balls. None: if there are not too many; on connections in the body's colour the balls are
         no thicker than these.
@@ -66,7 +67,7 @@ class Look:
     obstacle: str = "#c9c3ba"
     obstacle_texture: NDArray[np.uint8] | None = None
     strain: bool = False
-    full_strain: float = 0.2
+    full_strain: float | None = None
     particles: bool | None = None
     tube: float | None = None
 
@@ -83,7 +84,8 @@ class Look:
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
         checks.one_of("strain", self.strain, (False, True))
-        checks.positive("full_strain", self.full_strain)
+        if self.full_strain is not None:
+            checks.positive("full_strain", self.full_strain)
         checks.one_of("particles", self.particles, (None, False, True))
         if self.tube is not None:
             checks.positive("tube", self.tube)
