@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS
-from ..world import Look, Scene
+from ..world import Collider, Look, Scene
 from .atlas import atlas, plain
-from .collider_meshes import meshes
+from .collider_meshes import Mesh, meshes, walls
 from .dressing import (
     inside_of,
     look_of_particles,
@@ -22,8 +22,9 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
+from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE, towards_key
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
+from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
@@ -100,8 +101,10 @@ class Drawing:
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
         self.device = device
         body = self._body_of(scene)
-        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.gloss)
-        obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in meshes(scene)]
+        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
+        obstacles = [
+            Obstacle(one, mesh, system.dim, finish, device) for one, mesh in [*meshes(scene), *_walls(scene)]
+        ]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
@@ -272,6 +275,12 @@ class Drawing:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
             one.follow(self._x, time)
+
+
+def _walls(scene: Scene) -> list[tuple[Collider, Mesh]]:
+    """Return the planes beside the ground that the camera and the key light see."""
+    right, _, back = axes_of(scene.look)
+    return walls(scene, [back, towards_key(right, -back)])
 
 
 def _broken_at(system: System, connections: NDArray) -> NDArray[np.float64] | None:
