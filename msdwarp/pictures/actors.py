@@ -96,7 +96,10 @@ class Actors:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
         of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
         kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
-        return [self._add_body(drawing.triangles[kind.ravel() == k], *one, texture) for k, one in enumerate(kinds)]
+        return [
+            self._add_body(drawing.triangles[kind.ravel() == k], gloss, closed, shaded, texture)
+            for k, (gloss, closed, shaded) in enumerate(kinds)
+        ]
 
     def _add_body(self, triangles: NDArray, gloss: float, closed: float, shaded: float, texture: Any) -> Any:
         pv, drawing = self._pv, self.drawing

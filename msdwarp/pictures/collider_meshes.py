@@ -47,8 +47,8 @@ def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
 def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh]]:
     """Return the planes of a scene beside its ground that face all of some directions, and squares of them.
 
-    The squares lie beside the bodies as they start and the solids, and are larger than these. A plane that does not
-    face the camera would hide the scene, and one that does not face the light would leave it in the dark.
+    The squares lie beside the bodies as they start and the solids, and are larger than these. A plane that does
+    not face the camera would hide the scene, and one that does not face the light would leave it in the dark.
     """
     dim = scene.system.dim
     points = np.concatenate([in_space(scene.system.position, np.float64), extent(scene)])

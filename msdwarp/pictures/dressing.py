@@ -121,5 +121,5 @@ def outermost_connections(system: System) -> NDArray[np.bool_]:
     else:
         neighbours = np.bincount(connections.ravel(), minlength=system.particle_count)
         outside = neighbours < neighbours.max()
-    chosen = outside[connections].all(axis=1)
+    chosen = np.asarray(outside[connections].all(axis=1))
     return chosen if chosen.any() else np.ones(len(connections), dtype=bool)

@@ -2,24 +2,25 @@
 
 A surface of colour c, unit normal n and gloss g that is seen from the direction v is as bright as
 
-    c (AMBIENT + KEY k max(n·l, 0) + HEAD max(n·h, 0)) + g (KEY s max(r·v, 0)^SHININESS + HEAD max(q·v, 0)^SHININESS),
+    c (AMBIENT + KEY k max(n·l, 0) + HEAD max(n·h, 0)) + g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e),
 
-where l points to the key light and h back along the camera's view; r and q are these, mirrored at n. A share s of the
-key light is seen from there, 0 in full shadow, and k = SHADED + (1 - SHADED) s of it arrives: what is around scatters
-the rest. The ground is painted, and keeps SHADOW + (1 - SHADOW) s of its colour.
+where l points to the key light, h back along the camera's view, p and q are these, mirrored at n, and e is
+SHININESS. A share s of the key light is seen from there, 0 in full shadow; k = SHADED + (1 - SHADED) s of it
+arrives, since what is around scatters the rest. The ground is painted, and keeps SHADOW + (1 - SHADOW) s of its
+colour.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-AMBIENT, KEY, HEAD = 0.40, 0.49, 0.30
+AMBIENT, KEY, HEAD = 0.46, 0.44, 0.32
 """Light from all around, the key light from the upper left behind the camera, and a weaker one at the camera."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
 """The light from all around, and the share left of the two lights, where colours tell values: even light, so that
 they look on all sides as they do in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow over that in light."""
-SHADED = 0.15
+SHADED = 0.12
 """The share of the key light that still reaches a body or an obstacle in full shadow."""
 SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
@@ -40,9 +41,9 @@ def towards_key(right: NDArray, forward: NDArray) -> NDArray[np.float64]:
 def spread(count: int) -> NDArray[np.float64]:
     """Return points spread evenly over the unit disc, shape [count, 2]: those of the key light that are looked at.
 
-    Any some of them that follow each other are spread over the disc too (a spiral by the golden angle: H. Vogel, "A
-    better way to construct the sunflower head", Mathematical Biosciences 44, 1979, with the radii in the order of
-    the van der Corput sequence).
+    Any some of them that follow each other are spread over the disc too: a spiral by the golden angle (H. Vogel,
+    "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order
+    of the van der Corput sequence.
     """
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
     radius = np.sqrt(_van_der_corput(count) + 0.5 / count)
@@ -58,7 +59,7 @@ def across(direction: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def _van_der_corput(count: int) -> NDArray[np.float64]:
-    """Return the first numbers of the van der Corput sequence in base 2, shape [count]: 0, 1/2, 1/4, 3/4, 1/8 ..."""
+    """Return the first numbers of the van der Corput sequence, shape [count]: 0, 1/2, 1/4, 3/4, 1/8 ..."""
     number, result = np.arange(count), np.zeros(count)
     share = 0.5
     while number.any():

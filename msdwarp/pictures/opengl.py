@@ -46,6 +46,7 @@ class OpenGL:
         self._plotter.show(auto_close=False)
         self._behind = self._layer(BEHIND)
         self._ground: ShadedGround | None = None
+        texture = None
         if self.ground is not None:
             texture = ground_texture(pv, self.ground)
             bare = self._plotter.add_mesh(ground_square(pv, self.ground), texture=texture, lighting=False)

@@ -219,7 +219,7 @@ class Paint(Protocol):
 
 
 class StrainPaint:
-    """Colours of tubes by the strain of their connections, from blue (compressed) over grey (rest) to red (stretched)."""
+    """Colours of tubes by the strain of their connections, from blue (shorter than at rest) to red (longer)."""
 
     def __init__(self, tubes: Tubes, rest_length: NDArray, full_strain: float, device: str) -> None:
         self._tubes = tubes

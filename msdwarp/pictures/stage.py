@@ -81,8 +81,7 @@ class Camera:
         """Return the camera in the direction of the look that is as near as it can be and sees all points.
 
         `points` are of shape [any, 3]; `aspect` is the picture's width over its height. With a `zoom` it is so
-        many times nearer to what it looks at. What is `above` that share of the height, from the upper edge, is kept
-        free.
+        many times nearer to what it looks at. The share `above` of the height, from the upper edge, is kept free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
         # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound

@@ -41,8 +41,8 @@ class Look:
     strain
         Colour connections by their strain, unless a run asks for the texture.
     full_strain
-        Strain at which a connection is drawn red, and minus that blue. None: as large as most strains of a run that
-        is drawn, else 0.2.
+        Strain at which a connection is drawn red, and minus that blue. None: as large as most strains of a run
+        that is drawn, else 0.2.
     particles
         Draw particles as balls. None: if there are not too many; on connections in the body's colour the balls are
         no thicker than these.
