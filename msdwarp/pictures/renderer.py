@@ -41,8 +41,8 @@ class Renderer:
         Width and height in pixels.
     colouring
         "texture" for the surface with its texture; "strain" for connections from blue (shorter than at rest) to
-        red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given with each frame.
-        Default: set by the scene's look.
+        red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given
+        with each frame. Default: set by the scene's look.
     backend
         "opengl" (PyVista), "raycast", or "auto": PyVista where an OpenGL library is found.
     zoom
