@@ -54,7 +54,7 @@ from .integrators import (
     as_stiff_as,
     stability_limit,
 )
-from .live import View, view
+from .live import View, show, view
 from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
@@ -141,6 +141,7 @@ __all__ = [
     "lattice",
     "sheet",
     "shell",
+    "show",
     "stability_limit",
     "verbose",
     "view",

@@ -1,6 +1,6 @@
 """A scoop of ice cream is set on its cone, sags over the rim, and keeps its new shape."""
 
-from msdwarp import Cone, Look, Scene, ball, checks
+from msdwarp import Cone, Look, Plane, Scene, ball, checks
 from msdwarp.cli import scene_main
 from msdwarp.textures import scoop, waffle
 
@@ -25,13 +25,14 @@ def build(*, size: int = 14, stiffness: float = 24.0, damping: float = 0.3, yiel
     body = body.replace(yield_strain=yield_strain, relaxation_time=0.3, largest_plastic_strain=0.5)
     body = body.translate((0, 0, radius + 0.02))
     cone = Cone((0, 0, -0.9), (0, 0, 0), 0.33, restitution=0.0, friction=1.0)
+    table = Plane(offset=-0.55)  # the cone's tip stands in a hole of it
     look = Look(
         texture=scoop("#f6b3bd", "#9c2f45"),
         gloss=0.15,
         obstacle_texture=waffle("#e0a858", "#9a6428", counts=(10, 6), diagonal=True),
-        elevation=14,
+        elevation=20,
     )
-    return Scene(system=body, colliders=[cone], duration=4.0, look=look)
+    return Scene(system=body, colliders=[cone, table], duration=4.0, look=look)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr", "viser"}
 ONE_PLACE = {
     "pyvista": {"pictures", "files"},
     "vtk": set(),
-    "vtkmodules": set(),
+    "vtkmodules": {"pictures"},
     "h5py": {"files"},
     "pxr": {"files"},
     "cyclopts": {"cli"},

@@ -20,14 +20,13 @@ from scipy.linalg import expm
 
 from msdwarp import RK4, Leapfrog, Plane, Renderer, Scene, Simulation, SymplecticEuler, System, sheet
 from msdwarp.pictures import timelapse
-from msdwarp.pictures.legend import STOPS
 from msdwarp.scenes import block2d, chain, mattress, soft_cube
 from msdwarp.studies.accuracy import simulate
 
 from ..common import COLOURS, IMAGES, arguments, machine, pyplot, table, write_csv
 from .drawings import drawings
 from .memory import stored
-from .panels import FULL_STRAIN, INK, PALE, arrow, bare, draw_body, row, save, strain_scale, strains
+from .panels import FULL_STRAIN, INK, PALE, STOPS, arrow, bare, draw_body, row, save, strain_scale, strains
 
 FIVE = ("#0072b2", "#e69f00", "#009e73", "#c8352b", "#7b5ea7")
 """Colours of five masses; distinguishable to all eyes."""

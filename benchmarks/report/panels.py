@@ -10,9 +10,10 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import NDArray
 
 from msdwarp import System
-from msdwarp.pictures.legend import STOPS
 
 INK, PALE, GROUND = "#333a40", "#9aa3ab", "#dfe4e8"
+STOPS = ((0.13, 0.62, 0.33), (0.96, 0.80, 0.23), (0.85, 0.15, 0.14))
+"""Colours of no strain, half and full strain in either direction: the report's green, yellow and red."""
 STRAIN = LinearSegmentedColormap.from_list("strain", [tuple(stop) for stop in STOPS])
 FULL_STRAIN = 0.2
 """Strain from which a connection is red: the report's."""

@@ -6,8 +6,14 @@ import warp as wp
 
 from ..basis import kernel
 
-STRAIN_STOPS = ((0.13, 0.62, 0.33), (0.96, 0.80, 0.23), (0.85, 0.15, 0.14))
-"""Colours, evenly spaced, of strain from none to full: green, yellow, red."""
+STRAIN_STOPS = (
+    (0.05, 0.22, 0.62),
+    (0.22, 0.50, 0.85),
+    (0.74, 0.75, 0.75),
+    (0.90, 0.42, 0.27),
+    (0.70, 0.06, 0.10),
+)
+"""Colours, evenly spaced, of strain from full compression (blue) over none (grey) to full tension (red)."""
 VALUE_STOPS = (
     (0.08, 0.29, 0.58),
     (0.32, 0.31, 0.74),
@@ -224,10 +230,10 @@ def colour_by_strain(
     # Out:
     colours: wp.array(dtype=wp.vec3),  # shape [corners · connection_count]
 ):
-    """Colour the vertices of every connection's tube by its strain / full_strain, in either direction."""
+    """Colour the vertices of every connection's tube by its strain / full_strain, from -1 to 1."""
     c = wp.tid()
     strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
-    colour = colour_at(stops, wp.abs(strain / full_strain))
+    colour = colour_at(stops, 0.5 + 0.5 * strain / full_strain)
     for k in range(corners):
         colours[corners * c + k] = colour
 

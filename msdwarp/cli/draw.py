@@ -86,6 +86,10 @@ def _draw(
     scene = replace(scene, look=pictures.turned(scene.look))
     if scene.system.tears:
         scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
+    if pictures.colour == "strain" or (pictures.colour is None and scene.look.strain):
+        scene = replace(
+            scene, look=replace(scene.look, full_strain=_full_strain(scene, trajectory, pictures, shown))
+        )
     colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
     size = parse_resolution(pictures.resolution)
     seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
@@ -152,6 +156,26 @@ def _colouring(
 
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
     return Scale(label, _rounded_up(largest)), values
+
+
+def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
+    """Return the strain at the ends of the scale: what was asked for, or what all but a hundredth are below.
+
+    A hundredth of all connections in all frames shown, of which some are looked at where they are many.
+    """
+    if (given := pictures.full_strain or scene.look.full_strain) is not None:
+        return given
+    system = scene.system
+    some = slice(None, None, max(1, system.connection_count // 5000))
+    pairs, rest_length = system.connections[some], system.rest_length[some]
+    sizes = []
+    for k in list(shown)[:: max(1, len(shown) // 100)]:
+        position = trajectory.positions[k].astype(np.float64)
+        length = np.linalg.norm(np.diff(position[pairs], axis=1)[:, 0], axis=1)
+        strain = np.abs(length / rest_length - 1)
+        # What is broken is not drawn.
+        sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
+    return _rounded_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
 
 
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:

@@ -45,8 +45,10 @@ class Pictures:
     zoom
         Zoom factor; 1 fits everything.
     colour
-        What the colours show: the texture, the strain of connections (green: none, red: large), or the velocity,
-        energy or contact force of particles. Default: set by the scene.
+        What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
+        the velocity, energy or contact force of particles. Default: set by the scene.
+    full_strain
+        Strain at the ends of the colour scale. Default: fits what happens, unless the scene sets it.
     arrows
         Draw contact forces as arrows, in front of the bodies.
     renderer
@@ -59,6 +61,7 @@ class Pictures:
     overlay: Whole | None = None
     resolution: str = "1280x720"
     colour: Literal["texture", "strain", "velocity", "energy", "contact"] | None = None
+    full_strain: float | None = None
     arrows: Annotated[bool, Parameter(negative=())] = False
     azimuth: float | None = None
     elevation: float | None = None
@@ -97,6 +100,8 @@ class Pictures:
         checks.positive("zoom", self.zoom)
         if self.renderer == "opengl" and (why := no_opengl()) is not None:
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be raycast or auto: {why}")
+        if self.full_strain is not None:
+            checks.positive("full_strain", self.full_strain)
         Look(**self._turned())  # which checks the angles
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(

@@ -3,6 +3,7 @@
 from .browser import Browser
 from .handling import Handling, Repeat, within_reach
 from .keys import KEYS, listed
+from .notebook import show
 from .opening import has_display, screen_for, view
 from .recording import DEEDS, FIRST_FRAME, read_deeds
 from .sources import Played, Running, Source
@@ -26,6 +27,7 @@ __all__ = [
     "listed",
     "read_deeds",
     "screen_for",
+    "show",
     "view",
     "within_reach",
 ]

@@ -1,6 +1,7 @@
 """Opening: `view`, which shows a scene, a simulation or a trajectory."""
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 
 from .. import checks
@@ -82,21 +83,29 @@ def screen_for(browser: bool, host: str = HOST, port: int | None = None) -> Scre
     return Window()
 
 
-def _source_of(shown: object) -> Source:
-    """Return what shows a scene, a simulation or a trajectory."""
+def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
+    """Return a simulation or a trajectory, which may be given as its file, and what it is of."""
     if isinstance(shown, str | Path):
         path = Path(shown)
         shown = Trajectory(path / "trajectory.vtkhdf" if path.is_dir() else path)
     if isinstance(shown, Trajectory):
         stored = shown.scene
-        scene = Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)
-        return Played(shown, scene, shown.path.stem)
+        return shown, Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)
+    checks.instance("shown", shown, Simulation, "Simulation.of(scene), a Scene, a Trajectory or its file")
+    assert isinstance(shown, Simulation)
+    around = {"colliders": shown.colliders, "loads": shown.loads, "gravity": shown.gravity}
+    return shown, Scene(system=shown.system, **around)
+
+
+def _source_of(shown: object) -> Source:
+    """Return what shows a scene, a simulation or a trajectory."""
     if isinstance(shown, Scene):
         handled = within_reach(shown)
         return Running(handled, Simulation.of(handled))
-    checks.instance("shown", shown, Simulation, "Simulation.of(scene), a Scene, a Trajectory or its file")
-    assert isinstance(shown, Simulation)
+    shown, scene = scene_of(shown)
+    if isinstance(shown, Trajectory):
+        return Played(shown, scene, shown.path.stem)
     if not any(isinstance(one, Hand) for one in shown.loads):
         shown.change(loads=[*shown.loads, Hand()])
-    around = {"colliders": shown.colliders, "loads": shown.loads, "gravity": shown.gravity}
-    return Running(Scene(system=shown.system, **around), shown)
+        scene = replace(scene, loads=shown.loads)
+    return Running(scene, shown)

@@ -1,4 +1,4 @@
-"""What OpenGL draws, in pictures and in windows: lights, the ground, a drawing's triangles and their shadow."""
+"""What OpenGL draws, in pictures and in windows: lights, the ground, a drawing's triangles and their shadows."""
 
 from typing import Any
 
@@ -6,8 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drawing import Drawing
-from .light import HEAD, KEY, SHADOW, SHININESS
+from .light import HEAD, KEY, SHININESS
+from .shading import Shading
+from .shadow_map import ShadowMap
 from .stage import Ground
+
+UNSEEN = 1e-3
+"""How far below the ground things may reach before they are cut off, by the height of all that is drawn."""
+AROUND = 24
+"""Corners of the piece of ground on which shadows are drawn."""
 
 
 def add_lights(pv: Any, plotter: Any, towards: NDArray) -> None:
@@ -35,7 +42,7 @@ def ground_square(pv: Any, ground: Ground) -> Any:
 
 
 class Actors:
-    """The triangles of a drawing, and their shadow on the ground, which follow it in place.
+    """The triangles of a drawing and the shadows that they cast, which follow it in place.
 
     Parameters
     ----------
@@ -45,79 +52,87 @@ class Actors:
         Where they are added.
     drawing
         The triangles.
-    ground, texture
-        The ground, which is drawn before all this and hides nothing, and its texture; None where there is none.
+    ground
+        Where shadows fall beside the drawing; None where there is no ground.
     light
         Direction towards the key light, of unit length, shape [3].
     """
 
-    def __init__(
-        self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, texture: Any, light: NDArray
-    ) -> None:
+    def __init__(self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, light: NDArray) -> None:
         self.drawing, self.ground = drawing, ground
         self._pv, self._plotter = pv, plotter
+        self.shadow_map = ShadowMap(drawing, light)
+        self.shading = Shading(pv, self.shadow_map)
         self._actors: list[Any] = []
-        self._shadow: Any = None
-        if ground is not None:
-            self._shadow = self._add_shadow(texture)
-            # Not quite all the way, so that what is below the ground stays below it and is cut off.
-            self._along_light = (1 - 1e-3) * light / (light @ ground.normal)
+        self._cut = False
         self._bodies = self._add_bodies()
 
-    def _add_shadow(self, texture: Any) -> Any:
-        """Add the body's triangles a second time, to lie on the ground: its own texture, darkened."""
-        shadow = self._triangles(self.drawing.triangles)
-        shadow.active_texture_coordinates = np.zeros((shadow.n_points, 2), np.float32)
-        actor = self._add(shadow, texture=texture, lighting=False, color=[SHADOW] * 3)
-        self._only_above_ground(actor, 0.0)
-        return shadow
+    def _only_above_ground(self, points: NDArray) -> None:
+        """Cut off what is below the ground, which is drawn before all else and hides nothing.
 
-    def _add(self, mesh: Any, **style: Any) -> Any:
-        # What moves decides on no camera, and asks for no picture until it is in place.
-        self._actors.append(self._plotter.add_mesh(mesh, reset_camera=False, render=False, **style))
-        return self._actors[-1]
-
-    def _only_above_ground(self, actor: Any, below: float) -> None:
-        """Cut off what is further below the ground [m]: it is drawn before all else and hides nothing."""
-        assert self.ground is not None
-        origin = self.ground.centre - below * self.ground.normal
-        actor.mapper.AddClippingPlane(self._pv.generate_plane(self.ground.normal, origin))
+        Only where something is: cutting costs a processor a sixth of the picture.
+        """
+        ground = self.ground
+        if ground is None:
+            return
+        height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
+        cut = bool(height.min() < -self.drawing.below - UNSEEN * float(np.ptp(height)))
+        if cut == self._cut:
+            return
+        self._cut = cut
+        for actor in self._actors:
+            actor.mapper.RemoveAllClippingPlanes()
+            if cut:
+                origin = ground.centre - self.drawing.below * ground.normal
+                actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
 
     def _add_bodies(self) -> list[Any]:
-        """Add the drawing's triangles, those of one gloss together: VTK has one for all that it draws at once."""
+        """Add the drawing's triangles, those that are drawn alike together: VTK has one way for all at once.
+
+        The backs of closed parts, which are hidden by their fronts, are not drawn.
+        """
         drawing, texture = self.drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
-        return [self._add_body(gloss, texture) for gloss in np.unique(drawing.gloss)]
+        of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
+        kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
+        return [
+            self._add_body(drawing.triangles[kind.ravel() == k], gloss, closed, shaded, texture)
+            for k, (gloss, closed, shaded) in enumerate(kinds)
+        ]
 
-    def _add_body(self, gloss: float, texture: Any) -> Any:
-        drawing = self.drawing
-        body = self._triangles(drawing.triangles[drawing.gloss == gloss])
+    def _add_body(self, triangles: NDArray, gloss: float, closed: float, shaded: float, texture: Any) -> Any:
+        pv, drawing = self._pv, self.drawing
+        points = np.zeros((len(drawing.points), 3), np.float32)
+        body = pv.PolyData.from_regular_faces(points, triangles)
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         body.points = drawing.points.numpy()
         body.point_data["Normals"] = drawing.normals.numpy()
         body.GetPointData().SetActiveNormals("Normals")
-        style: dict[str, Any] = {"smooth_shading": False, "show_scalar_bar": False}
-        style |= {"ambient": drawing.ambient, "diffuse": drawing.diffuse}
-        style |= {"specular": float(gloss), "specular_power": SHININESS}
+        actor = pv.Actor(mapper=_mapper(body))
+        prop = actor.prop
+        prop.interpolation = "Phong"
+        prop.ambient, prop.diffuse = drawing.ambient, drawing.diffuse
+        prop.specular, prop.specular_power = float(gloss), SHININESS
+        prop.color, prop.culling = "white", "back" if closed else "none"
         if texture is not None:
             body.active_texture_coordinates = drawing.uv
-            style["texture"] = texture
+            actor.texture = texture
         else:
             body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
-            style |= {"scalars": "colours", "rgb": True}
-        actor = self._add(body, **style)
-        actor.prop.interpolation = "Phong"
-        if self.ground is not None:
-            self._only_above_ground(actor, drawing.below)
+            body.GetPointData().SetActiveScalars("colours")
+            actor.mapper.ScalarVisibilityOn()
+        self.shading.light(actor, shadows=bool(shaded))
+        # What moves decides on no camera, and asks for no picture until it is in place.
+        self._plotter.add_actor(actor, reset_camera=False, render=False)
+        self._actors.append(actor)
         return body
 
-    def _triangles(self, triangles: NDArray) -> Any:
-        points = np.zeros((len(self.drawing.points), 3), np.float32)
-        return self._pv.PolyData.from_regular_faces(points, triangles)
+    def follow(self, *, shadows: bool = True, seen: slice = slice(None)) -> NDArray:
+        """Move to where the drawing is now; return the points that are drawn [m], shape [any, 3].
 
-    def follow(self, *, shadows: bool = True) -> list[NDArray]:
-        """Move to where the drawing is now; return all points that are drawn [m], shape [any, 3] each."""
+        `seen` are those of the drawing's vertices that the key light must see.
+        """
         drawing = self.drawing
         for body in self._bodies:
             body.GetPoints().Modified()
@@ -125,19 +140,63 @@ class Actors:
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
         points = drawing.points.numpy()
-        if self._shadow is None or self.ground is None:
-            return [points]
-        self._actors[0].visibility = shadows
-        height = (points - self.ground.centre) @ self.ground.normal
-        landed = points - height[:, None] * self._along_light
-        self._shadow.points[:] = landed
-        self._shadow.GetPoints().Modified()
-        self._shadow.active_texture_coordinates[:] = self.ground.uv(landed)
-        self._shadow.GetPointData().GetTCoords().Modified()
-        return [points, landed]
+        self._only_above_ground(points[seen])
+        if shadows:
+            self.shadow_map.follow(points[seen])
+        self.shading.follow(shadows=shadows)
+        return points
 
     def remove(self) -> None:
         """Draw nothing any more."""
         for actor in self._actors:
             self._plotter.remove_actor(actor, reset_camera=False, render=False)
         self._actors.clear()
+
+
+class ShadedGround:
+    """The part of the ground on which shadows fall, drawn over the bare ground, which it hides.
+
+    Parameters
+    ----------
+    pv
+        PyVista.
+    ground, texture
+        The ground, and its texture.
+    actors
+        What casts the shadows.
+    """
+
+    def __init__(self, pv: Any, ground: Ground, texture: Any, actors: Actors) -> None:
+        self._ground, self._map = ground, actors.shadow_map
+        light = actors.shadow_map.axes[2]
+        self._along_light = light / (light @ ground.normal)
+        self._piece = pv.PolyData.from_regular_faces(np.zeros((AROUND, 3), np.float32), [list(range(AROUND))])
+        self._piece.point_data["Normals"] = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)
+        self._piece.GetPointData().SetActiveNormals("Normals")
+        self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)
+        self.actor = pv.Actor(mapper=_mapper(self._piece))
+        self.actor.texture, self.actor.prop.color = texture, "white"
+        self.actor.prop.culling = "back"  # from below it hides nothing
+        actors.shading.light(self.actor, ground=True)
+
+    def follow(self, points: NDArray) -> NDArray:
+        """Move to where the shadows of these points fall; return the corners [m], shape [AROUND, 3]."""
+        corners = self._map.outline(points, AROUND)
+        height = (corners - self._ground.centre) @ self._ground.normal
+        corners = corners - height[:, None] * self._along_light
+        self._piece.points[:] = corners
+        self._piece.GetPoints().Modified()
+        self._piece.active_texture_coordinates[:] = self._ground.uv(corners)
+        self._piece.GetPointData().GetTCoords().Modified()
+        return corners
+
+
+def _mapper(mesh: Any) -> Any:
+    """Return what hands a mesh to OpenGL with its coordinates as they are, whatever their size."""
+    from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
+
+    mapper: Any = vtkPolyDataMapper()
+    mapper.SetVBOShiftScaleMethod(0)
+    mapper.ScalarVisibilityOff()
+    mapper.SetInputData(mesh)
+    return mapper

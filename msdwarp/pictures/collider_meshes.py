@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import AXES
+from ..bodies import AXES, in_space
 from ..shapes import box
-from ..world import Box, Capsule, Collider, Cone, Scene, Sphere
+from ..world import Box, Capsule, Collider, Cone, Plane, Scene, Sphere
 
 AROUND = 72
 """Segments of what is round: with so many an outline of 500 pixels is off a circle by a quarter of one."""
+WALL = 0.75
+"""Half the edge of the square that is drawn of a plane, by the diagonal of all else."""
 SAMPLES = 61
 """Times at which the extent of a moving obstacle is looked at."""
 
@@ -40,6 +42,32 @@ def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
     """Return the colliders of a scene that are drawn, and their meshes: all but planes."""
     dim = scene.system.dim
     return [(one, mesh_of(one, dim)) for one in scene.colliders if type(one) in _MESHES]
+
+
+def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh]]:
+    """Return the planes of a scene beside its ground that face all of some directions, and squares of them.
+
+    The squares lie beside the bodies as they start and the solids, and are larger than these. A plane that does
+    not face the camera would hide the scene, and one that does not face the light would leave it in the dark.
+    """
+    dim = scene.system.dim
+    points = np.concatenate([in_space(scene.system.position, np.float64), extent(scene)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, WALL * float(np.linalg.norm(high - low)) or 1.0
+    found: list[tuple[Collider, Mesh]] = []
+    for one in scene.colliders:
+        if not isinstance(one, Plane) or one is scene.ground:
+            continue
+        normal = in_space(one.unit_normal(dim), np.float64)
+        if min(normal @ way for way in towards) < 1e-6:
+            continue
+        across, along, _ = _frame(normal).T
+        centre = middle - (middle @ normal - one.offset) * normal
+        corners = centre + half * np.array([-across - along, across - along, across + along, along - across])
+        uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        two = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+        found.append((one, Mesh(corners, np.tile(normal, (4, 1)), uv, two)))
+    return found
 
 
 def mesh_of(collider: Collider, dim: int) -> Mesh:

@@ -10,12 +10,21 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS, lift
-from ..world import Look, Scene
+from ..world import Collider, Look, Scene
 from .atlas import atlas, plain
-from .collider_meshes import meshes
-from .dressing import inside_of, look_of_particles, look_of_triangles, part_of, torn, uncovered
-from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE
+from .collider_meshes import Mesh, meshes, walls
+from .dressing import (
+    inside_of,
+    look_of_particles,
+    look_of_triangles,
+    outermost_connections,
+    part_of,
+    torn,
+    uncovered,
+)
+from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE, towards_key
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
+from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
@@ -25,6 +34,10 @@ INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 MOST_BALLS, LARGE_BALLS = 200, 50
 """Particles of the largest system whose particles are drawn as balls unless the look says otherwise, and of the
 largest whose balls are large enough in the picture to deserve 162 corners, else 42."""
+MOST_TUBES = 6000
+"""Where strain is shown of more connections, those inside a body, which others hide, are not drawn."""
+FULL_STRAIN = 0.2
+"""The strain at the ends of its scale where neither a look nor a run says what it is."""
 ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes, and the most of their particles where balls join these."""
 
@@ -36,6 +49,8 @@ class Scale(NamedTuple):
     """What is shown, with its unit: "speed [m/s]"."""
     full: float
     """The value at the end of the scale, above 0: values from 0 on are told apart, and more is drawn as this."""
+    signed: bool = False
+    """Whether it begins at minus that, not at 0."""
 
 
 class PlacedPart(NamedTuple):
@@ -80,14 +95,16 @@ class Drawing:
         bare = system.surface is None
         self.shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
-        self._full_strain = look.full_strain
+        self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self._paints: dict[Part, Paint] = {}
         self.scale = self._scale_of(colouring)
         self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
         self.device = device
         body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
-        obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in meshes(scene)]
+        obstacles = [
+            Obstacle(one, mesh, system.dim, finish, device) for one, mesh in [*meshes(scene), *_walls(scene)]
+        ]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
@@ -99,6 +116,11 @@ class Drawing:
         placed = self._placed(parts)
         self.triangles = np.concatenate([one.triangles for one in placed])
         self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
+        self.closed = np.repeat([part.closed for part in parts], [len(part.triangles) for part in parts])
+        """Which triangles have backs that are never seen, shape [triangle_count]."""
+        takes_shadows = [not (self.colours_move and k < len(body)) for k in range(len(parts))]
+        self.takes_shadows = np.repeat(takes_shadows, [len(part.triangles) for part in parts])
+        """Which triangles are darker in shadow, shape [triangle_count]: those whose colours tell nothing."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
@@ -110,6 +132,8 @@ class Drawing:
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
         self.body, self.obstacles = placed[: len(body)], placed[len(body) :]
+        self.in_sight = slice(0, vertex_count)
+        """The vertices of what is drawn at all: those of obstacles where it follows without the body."""
         if self.by_value:
             self._paints = {part: ValuePaint(part, device) for part in body}
         self._painted = [
@@ -135,7 +159,9 @@ class Drawing:
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colour", colouring, COLOURINGS)
-        return Scale("strain  |length / rest length - 1|", self._full_strain) if self.shows_strain else None
+        return (
+            Scale("strain (below 0: shorter than at rest)", self._full_strain, True) if self.shows_strain else None
+        )
 
     @property
     def colours_move(self) -> bool:
@@ -144,7 +170,7 @@ class Drawing:
 
     @property
     def stops(self) -> tuple[tuple[float, float, float], ...]:
-        """Colours of the scale, evenly spaced from none to full."""
+        """Colours of the scale, evenly spaced from its start to its end."""
         return VALUE_STOPS if self.by_value else STRAIN_STOPS
 
     def _body_of(self, scene: Scene) -> list[BodyPart]:
@@ -155,6 +181,8 @@ class Drawing:
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # the others lie along two of these
             drawn = drawn & between
+        if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
+            drawn = drawn & outermost_connections(system)
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
@@ -230,6 +258,7 @@ class Drawing:
         Positions may be an array of Warp on the drawing's device, of vectors with d coordinates. Where the drawing
         is by value, the body takes the colours of `values`, shape [particle_count].
         """
+        self.in_sight = slice(0, len(self.points))
         if isinstance(position, wp.array):
             wp.launch(lift(position.dtype), len(position), [position], [self._x], device=self.device)
         else:
@@ -243,10 +272,17 @@ class Drawing:
 
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
+        self.in_sight = slice(sum(len(one.points) for one in self.body), len(self.points))
         for one in self.body:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
             one.follow(self._x, time)
+
+
+def _walls(scene: Scene) -> list[tuple[Collider, Mesh]]:
+    """Return the planes beside the ground that the camera and the key light see."""
+    right, _, back = axes_of(scene.look)
+    return walls(scene, [back, towards_key(right, -back)])
 
 
 def _broken_at(system: System, connections: NDArray) -> NDArray[np.float64] | None:

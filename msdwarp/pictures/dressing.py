@@ -106,3 +106,20 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     first, second = body_of[rest.T]
     bare[in_none] = ~covered[first] | (first != second)
     return bare
+
+
+def outermost_connections(system: System) -> NDArray[np.bool_]:
+    """Return which connections lie on the outside of a body, shape [connection_count].
+
+    They are between particles at its surface. Where a lattice inside carries the surface, and where there is
+    none, these are the particles that have fewer neighbours than others.
+    """
+    connections, surface = system.connections, system.surface
+    if surface is not None and surface.weights is None:
+        outside = np.zeros(system.particle_count, dtype=bool)
+        outside[surface.particle] = True
+    else:
+        neighbours = np.bincount(connections.ravel(), minlength=system.particle_count)
+        outside = neighbours < neighbours.max()
+    chosen = np.asarray(outside[connections].all(axis=1))
+    return chosen if chosen.any() else np.ones(len(connections), dtype=bool)

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ..kernels.pictures import HEAD, STRAIN_STOPS, THICK, WIDE
+from ..kernels.pictures import HEAD, THICK, WIDE
 from .arrows import COLOUR
 from .drawing import Scale
 
-STOPS = STRAIN_STOPS
-"""Colours of no strain, half and full strain, for figures that show the same."""
+ROOM = 0.125
+"""What a legend needs of the upper edge, by the height of the picture."""
 Stops = tuple[tuple[float, float, float], ...]
 
 
@@ -30,23 +30,24 @@ def bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     pixels = np.broadcast_to(np.round(255 * ramp).astype(np.uint8), (thick, length, 3))
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
-    pen.text((left + length / 2, 0), scale.label, ink, font, anchor="ma")
+    pen.text((left + length / 2, size / 5), scale.label, ink, font, anchor="ma")
     for share in (0, 0.5, 1) if length > 100 else (0, 1):  # where there is no room for three numbers
-        label = f"{share * scale.full:g}" + (" or more" if share == 1 else "")
+        value = (2 * share - 1 if scale.signed else share) * scale.full
+        label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if share == 1 else "")
         pen.text((left + share * length, top + thick + size / 4), label, ink, font, anchor="ma")
     return legend
 
 
 def with_bar(image: NDArray[np.uint8], scale: Scale, stops: Stops) -> NDArray[np.uint8]:
-    """Return the picture with a bar of the scale's colours, evenly spaced stops, in its lower right corner."""
+    """Return the picture with a bar of the scale's colours, evenly spaced stops, in its upper right corner."""
     picture = Image.fromarray(image)
     legend = bar(picture.height, scale, stops)
-    picture.paste(legend, (picture.width - legend.width, picture.height - legend.height), legend)
+    picture.paste(legend, (picture.width - legend.width, 0), legend)
     return np.asarray(picture)
 
 
 def with_arrow(image: NDArray[np.uint8], label: str, share: float) -> NDArray[np.uint8]:
-    """Return the picture with an arrow in its lower left corner, so long by its height, and what it stands for."""
+    """Return the picture with an arrow in its upper left corner, so long by its height, and what it stands for."""
     picture = Image.fromarray(image)
     unit = picture.height / 720
     size, length = max(9, round(19 * unit)), share * picture.height
@@ -58,5 +59,5 @@ def with_arrow(image: NDArray[np.uint8], label: str, share: float) -> NDArray[np
     pen.line([(size, size), (tip - head, size)], colour, max(1, round(2 * THICK * length)))
     pen.polygon([(tip, size), (tip - head, size - WIDE * length), (tip - head, size + WIDE * length)], colour)
     pen.text((tip + size / 2, size), label, ink, font, anchor="lm")
-    picture.paste(legend, (0, picture.height - legend.height), legend)
+    picture.paste(legend, (0, 0), legend)
     return np.asarray(picture)

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
-from .actors import Actors, add_lights, ground_square, ground_texture
+from .actors import Actors, ShadedGround, add_lights, ground_square, ground_texture
 from .drawing import Drawing
 from .opengl_window import no_display
 from .orbit import Orbit
 from .stage import VIEW_ANGLE, Camera, Stage
 
-GROUND, SCENE, PANELS = 0, 1, 3
+GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
 """Layers, each drawn over those before it; PyVista has two of its own at 1 and 2, which are empty."""
 X11 = "vtkXOpenGLRenderWindow"
 """VTK's window on a display of Linux."""
@@ -87,6 +87,7 @@ class OnScreen:
         self.orbit = Orbit(Camera(*np.array([[0, -1, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1.0]])))
         self.is_open = True
         self._actors: Actors | None = None
+        self._shaded: ShadedGround | None = None
         self._panels: dict[str, Any] = {}
         self._stacked: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
@@ -95,20 +96,20 @@ class OnScreen:
             self._plotter.render_window.SetMultiSamples(SAMPLES)
         self._listen()
 
-    def _layers(self) -> tuple[Any, Any]:
-        """Add the layers for the ground and for panels, below and above PyVista's own."""
+    def _layers(self) -> tuple[Any, Any, Any]:
+        """Add the layers for the ground, the shadows on it, and for panels, below and above PyVista's own."""
         window = self._plotter.render_window
         window.SetNumberOfLayers(PANELS + 1)
         self._plotter.renderer.SetLayer(SCENE)
-        ground, panels = (self._pv.Renderer(self._plotter, border=False) for _ in range(2))
-        for renderer, layer in ((ground, GROUND), (panels, PANELS)):
+        ground, shadows, panels = (self._pv.Renderer(self._plotter, border=False) for _ in range(3))
+        for renderer, layer in ((ground, GROUND), (shadows, SHADOWS), (panels, PANELS)):
             renderer.SetLayer(layer)
             renderer.SetInteractive(False)
             window.AddRenderer(renderer)
         if hasattr(panels, "SetUseOIT"):
             panels.SetUseOIT(False)  # panels lie beside each other: no need to sort them
         panels.camera.parallel_projection = True
-        return ground, panels
+        return ground, shadows, panels
 
     def _listen(self) -> None:
         """Have what happens be told here, and by nothing that VTK or PyVista would do about it."""
@@ -152,12 +153,21 @@ class OnScreen:
         if not keep_camera or self._actors is None:
             plotter.renderer.remove_all_lights()
             add_lights(pv, plotter, stage.camera.light)
+            self._stacked[1].remove_all_lights()
+            for light in plotter.renderer.lights:
+                self._stacked[1].add_light(light)
             self._stand(stage)
-        self._actors = Actors(pv, plotter, drawing, self._stage.ground, self._texture, self._stage.camera.light)
+        self._actors = Actors(pv, plotter, drawing, self._stage.ground, self._stage.camera.light)
+        shadows = self._stacked[1]
+        shadows.RemoveAllViewProps()
+        self._shaded = None
+        if self._stage.ground is not None:
+            self._shaded = ShadedGround(pv, self._stage.ground, self._texture, self._actors)
+            shadows.AddActor(self._shaded.actor)
 
     def _stand(self, stage: Stage) -> None:
         """Have the ground and the background be those of a stage."""
-        pv, (back, _) = self._pv, self._stacked
+        pv, back = self._pv, self._stacked[0]
         self._stage, self._texture = stage, None
         back.RemoveAllViewProps()
         back.SetBackground(*checks.colour("background", stage.look.background))
@@ -174,15 +184,17 @@ class OnScreen:
         """Draw all as it is now."""
         if self._actors is None or not self.is_open:
             return
-        self._actors.follow()
+        points = self._actors.follow()
+        if self._shaded is not None:
+            self._shaded.follow(points)
         self.redraw()
 
     def redraw(self) -> None:
         """Draw all as it was, from where the camera is now."""
         if not self.is_open:
             return
-        plotter, (back, front) = self._plotter, self._stacked
-        for renderer in (plotter.renderer, back):
+        plotter, (back, shadows, front) = self._plotter, self._stacked
+        for renderer in (plotter.renderer, back, shadows):
             camera = renderer.camera
             camera.position, camera.focal_point = self.orbit.eye, self.orbit.target
             camera.up, camera.view_angle = (0.0, 0.0, 1.0), VIEW_ANGLE
@@ -243,7 +255,7 @@ class OnScreen:
 
     def _replace(self, name: str, actor: Any) -> None:
         """Have an actor stand before the drawing, in place of the one of the same name."""
-        front = self._stacked[1]
+        front = self._stacked[2]
         if (before := self._panels.pop(name, None)) is not None:
             front.RemoveActor(before)
             before.ReleaseGraphicsResources(self._plotter.render_window)
@@ -272,7 +284,7 @@ class OnScreen:
             window.RemoveRenderer(renderer)
             renderer.deep_clean()
         self._stacked = ()
-        self._actors = None
+        self._actors = self._shaded = None
         self._plotter.close()
         self._plotter.deep_clean()
 

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import halve_over
-from .actors import Actors, add_lights, ground_square, ground_texture
+from .actors import Actors, ShadedGround, add_lights, ground_square, ground_texture
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .stage import VIEW_ANGLE, Stage
+
+BEHIND, SCENE, FRONT = 0, 1, 2
+"""Layers, each drawn over those before it: the ground's shadows, what casts them, and arrows."""
 
 
 class OpenGL:
@@ -41,6 +44,8 @@ class OpenGL:
         self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
         weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
+        self._behind = self._layer(BEHIND)
+        self._ground: ShadedGround | None = None
         texture = None
         if self.ground is not None:
             texture = ground_texture(pv, self.ground)
@@ -48,7 +53,10 @@ class OpenGL:
             self._picture((0, 0, *shape))
             wp.copy(self._backdrop, self._pixels)
             self._plotter.remove_actor(bare, render=False)
-        self._actors = Actors(pv, self._plotter, drawing, self.ground, texture, self.camera.light)
+        self._actors = Actors(pv, self._plotter, drawing, self.ground, self.camera.light)
+        if self.ground is not None:
+            self._ground = ShadedGround(pv, self.ground, texture, self._actors)
+            self._behind.AddActor(self._ground.actor)
         self._arrows = arrows
         if arrows is not None:
             self._front, self._arrow_mesh = self._add_in_front(pv, arrows)
@@ -57,6 +65,8 @@ class OpenGL:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
         plotter.render_window.SetMultiSamples(0)
+        plotter.render_window.SetNumberOfLayers(FRONT + 1)
+        plotter.renderer.SetLayer(SCENE)
         plotter.render_window.SetAlphaBitPlanes(1)
         plotter.disable_anti_aliasing()
         plotter.set_background("black")
@@ -76,26 +86,35 @@ class OpenGL:
         actor.mapper.scalar_visibility = False
         actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
         actor.prop.ambient, actor.prop.diffuse = self.drawing.ambient, self.drawing.diffuse
-        behind = self._plotter.renderer
-        front = behind.NewInstance()
+        front = self._layer(FRONT)
         front.AddActor(actor)
-        for light in behind.lights:
-            front.AddLight(light)
-        front.SetAutomaticLightCreation(False)
-        camera = front.GetActiveCamera()
-        camera.DeepCopy(behind.GetActiveCamera())
-        front.SetLayer(1)
-        self._plotter.render_window.SetNumberOfLayers(2)
-        self._plotter.render_window.AddRenderer(front)
         return front, mesh
+
+    def _layer(self, layer: int) -> Any:
+        """Return a renderer of one layer, with the same camera and lights; it hides nothing by being nearer."""
+        scene = self._plotter.renderer
+        renderer = scene.NewInstance()
+        for light in scene.lights:
+            renderer.AddLight(light)
+        renderer.SetAutomaticLightCreation(False)
+        renderer.SetBackgroundAlpha(0.0)
+        renderer.SetActiveCamera(scene.GetActiveCamera())
+        renderer.SetLayer(layer)
+        self._plotter.render_window.AddRenderer(renderer)
+        return renderer
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
-        drawn = self._actors.follow(shadows=shadows)
+        seen = self.drawing.in_sight
+        drawn = [self._actors.follow(shadows=shadows, seen=seen)[seen]]
+        if self._ground is not None:
+            shadows = shadows and len(drawn[0]) > 0
+            self._ground.actor.SetVisibility(shadows)
+            if shadows:
+                drawn.append(self._ground.follow(drawn[0]))
         if self._arrows is not None:
             self._arrow_mesh.GetPoints().Modified()
             self._arrow_mesh.GetPointData().GetNormals().Modified()
-            self._front.ResetCameraClippingRange()
             drawn.append(self._arrows.points.numpy())
         return self._picture(self.camera.frame(np.concatenate(drawn), *self._pixels.shape))
 

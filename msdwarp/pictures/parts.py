@@ -30,7 +30,7 @@ class Part(Protocol):
 
     `uv` of shape [vertex_count, 2] are where its vertices are in its texture; `triangles` of shape
     [triangle_count, 3] counts its own vertices from 0; `radius` is how far it reaches around the particles [m];
-    `moves` tells whether it is not always in the same place.
+    `moves` tells whether it is not always in the same place, `closed` whether its backs are hidden by its fronts.
     """
 
     uv: NDArray[np.float64]
@@ -38,6 +38,7 @@ class Part(Protocol):
     triangles: NDArray[np.int32]
     radius: float
     moves: bool
+    closed: bool
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
@@ -78,6 +79,7 @@ class SurfacePart:
         use = surface.triangles.ravel() if own else np.arange(vertices)
         self.uv, self.finish = surface.uv[use], finish
         self.triangles = surface.triangles
+        self.closed = parted_at is None and is_closed(surface)
         normal_of = surface.normal_of
         if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
@@ -141,6 +143,7 @@ class Tubes:
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
         self.radius = radius
+        self.closed = sides == 3  # so thin that no end is seen from inside
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
         self._broken_at = None if broken_at is None else wp.array(broken_at, dtype=float, device=device)
 
@@ -160,6 +163,7 @@ class Balls:
     """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
 
     moves = True
+    closed = True
 
     def __init__(
         self, particles: NDArray, radius: float, finish: Finish, device: str, *, fine: bool = False
@@ -190,6 +194,7 @@ class Obstacle:
     """A solid collider; one that `moves` follows its pose."""
 
     radius = 0.0
+    closed = True
 
     def __init__(self, collider: Collider, mesh: Mesh, dim: int, finish: Finish, device: str) -> None:
         self.uv, self.finish, self.triangles = mesh.uv, finish, mesh.triangles
@@ -214,7 +219,7 @@ class Paint(Protocol):
 
 
 class StrainPaint:
-    """Colours of tubes by the strain of their connections, from green (rest) to red (strained)."""
+    """Colours of tubes by the strain of their connections, from blue (shorter than at rest) to red (longer)."""
 
     def __init__(self, tubes: Tubes, rest_length: NDArray, full_strain: float, device: str) -> None:
         self._tubes = tubes
@@ -242,6 +247,19 @@ class ValuePaint:
         """Colour the part by values that are such shares of the full one."""
         inputs = [shares, self._particle, self._weights, self._stops]
         _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+
+
+def is_closed(surface: Surface) -> bool:
+    """Tell whether a surface has no edge: each side of a triangle is that of another, the other way round."""
+    if surface.weights is None:
+        place = surface.particle
+    else:
+        mixture = np.concatenate([surface.particle, surface.weights], axis=1)
+        place = np.unique(mixture, axis=0, return_inverse=True)[1].ravel()
+    corners = place[surface.triangles].astype(np.int64)
+    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    count = int(place.max(initial=0)) + 1
+    return bool(np.array_equal(np.sort(start * count + end), np.sort(end * count + start)))
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:

@@ -14,7 +14,7 @@ from ..quiet import start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import Drawing, Scale
-from .legend import with_arrow, with_bar
+from .legend import ROOM, with_arrow, with_bar
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
 from .raycast import RayCaster
@@ -45,9 +45,9 @@ class Renderer:
     resolution
         Width and height in pixels.
     colouring
-        "texture" for the surface with its texture; "strain" for connections from green (no strain) to red; or a
-        `Scale`, which colours the surface (or connections, if there is none) by values given with each frame.
-        Default: set by the scene's look.
+        "texture" for the surface with its texture; "strain" for connections from blue (shorter than at rest) to
+        red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given
+        with each frame. Default: set by the scene's look.
     backend
         "opengl" (PyVista), "raycast" (Warp, on any device), or "auto": the ray caster where `device` is a GPU,
         else PyVista where it and an OpenGL library are found.
@@ -93,7 +93,8 @@ class Renderer:
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
         checks.every("positions", positions, np.isfinite(positions), "finite")
-        self.stage = Stage(scene, positions, (width, height), zoom)
+        has_legend = self.drawing.scale is not None or arrows is not None
+        self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         if self.uses_opengl:

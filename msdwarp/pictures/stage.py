@@ -70,12 +70,18 @@ class Camera:
 
     @classmethod
     def that_sees(
-        cls, points: NDArray, look: Look, aspect: float, margin: float = MARGIN, zoom: float = 1.0
+        cls,
+        points: NDArray,
+        look: Look,
+        aspect: float,
+        margin: float = MARGIN,
+        zoom: float = 1.0,
+        above: float = 0.0,
     ) -> "Camera":
         """Return the camera in the direction of the look that is as near as it can be and sees all points.
 
         `points` are of shape [any, 3]; `aspect` is the picture's width over its height. With a `zoom` it is so
-        many times nearer to what it looks at.
+        many times nearer to what it looks at. The share `above` of the height, from the upper edge, is kept free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
         # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
@@ -84,10 +90,13 @@ class Camera:
         middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
         a, b, c = ((points - middle) @ axis for axis in (right, up, back))
         shifts = []
-        for side, tan in zip((a, b), _tangents(aspect, margin), strict=True):
-            high, low = np.max(side / tan + c), np.max(-side / tan + c)
-            distance = max(distance, (high + low) / 2)
-            shifts.append(tan * (high - low) / 2)
+        sideways, upright = _tangents(aspect, margin)
+        sides = ((a, sideways, sideways), (b, min(upright, (1 - 2 * above) * upright * margin), upright))
+        for side, one, other in sides:
+            high, low = np.max(side / one + c), np.max(-side / other + c)
+            shift = (high - low) / (1 / one + 1 / other)
+            distance = max(distance, high - shift / one)
+            shifts.append(shift)
         size = float(np.ptp(points, axis=0).max()) or 1.0
         target = middle + shifts[0] * right + shifts[1] * up
         eye = target + max(distance, 0.5 * size) / zoom * back
@@ -166,11 +175,15 @@ class Stage:
         Width and height of the pictures in pixels.
     zoom
         How many times nearer the camera comes than where it sees everything.
+    above
+        Share of the height, from the upper edge, that is kept free for a legend.
     """
 
-    def __init__(self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0) -> None:
+    def __init__(
+        self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0, above: float = 0.0
+    ) -> None:
         points = in_view(scene, positions)
         self.look = scene.look
         self.width, self.height = size
-        self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom)
+        self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom, above=above)
         self.ground = Ground(scene, points) if scene.ground else None

@@ -28,8 +28,8 @@ class Look:
         Image on the surface, placed by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
         Shade smoothly across the triangles of a face (True), or each triangle flat (False).
-    gloss
-        Strength of highlights, 0 … 1.
+    gloss, obstacle_gloss
+        Strength of highlights on the body and on solid colliders, 0 … 1.
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     background, ground
@@ -43,7 +43,8 @@ class Look:
     strain
         Colour connections by their strain, unless a run asks for the texture.
     full_strain
-        Strain at which a connection is drawn red.
+        Strain at which a connection is drawn red, and minus that blue. None: as large as most strains of a run
+        that is drawn, else 0.2.
     particles
         Draw particles as balls. None: if there are not too many; on connections in the body's colour the balls are
         no thicker than these.
@@ -61,6 +62,7 @@ class Look:
     texture: NDArray[np.uint8] | None = None
     smooth: bool = True
     gloss: float = 0.25
+    obstacle_gloss: float = 0.15
     azimuth: float = -60.0
     elevation: float = 16.0
     background: str = "#eef1f4"
@@ -69,7 +71,7 @@ class Look:
     obstacle_texture: NDArray[np.uint8] | None = None
     obstacle_gloss: float = 0.1
     strain: bool = False
-    full_strain: float = 0.2
+    full_strain: float | None = None
     particles: bool | None = None
     tube: float | None = None
 
@@ -87,7 +89,8 @@ class Look:
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
         checks.one_of("strain", self.strain, (False, True))
-        checks.positive("full_strain", self.full_strain)
+        if self.full_strain is not None:
+            checks.positive("full_strain", self.full_strain)
         checks.one_of("particles", self.particles, (None, False, True))
         if self.tube is not None:
             checks.positive("tube", self.tube)

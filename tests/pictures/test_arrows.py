@@ -27,7 +27,7 @@ def pixels_of_arrows(image) -> np.ndarray:
     """Return rows and columns of the pixels in the arrows' hue, the legend left out, shape [any, 2]."""
     colour = image.astype(float)
     green_over_red = (colour[..., 1] > 2 * colour[..., 0] + 20) & (COLOUR[1] > 2 * COLOUR[0])
-    green_over_red[-60:, :240] = False
+    green_over_red[:60, :240] = False
     return np.argwhere(green_over_red)
 
 

@@ -1,5 +1,10 @@
 """Frames and films on disk."""
 
+import contextlib
+import io
+import itertools
+import time
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -52,6 +57,56 @@ def test_a_film_that_fails_leaves_none_and_keeps_the_frames(tmp_path):
     with pytest.raises(RuntimeError, match="no more"):
         film.write_film(failing(), 10, tmp_path, name="bar", fps=60)
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"frame_{k:04d}.png" for k in range(4)]
+
+
+def test_a_film_that_cannot_be_written_ends_the_drawing(tmp_path, monkeypatch):
+    def fails(images, *others):
+        next(images)
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(film, "_write_film", fails)
+    endless, drawn = itertools.cycle(pictures(3)), 0
+
+    def counted():
+        nonlocal drawn
+        for image in endless:
+            drawn += 1
+            yield image
+
+    with pytest.raises(OSError, match="the disk is full"):
+        film.write_film(counted(), 10**9, tmp_path, name="bar", fps=60, frames="none")
+    assert drawn < 1000  # it ends within moments
+
+
+def test_no_more_pictures_wait_than_a_few(tmp_path, monkeypatch):
+    drawn = 0
+
+    def counted():
+        nonlocal drawn
+        for image in pictures(40):
+            drawn += 1
+            yield image
+
+    ahead = []
+
+    def slow(images, *others):
+        for k, _ in enumerate(images):
+            time.sleep(0.002)
+            ahead.append(drawn - k)
+
+    monkeypatch.setattr(film, "_write_film", slow)
+    with contextlib.suppress(FileNotFoundError):  # `slow` writes no film that could get its name
+        film.write_film(counted(), 40, tmp_path, name="bar", fps=60, frames="none")
+    assert len(ahead) == 40
+    # Those that wait, the one in the film's hands, and one that waits to be handed over.
+    assert max(ahead) <= film.WAITING + 2
+
+
+def test_pngs_are_what_was_drawn():
+    image = np.random.default_rng(3).integers(0, 256, (37, 53, 3), dtype=np.uint8)
+    with Image.open(io.BytesIO(film.png(image))) as opened:
+        assert opened.mode == "RGB"
+        np.testing.assert_array_equal(np.asarray(opened), image)
 
 
 @pytest.mark.parametrize(

@@ -308,3 +308,21 @@ def test_body_and_obstacle_keep_their_own_textures(body, backend, textured):
             np.testing.assert_allclose(together[at], alone[at], atol=1)  # rounding of texture coordinates
             at = pixel_of(renderer, (0.9 + u, -0.25, 0.5 + v))
             np.testing.assert_allclose(together[at], block_alone[at], atol=1)
+
+
+def test_planes_that_face_the_camera_and_the_light_are_drawn():
+    body = msd.box((3, 3, 3), 0.2).translate((0, 0, 0.2))
+    look = msd.Look(azimuth=-60, elevation=20, obstacle="#209040")
+    behind, before = msd.Plane((0, -1, 0), offset=-1.0), msd.Plane((0, 1, 0), offset=-1.0)
+    for planes, count in (([], 0), ([behind], 2), ([before], 0), ([behind, before], 2)):
+        scene = msd.Scene(system=body, colliders=[msd.Plane(), *planes], look=look)
+        drawing = Drawing(scene, "texture")
+        assert sum(len(one.triangles) for one in drawing.obstacles) == count
+    scene = msd.Scene(system=body, colliders=[msd.Plane(), behind], look=look)
+    drawing = Drawing(scene, "texture")
+    drawing.follow(body.position)
+    wall = drawing.points.numpy()[drawing.obstacles[0].vertices]
+    np.testing.assert_allclose(wall[:, 1], 1.0, atol=1e-6)  # float32
+    np.testing.assert_allclose(drawing.normals.numpy()[drawing.obstacles[0].vertices], [[0, -1, 0]] * 4, atol=1e-6)
+    image = msd.Renderer(scene, body.position, resolution=(320, 180)).image(body.position).astype(int)
+    assert (image[..., 1] > image[..., 0] + 40).mean() > 0.1  # green

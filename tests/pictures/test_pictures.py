@@ -93,7 +93,7 @@ def test_smooth_normals_of_a_bent_sheet_are_those_of_the_surface():
     assert error[inside[particle]].max() < 0.05**2
 
 
-def test_connections_are_green_at_rest_and_red_when_strained():
+def test_connections_are_grey_at_rest_red_when_stretched_and_blue_when_compressed():
     body = msd.System(
         position=[[0, 0, 0], [1, 0, 0], [2.2, 0, 0], [3.0, 0, 0], [3.9, 0, 0]],
         connections=[[0, 1], [1, 2], [2, 3], [3, 4]],
@@ -102,10 +102,34 @@ def test_connections_are_green_at_rest_and_red_when_strained():
     drawing = Drawing(msd.Scene(system=body, look=msd.Look(full_strain=0.2)), "strain")
     drawing.follow(body.position)
     rest, stretched, compressed, half = drawing.colours.numpy()[:24].reshape(4, 6, 3)[:, 0]
-    assert rest[1] > 2 * rest[0]  # green
-    assert stretched[0] > 2 * stretched[1]  # red
-    np.testing.assert_allclose(stretched, compressed, atol=1e-5)  # float32 lengths of about 1
-    np.testing.assert_allclose(half, (0.96, 0.80, 0.23), atol=1e-5)  # yellow, half way
+    assert np.ptp(rest) < 0.05  # grey
+    assert stretched[0] > 2 * max(stretched[1:])  # red
+    assert compressed[2] > 2 * max(compressed[:2])  # blue
+    np.testing.assert_allclose(half, (0.22, 0.50, 0.85), atol=1e-5)  # half way to blue; float32 lengths of about 1
+
+
+def test_inside_a_large_body_no_connections_are_drawn():
+    body = msd.box((12, 12, 12), 0.1)
+    drawing = Drawing(msd.Scene(system=body), "strain")
+    middle = body.position[body.connections].mean(axis=1)
+    assert len(drawing.triangles) < 6 * body.connection_count
+    drawing.follow(body.position)
+    points = drawing.points.numpy()
+    assert np.abs(points).max() > 0.54  # the outermost are there
+    inner = np.abs(middle).max(axis=1) < 0.3
+    assert inner.any()
+    assert np.abs(points).max(axis=1).min() > 0.4  # none reaches deeper than one spacing of 0.1 below 0.55
+
+
+def test_the_camera_leaves_room_for_a_legend():
+    body = msd.box((3, 3, 3), 0.2)
+    for colouring, free in (("texture", 0.0), ("strain", 0.125)):
+        renderer = msd.Renderer(msd.Scene(system=body), body.position, colouring=colouring, backend="raycast")
+        rows, columns = renderer.stage.camera.pixels(body.position, 720, 1280)
+        assert rows.min() >= 720 * free
+        assert rows.max() <= 720
+        assert columns.min() >= 0
+        assert columns.max() <= 1280
 
 
 def test_an_embedded_surface_follows_its_particles():

@@ -1,0 +1,140 @@
+"""Notebook: `show`, which puts a film, or a still that a mouse turns, into the output of a cell."""
+
+import base64
+import io
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from .. import checks
+from ..files import Trajectory
+from ..pictures import Renderer, outermost, write_film
+from ..simulation import Simulation
+from ..world import Scene
+from .opening import scene_of
+
+VIEWS = 12
+"""Pictures around a still, among which the mouse chooses."""
+TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor: grab" draggable="false">
+<script>{{
+  const views = [{views}], image = document.getElementById("{name}"), width = {width};
+  let at = 0, from = null;
+  image.onpointerdown = event => {{ from = event.clientX + at * width / views.length;
+                                    image.setPointerCapture(event.pointerId); }};
+  image.onpointerup = () => {{ from = null; }};
+  image.onpointermove = event => {{
+    if (from === null) return;
+    at = Math.round((from - event.clientX) * views.length / width);
+    image.src = "data:image/webp;base64," + views[((at % views.length) + views.length) % views.length];
+  }};
+}}</script>"""
+"""A still: the mouse turns it once around by its width."""
+
+
+def show(
+    shown: Simulation | Scene | Trajectory | str | Path,
+    *,
+    seconds: float | None = None,
+    resolution: tuple[int, int] = (640, 360),
+    colouring: str | None = None,
+) -> None:
+    """Show a film, or a still that a mouse turns, in a notebook.
+
+    Parameters
+    ----------
+    shown
+        A trajectory or its file, of which the film is shown; a scene or a simulation, which is simulated first and
+        shown as it runs.
+    seconds
+        How long a simulation goes on [s]. By default a scene takes its duration, and a simulation does not go on:
+        it is shown as it is now, from all sides.
+    resolution
+        Width and height in pixels.
+    colouring
+        "texture" or "strain". Default: set by the scene's look.
+
+    Raises
+    ------
+    RuntimeError
+        If there is no notebook: IPython is not installed.
+    ValueError
+        If `shown` is none of these, or an argument is out of its range.
+    """
+    try:
+        from IPython import display  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise RuntimeError(
+            "show draws in a notebook, which needs IPython: pip install jupyterlab; outside one, see msdwarp.view"
+        ) from None
+    if seconds is not None:
+        checks.positive("seconds", seconds)
+    if isinstance(shown, Scene):
+        seconds, scene = shown.duration if seconds is None else seconds, shown
+        shown = Simulation.of(shown)
+    else:
+        shown, scene = scene_of(shown)
+    if isinstance(shown, Simulation) and seconds is None:
+        position = shown.frame().position
+        display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
+        return
+    bar = display.display(display.HTML(""), display_id=True)
+
+    def progress(doing: str, done: int, count: int) -> None:
+        if done % max(1, count // 50) == 0:
+            bar.update(display.HTML(f'{doing} <progress max="{count}" value="{done}"></progress>'))
+
+    if isinstance(shown, Trajectory):
+        positions: Sequence[NDArray] = shown.positions  # pyright: ignore[reportAssignmentType]
+        times, fps, broken_at = list(shown.times), shown.fps, shown.broken_at if scene.system.tears else None
+    else:
+        positions, times, fps = [], [], shown.fps
+        count = max(1, round((seconds or 0.0) * fps))
+        # Frames begin with the present one.
+        for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
+            progress("simulating", k, count)
+            positions.append(frame.position)
+            times.append(frame.time)
+        broken_at = shown.system.broken_at if scene.system.tears else None
+    if broken_at is not None:
+        scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
+    aspect = resolution[0] / resolution[1]
+    seen = np.concatenate([outermost(one, scene.look, aspect) for one in positions])
+    renderer = Renderer(scene, seen, resolution=resolution, colouring=colouring)
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for k, (position, time) in enumerate(zip(positions, times, strict=True)):
+            progress("drawing", k, len(times))
+            yield renderer.image(position, float(time))
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_film(images(), len(times), Path(folder), name="film", fps=fps, frames="none")
+        assert path is not None
+        film = base64.b64encode(path.read_bytes()).decode()
+    bar.update(display.HTML(f'<img src="data:image/webp;base64,{film}">'))
+
+
+def _still(
+    scene: Scene, position: NDArray, time: float, resolution: tuple[int, int], colouring: str | None
+) -> str:
+    """Return the page of a still that a mouse turns."""
+    views = []
+    for k in range(VIEWS):
+        azimuth = (scene.look.azimuth + 360.0 * k / VIEWS + 360.0) % 360.0
+        turned = replace(scene, look=replace(scene.look, azimuth=azimuth))
+        image = Renderer(turned, position, resolution=resolution, colouring=colouring).image(position, time)
+        views.append(_webp(image))
+    name, listed = f"still-{id(views)}", ", ".join(f'"{view}"' for view in views)
+    return TURNED.format(name=name, first=views[0], views=listed, width=resolution[0])
+
+
+def _webp(image: Any) -> str:
+    """Return a picture as WebP, in base 64."""
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "webp", quality=80)
+    return base64.b64encode(file.getvalue()).decode()

@@ -1,0 +1,179 @@
+"""How OpenGL lights what it draws: Phong's model with shadows, in place of what VTK writes into its shaders.
+
+VTK multiplies textures with all light, highlights too; here highlights are white on whatever they lie.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from .light import SHADED, SHADOW, SOFTNESS, spread
+from .shadow_map import SIZE, ShadowMap
+
+TAPS = 4
+"""Texels of the shadow map that are looked at for a fragment; the four of 2 x 2 look at different ones."""
+LEAST, MOST = 1.25, 12.0
+"""Least and largest distances of these texels, in texels: half a shadow's edge at a contact, and far from one. The
+latter is what the blocks around four neighbours have in common."""
+STEEPEST = 6.0
+"""Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
+
+
+def _taps() -> str:
+    """Return the code that sums up how many texels around a fragment do not hide the light."""
+    points = spread(4 * TAPS).reshape(4, TAPS, 2)
+    lines = []
+    for k in range(TAPS):
+        # A choice between constants: to look them up in an array costs processors more than all the rest.
+        chosen = ", ".join(f"vec2({u:.4f}, {v:.4f})" for u, v in points[:, k])
+        lines.append(f"  lit += clearAt(at, slope, margin, radius * oneOf(fragment, {chosen}));")
+    return "\n".join(lines)
+
+
+_DECLARED = f"""
+in vec3 lampVSOutput;
+vec2 oneOf(ivec2 fragment, vec2 a, vec2 b, vec2 c, vec2 d)
+{{
+  return fragment.y == 0 ? (fragment.x == 0 ? a : b) : (fragment.x == 0 ? c : d);
+}}
+// Whether the light passes the texel that lies aside by so many metres, where the surface goes on as a plane.
+float clearAt(vec3 at, vec2 slope, float margin, vec2 aside)
+{{
+  vec2 place = (at.xy + aside) / lampUnits.y;
+  ivec2 one = clamp(ivec2(place), 0, {SIZE - 1});
+  // Four texels in a row are one colour.
+  vec4 four = texelFetch(shadowMap, ivec2(one.x >> 2, one.y), 0);
+  vec2 two = (one.x & 2) == 0 ? four.xy : four.zw;
+  float nearest = (one.x & 1) == 0 ? two.x : two.y;
+  return nearest > at.z + dot(slope, aside) + margin ? 0.0 : {1 / TAPS};
+}}
+// The share of the key light that is seen from a surface that faces it, and 0 from others.
+float keyLight(vec3 at, float facing)
+{{
+  vec3 normal = cross(dFdx(at), dFdy(at));
+  vec2 slope = -normal.xy / (abs(normal.z) < 1e-20 ? 1e-20 : normal.z);
+  slope *= min(1.0, {STEEPEST} / max(length(slope), 1e-6));
+  vec2 inMap = abs(at.xy * lampUnits.x - 0.5);
+  if (lampUnits.w == 0.0)
+    return 1.0;
+  float above = texture(shadowAround, at.xy * lampUnits.x).r - at.z;
+  // A texel holds the distance at its middle, half a texel aside.
+  float margin = lampUnits.y * (0.3 + 0.6 * (abs(slope.x) + abs(slope.y)));
+  if (above <= margin || max(inMap.x, inMap.y) > 0.5)
+    return 1.0;
+  if (facing <= 0.0)
+    return 0.0;
+  float radius = clamp({SOFTNESS} * above, {LEAST} * lampUnits.y, {MOST} * lampUnits.y);
+  ivec2 fragment = ivec2(gl_FragCoord.xy) & 1;
+  float lit = 0.0;
+{_taps()}
+  return lit;
+}}
+"""
+
+_ON_BODIES = f"""
+  vec3 towardsEye = normalize(-vertexVC.xyz);
+  float keyFacing = dot(normalVCVSOutput, -lightDirectionVC0);
+  float headFacing = dot(normalVCVSOutput, -lightDirectionVC1);
+  float share = keyLight(lampVSOutput, keyFacing);
+  float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, share);
+  float head = lightColor1.r * max(headFacing, 0.0);
+  gl_FragData[0] = vec4(ambientColor + (key + head) * diffuseColor, opacity);
+  float glint = 0.0;
+  if (specularColor.r > 0.0)
+  {{
+    vec3 mirrored = reflect(-towardsEye, normalVCVSOutput);
+    if (keyFacing > 0.0)
+      glint += share * lightColor0.r * pow(max(dot(mirrored, -lightDirectionVC0), 1e-5), specularPower);
+    if (headFacing > 0.0)
+      glint += lightColor1.r * pow(max(dot(mirrored, -lightDirectionVC1), 1e-5), specularPower);
+  }}
+"""
+_GLINT = """
+  gl_FragData[0].rgb += glint * specularColor;
+"""
+_ON_GROUND = f"""
+  gl_FragData[0] = vec4(vec3(mix({SHADOW}, 1.0, keyLight(lampVSOutput, 1.0))), 1.0);
+"""
+
+
+class Shading:
+    """The key light and its shadows, for what is to be drawn by OpenGL.
+
+    Parameters
+    ----------
+    pv
+        PyVista.
+    shadow_map
+        What the light sees.
+    """
+
+    def __init__(self, pv: Any, shadow_map: ShadowMap) -> None:
+        from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+        self._map, self._matrix = shadow_map, vtkMatrix4x4()
+        self._textures = {
+            "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
+            "shadowAround": _of_numbers(pv, shadow_map.around, between=True),
+        }
+        self._programs: list[tuple[Any, bool]] = []
+
+    def light(self, actor: Any, *, ground: bool = False, shadows: bool = True) -> None:
+        """Light an actor, which takes shadows; one of the ground is painted, and takes nothing else."""
+        program = actor.GetShaderProperty()
+        for name, (_, texture) in self._textures.items():
+            actor.prop.SetTexture(name, texture)
+        program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
+        program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", (1.0, 1.0, 0.0, 0.0))
+
+        def behind(tag: str, code: str) -> str:
+            return f"{tag}\n{code}\n"
+
+        def write(tag: str, code: str, *, vertex: bool = False) -> None:
+            add = program.AddVertexShaderReplacement if vertex else program.AddFragmentShaderReplacement
+            add(tag, True, code, False)
+
+        for tag, code in (
+            ("//VTK::PositionVC::Dec", "out vec3 lampVSOutput;"),
+            ("//VTK::PositionVC::Impl", "  lampVSOutput = (toLamp * vertexMC).xyz;"),
+        ):
+            write(tag, behind(tag, code), vertex=True)
+        # Behind the textures' own declarations, since these are used.
+        write("//VTK::TCoord::Dec", behind("//VTK::TCoord::Dec", _DECLARED))
+        write("//VTK::Light::Impl", _ON_GROUND if ground else _ON_BODIES)
+        if not ground:
+            write("//VTK::TCoord::Impl", behind("//VTK::TCoord::Impl", _GLINT))
+        self._programs.append((program, shadows))
+
+    def follow(self, *, shadows: bool = True) -> None:
+        """Light by what the shadow map sees now, or as if nothing hid the light."""
+        to_lamp, texel = self._map.to_lamp(), self._map.texel
+        for row in range(4):
+            for column in range(4):
+                self._matrix.SetElement(column, row, to_lamp[row, column])  # OpenGL reads column by column
+        for program, takes_shadows in self._programs:
+            program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
+            units = (1 / self._map.width, texel, 0.0, float(shadows and takes_shadows))
+            program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", units)
+        for image, texture in self._textures.values():
+            image.GetPointData().GetScalars().Modified()
+            image.Modified()
+            texture.Modified()
+
+
+def _of_numbers(pv: Any, numbers: np.ndarray, *, between: bool) -> tuple[Any, Any]:
+    """Return an image of numbers, shape [rows, columns, 4], whose memory it shares, and a texture of it.
+
+    Of textures with fewer numbers in a texel VTK rounds the numbers. They may be interpolated `between` texels.
+    """
+    rows, columns, _ = numbers.shape
+    image = pv.ImageData(dimensions=(columns, rows, 1))
+    image.point_data["numbers"] = numbers.reshape(-1, 4)
+    image.GetPointData().SetActiveScalars("numbers")
+    texture = pv.Texture()
+    texture.SetInputData(image)
+    texture.SetColorModeToDirectScalars()
+    texture.SetInterpolate(between)
+    texture.MipmapOff()
+    texture.SetRepeat(False)
+    return image, texture

@@ -1,0 +1,101 @@
+"""What the key light sees of a drawing: all that it sees is lit, and what lies behind that is in shadow."""
+
+import math
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..kernels.pictures import shadow
+from .drawing import Drawing
+from .light import across
+
+SIZE = 768
+"""Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
+MARGIN = 14
+"""Empty texels around what is drawn, so that soft edges of shadows end inside the map."""
+EDGE = 13.0
+"""How far soft edges of shadows reach, in texels."""
+STEPS = 4
+"""Sizes of the square that the map covers, to each doubling: few, so that it seldom changes between frames."""
+
+
+class ShadowMap:
+    """A square across the key light, of texels that hold how far towards it the nearest surface is.
+
+    After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978.
+
+    Parameters
+    ----------
+    drawing
+        The triangles, on the CPU.
+    light
+        Direction towards the key light, of unit length, shape [3].
+
+    Attributes
+    ----------
+    depth, around
+        Distances towards the light [m], float32, of the nearest surface: in each texel, shape [SIZE, SIZE], and in
+        each block of texels and the blocks around it, four times the same, shape [SIZE / BLOCK, SIZE / BLOCK, 4].
+    """
+
+    def __init__(self, drawing: Drawing, light: NDArray) -> None:
+        self._drawing, device = drawing, drawing.device
+        self.axes = np.stack([*across(light), light])
+        """Unit vectors across and towards the light, shape [3, 3]."""
+        self.corner, self.width = np.zeros(3), 1.0
+        """The square's first corner in these directions, and its edge [m]."""
+        self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device=device)
+        self._depth = wp.zeros((SIZE, SIZE), dtype=float, device=device)
+        blocks = SIZE // shadow.BLOCK
+        self._nearest = wp.zeros((blocks, blocks), dtype=float, device=device)
+        self._around = wp.zeros((blocks, blocks), dtype=wp.vec4, device=device)
+        self.depth, self.around = self._depth.numpy(), self._around.numpy()  # Warp's memory, on the CPU
+
+    @property
+    def texel(self) -> float:
+        """Edge of a texel [m]."""
+        return self.width / SIZE
+
+    def to_lamp(self) -> NDArray[np.float64]:
+        """Return the matrix, shape [4, 4], that turns points into metres from the corner along the axes."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.axes, -self.corner
+        return matrix
+
+    def outline(self, points: NDArray, count: int) -> NDArray[np.float64]:
+        """Return corners [m], shape [count, 3], around points seen from the light and the soft edges of shadows.
+
+        They are where the lines meet that touch the points from evenly spaced directions.
+        """
+        across = points @ self.axes[:2].T.astype(np.float32)
+        angle = 2 * np.pi * np.arange(count) / count
+        outwards = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        reach = (across @ outwards.T.astype(np.float32)).max(axis=0) + EDGE * self.texel
+        ahead, onward = np.roll(reach, -1), np.roll(outwards, -1, axis=0)
+        # Of lines p.n = a and p.m = b, with an angle t from n to m.
+        turn = np.sin(2 * np.pi / count)
+        corners = np.stack(
+            [reach * onward[:, 1] - ahead * outwards[:, 1], ahead * outwards[:, 0] - reach * onward[:, 0]], axis=1
+        )
+        return (corners / turn) @ self.axes[:2] + self.corner[2] * self.axes[2]
+
+    def follow(self, seen: NDArray) -> None:
+        """Look at the drawing as it stands; `seen` are the points that must be in view [m], shape [any, 3]."""
+        along = seen @ self.axes.T.astype(np.float32)
+        low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
+        extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
+        self.width = 2.0 ** (math.ceil(STEPS * math.log2(extent)) / STEPS)
+        # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
+        middle = np.round((low + high) / 2 / self.texel) * self.texel
+        self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
+        lamp = shadow.Lamp()
+        lamp.u, lamp.v, lamp.towards = (wp.vec3(*axis) for axis in self.axes)
+        lamp.corner, lamp.scale = wp.vec3(*self.corner), 1 / self.texel
+        device = self._drawing.device
+        # Where nothing is it is as if something were far below all else.
+        self._depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
+        inputs = [self._drawing.points, self._triangles, lamp]
+        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [self._depth], device=device)
+        wp.launch(shadow.nearest_in_blocks, self._nearest.shape, [self._depth], [self._nearest], device=device)
+        wp.launch(shadow.nearest_around, self._around.shape, [self._nearest], [self._around], device=device)

@@ -1,0 +1,84 @@
+"""What a notebook shows, without one: a stand-in for IPython keeps what it is given."""
+
+import base64
+import io
+import sys
+import types
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import msdwarp as msd
+
+
+@pytest.fixture
+def cell(monkeypatch):
+    """Return what the output of a cell showed, one thing after another."""
+    shown = []
+
+    class Output:
+        def update(self, html):
+            shown.append(html)
+
+    def display(html, display_id=False):
+        shown.append(html)
+        return Output()
+
+    module = types.ModuleType("IPython.display")
+    module.HTML, module.display = str, display  # pyright: ignore[reportAttributeAccessIssue]
+    package = types.ModuleType("IPython")
+    package.display = module  # pyright: ignore[reportAttributeAccessIssue]
+    monkeypatch.setitem(sys.modules, "IPython", package)
+    monkeypatch.setitem(sys.modules, "IPython.display", module)
+    return shown
+
+
+def pictures_in(html):
+    return [
+        Image.open(io.BytesIO(base64.b64decode(part.split('"')[0])))
+        for part in html.split('src="data:image/webp;base64,')[1:]
+    ]
+
+
+SCENE = msd.Scene(system=msd.chain(3, 0.5, dim=3).pin(0), duration=0.1)
+
+
+def test_a_scene_is_simulated_and_shown_as_a_film(cell):
+    msd.show(SCENE, resolution=(96, 64))
+    (film,) = pictures_in(cell[-1])
+    assert film.n_frames == 6  # 0.1 s at 60 frames a second
+    assert film.size == (96, 64)
+    assert any("<progress" in html for html in cell[:-1])
+
+
+def test_a_trajectory_is_shown_as_a_film(cell, tmp_path):
+    simulation = msd.Simulation.of(SCENE)
+    with msd.TrajectoryWriter(tmp_path / "t.vtkhdf", simulation.system, fps=simulation.fps) as writer:
+        for frame in simulation.frames(0.05):
+            writer.write(frame)
+    msd.show(tmp_path / "t.vtkhdf", resolution=(96, 64))
+    (film,) = pictures_in(cell[-1])
+    assert film.n_frames == 4
+
+
+def test_a_simulation_is_shown_from_all_sides(cell):
+    simulation = msd.Simulation.of(SCENE)
+    msd.show(simulation, resolution=(96, 64))
+    assert simulation.time == 0  # it did not go on
+    first = pictures_in(cell[-1])[0]
+    assert np.asarray(first).std() > 1
+    assert cell[-1].count('", "') == 11  # 12 views
+
+
+def test_without_a_notebook_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "IPython", None)
+    with pytest.raises(RuntimeError, match="pip install jupyterlab"):
+        msd.show(SCENE)
+
+
+def test_what_cannot_be_shown_is_named(cell):
+    with pytest.raises(ValueError, match="shown is 3"):
+        msd.show(3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="seconds is 0"):
+        msd.show(SCENE, seconds=0)
