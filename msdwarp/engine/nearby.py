@@ -93,7 +93,7 @@ class Nearby:
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
         self._box()
-        self._bodies = wp.Bvh(*self._boxes)
+        self._bodies = wp.Bvh(boxes[0], boxes[1])
         # A point is looked for among the facets of the bodies beside its own, one body after the other.
         self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)

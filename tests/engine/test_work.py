@@ -326,13 +326,12 @@ def test_an_older_checkpoint_without_sums_goes_on(plain_device):
         return carried(plain_device, lambda t: (0 * t, 0 * t, 5 * t))[0]
 
     whole, other = make(), make()
-    repeats = not (plain_device.startswith("cuda") and whole.model.route == "scatter")
+    repeats = plain_device == "cpu" or whole.model.route != "scatter"  # else rounding of 1e-16 m grows
     whole.step(20)
     arrays, numbers = whole.checkpoint()
     other.restore({name: one for name, one in arrays.items() if not name.startswith("work.")}, numbers)
     whole.step(20)
     other.step(20)
-    # Where sums have no fixed order, rounding of 1e-16 m grows with the motion.
     np.testing.assert_allclose(
         other.frame().position, whole.frame().position, rtol=0, atol=0 if repeats else 1e-12
     )
