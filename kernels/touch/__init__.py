@@ -5,7 +5,7 @@ from .felt import add_impulses
 from .lanes import ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes
+from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes, range_of_speeds
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "forget_boxes",
     "nearest_on_triangle",
     "place_vertices",
+    "range_of_speeds",
     "touch",
     "touching_piece",
 ]

@@ -32,7 +32,9 @@ TANGENTIAL = 2.0 / 7.0
 def place_vertices(dim: int, scalar: type, compensated: bool):
     """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
 
-    Its threads share the vertices. On the CPU there is one: each would have a copy of what `data` points to.
+    It tells by how much lists have become wrong: how far vertices have moved beside what drifts with all of those
+    in contact. What was far from all others may move further. Its threads share the vertices. On the CPU there is
+    one: each would have a copy of what `data` points to.
     """
     V, Data = vector(dim, scalar), Surfaces(scalar)
     Lost, _ = compensation(dim, scalar, compensated)
@@ -44,10 +46,18 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
         lost: Lost,
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
+        since: float,  # time since rows were found [s]
+        skin: wp.array(dtype=scalar),  # [m], shape [1]
+        more: float,  # by how much further the others must be to be far off [m]
+        least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
+        most: wp.array(dtype=wp.vec3),
         threads: int,
-        way: wp.array(dtype=float),  # the furthest that any has moved since rows were found [m], shape [any]
+        way: wp.array(dtype=float),  # the furthest that any has moved [m], shape [any]
     ):
         i = wp.tid()
+        drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
+        far = float(skin[0]) / (float(skin[0]) + more)
+        further = wp.vec3(more, more, more)
         while i < data.x.shape[0]:
             place = V()
             speed = V()
@@ -62,7 +72,12 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
             data.v[i] = speed
             for k in range(wp.static(dim)):
                 data.force[i, k] = wp.int64(0)
-            moved = float(wp.length(place - data.x_found[i]))
+            before = wp.vec3(data.x_found[i])
+            moved = wp.length(wp.vec3(place - data.x_found[i]) - drift)
+            low = least[data.body_of[i]] - further
+            high = most[data.body_of[i]] + further
+            if not (wp.min(before, low) == low and wp.max(before, high) == high):
+                moved *= far
             if not (moved <= way[0]):
                 wp.atomic_max(way, 0, moved)
             i += threads

@@ -23,6 +23,10 @@ def forget_boxes():
     return forget
 
 
+NEVER = 1e30
+"""A speed that nothing has [m/s]."""
+
+
 @functools.cache
 def box_facets(scalar: type, lanes: int):
     """Compose the kernel, over pieces of bodies, that boxes their facets, and extends the boxes around bodies.
@@ -109,8 +113,10 @@ def box_neighbours(scalar: type):
         most: wp.array(dtype=wp.vec3),
     ):
         i = wp.tid()
-        if i == 0:
-            busy_count[0] = 0  # of the search that begins
+        if i == 0:  # of the search that begins
+            busy_count[0] = 0
+            for k in range(2):
+                data.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         around = farthest + skin[0]
         lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         upper = -lower
@@ -287,3 +293,36 @@ def find_rows(scalar: type):
             e += threads
 
     return find
+
+
+@functools.cache
+def range_of_speeds(scalar: type, lanes: int):
+    """Compose the kernel that finds between which velocities points are that are near anything.
+
+    Its threads share these points; so many of them (`lanes`) put together what they have found.
+    """
+    Data, least_of = Surfaces(scalar), least_of_lanes(wp.float32, lanes)
+    place_of = places(scalar)[0]
+
+    @wp.func
+    def most_corner(v: wp.vec3) -> wp.vec3:
+        return -wp.vec3(least_of(-v[0]), least_of(-v[1]), least_of(-v[2]))
+
+    @kernel
+    def find_range(data: Data, threads: int):
+        k = wp.tid()
+        fast = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+        slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+        while k < data.busy_count[0]:
+            p = data.busy[k]
+            v = wp.vec3(place_of(data.v, data.ends[p], data.share[p]))
+            fast = wp.max(fast, v)
+            slow = wp.max(slow, -v)
+            k += threads
+        fast = most_corner(fast)
+        slow = most_corner(slow)
+        if wp.tid() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
+            wp.atomic_max(data.speeds, 0, fast)
+            wp.atomic_max(data.speeds, 1, slow)
+
+    return find_range

@@ -20,6 +20,7 @@ from ..kernels.touch import (
     find_rows,
     forget_boxes,
     place_vertices,
+    range_of_speeds,
 )
 from .touch_tables import PIECE, curve, pieces
 
@@ -44,6 +45,8 @@ PATIENCE = 4
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
 """That doubles when it was too early, up to this."""
+MOST_THREADS = 2**14
+"""Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 64
 """Substeps from one search to the next, at most."""
 
@@ -80,6 +83,8 @@ class Nearby:
         self.every = 8
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
+        self.now = self._found_at = 0.0
+        """When in a frame what is launched next takes place [s]."""
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         """By how much more than it touches a point is looked around [m], shape [1]."""
         self.flags: Any = wp.zeros(FLAGS, dtype=float, device=device)
@@ -100,6 +105,8 @@ class Nearby:
         wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
         data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
         data.busy_count = wp.zeros(1, dtype=int, device=device)
+        data.body_of = wp.array(surfaces.body, dtype=int, device=device)
+        data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
         stale = True
@@ -111,10 +118,11 @@ class Nearby:
         self.flags.zero_()
 
     def share(self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31) -> None:
-        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all."""
-        threads = (
-            min(many, most) if self._model.device.is_cuda else 1
-        )  # there each has a copy of 2 kB of arguments
+        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all.
+
+        There each would have a copy of its arguments, of 2 kB.
+        """
+        threads = min(many, most) if self._model.device.is_cuda else 1
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
 
     def place(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None) -> None:
@@ -124,7 +132,8 @@ class Nearby:
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated)
-        self.share(kernel, len(data.x), [data, lost, x, v], [self.flags[MOVED:] if moved is None else moved])
+        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits]
+        self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what lists the facets near each point.
@@ -138,6 +147,9 @@ class Nearby:
         self._bodies.refit()
         wp.copy(data.x_found, data.x)
         self._find_rows()
+        lanes = PIECE if self._model.device.is_cuda else 1
+        self.share(range_of_speeds(self._model.scalar, lanes), len(data.share), [data], [], most=MOST_THREADS)
+        self._found_at = self.now
 
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""

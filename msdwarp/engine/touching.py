@@ -200,6 +200,11 @@ class Touching(Effect):
         """Launch what lists the facets near each point."""
         self._nearby.search(x, v, lost, within)
 
+    def begin_substep(self, substep: int) -> bool:
+        """Take the time of what is launched in a substep."""
+        self._nearby.now = substep * self._dt
+        return False
+
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch the contacts of particles at x that move at v."""
         self._nearby.place(x, v, lost)
