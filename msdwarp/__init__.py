@@ -58,7 +58,7 @@ from .live import View, view
 from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
-from .simulation import Ensemble, Simulation, SimulationDiverged
+from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
 from .world import (
     Actuator,
     Attachment,
@@ -108,6 +108,7 @@ __all__ = [
     "LinearlyImplicitEuler",
     "Look",
     "Material",
+    "Mean",
     "Measures",
     "Plane",
     "Pressure",

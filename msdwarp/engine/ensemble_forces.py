@@ -136,7 +136,7 @@ def _by_direction(model: EnsembleModel, forces: Any, classes: Classes) -> Ensemb
     """Return the forces of a stencil, whose constants are by direction, or by kind of lattice and direction."""
     data, how, fields = forces.data, {}, {}
     uniform = not isinstance(data.stiffness, wp.array)
-    numbers = np.array(list(data.stiffness)) if uniform else data.stiffness.numpy()
+    numbers = np.array([float(one) for one in data.stiffness]) if uniform else data.stiffness.numpy()
     chosen = classes.named(numbers)
     for name in CONNECTIONS:
         # Directions in which there is no connection have no constants.

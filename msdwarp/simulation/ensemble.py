@@ -1,10 +1,9 @@
 """Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -31,12 +30,16 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..world import Collider, Gravity, Scene
-from .arguments import forced
+from ..world import POSITION, VELOCITY, Collider, Gravity, Probe, Scene
+from .arguments import forced, frame_count
 from .divergence import SimulationDiverged
-from .ensemble_parameters import parameter_rows
+from .ensemble_parameters import parameter_rows, rubbing, taken_from
+from .ensemble_results import dataset, import_xarray, observations
 from .simulation import Simulation
 from .stepping import RECORDING
+
+if TYPE_CHECKING:
+    import xarray
 
 STATUS = ("running", "not finite", "energy")
 """What has become of a world."""
@@ -130,7 +133,7 @@ class Ensemble:
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
         self.fps = checks.positive("fps", fps)
-        system, self._colliders, own_gravity = _taken_from(scene, colliders)
+        system, self._colliders, own_gravity = taken_from(scene, colliders)
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)
@@ -239,6 +242,61 @@ class Ensemble:
             wp.capture_launch(self._graph)
             self.frame_index += 1
 
+    def run(
+        self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1
+    ) -> "xarray.Dataset":
+        """Advance by a duration [s] and return what was observed of each world, as an `xarray.Dataset`.
+
+        Its dimensions are world, frame and those of what is observed. Its coordinates are the time of each frame,
+        what differs between worlds by one number each, `status` and `diverged_at`. With h5netcdf installed
+        `to_netcdf` saves it.
+
+        Parameters
+        ----------
+        duration
+            Simulated time [s].
+        observe
+            What to observe, by names: a `Probe` of positions or velocities, or a `Mean` of what a `wp.func` tells
+            of each particle, summed on the device; "energy", "kinetic energy", "elastic energy" or
+            "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
+            positions and velocities, of shape [worlds, particle_count, d] each, that returns an array whose first
+            axis is of worlds.
+            By default the position and velocity of all particles' centre of mass.
+        every
+            It is observed at the start, and then after every so many frames.
+
+        Raises
+        ------
+        ValueError
+            If the duration is shorter than `every` frames, something cannot be observed, or there is no xarray.
+        """
+        frames, every = frame_count(duration, self.fps), int(checks.count("every", every, 1))
+        if frames < every:
+            raise ValueError(f"every is {every}; it must be at most the {frames} frames of the duration")
+        import_xarray()  # what is missing is said before anything runs
+        everyone = np.ones(self.model.particle_count, dtype=bool)
+        centre = {what: Probe(everyone, what) for what in (POSITION, VELOCITY)}
+        seen, times = observations(self, centre if observe is None else observe), []
+        for frame in range(frames + 1):
+            if frame:
+                self.step()
+            if frame % every == 0:
+                times.append(self.time)
+                for one in seen:
+                    one.look()
+        return dataset(self, seen, times)
+
+    @property
+    def numbers(self) -> dict[str, NDArray[np.float64]]:
+        """What differs between worlds by one number each, such as stiffness, shape [worlds]."""
+        each, found = np.arange(self.worlds), {}
+        for name, rows in self._rows.items():
+            if name == "gravity":
+                rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downwards it is one number
+            if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
+                found[name] = rows[each % len(rows), 0]
+        return found
+
     def frame(self) -> Frame:
         """Return present positions and velocities, shape [worlds, particle_count, d]; frozen worlds stay."""
         model, v = self.model, self.velocity()
@@ -286,7 +344,7 @@ class Ensemble:
         colliders = self._colliders
         if "friction" in self._rows:
             each = self._of_rows("friction", world)
-            colliders = [_rubbing(one, float(own)) for one, own in zip(colliders, each, strict=True)]
+            colliders = [rubbing(one, float(own)) for one, own in zip(colliders, each, strict=True)]
         own: dict[str, Any] = {
             "gravity": self._of_rows("gravity", world) if "gravity" in self._rows else self._gravity,
             "colliders": colliders,
@@ -335,23 +393,3 @@ class Ensemble:
             error.args = (f"world {world}, from {when:.4g} s on: {error}",)
             return error
         raise RuntimeError(f"world {world} does not diverge when it is simulated alone from {when:.4g} s on")
-
-
-def _taken_from(scene: Any, colliders: Any) -> tuple[System, tuple[Collider, ...], Gravity]:
-    """Return the system, the colliders and the gravity of a scene, or of a system with colliders beside it."""
-    if isinstance(scene, System):
-        return scene, checks.sequence("colliders", colliders, Collider, "Plane()"), 9.82
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
-    if len(colliders):
-        raise ValueError("colliders are given beside a Scene, which has its own; they must be in the scene")
-    for name in ("loads", "schedule"):  # what touches is among the loads
-        if len(getattr(scene, name)):
-            raise ValueError(f"the scene has {name}, which worlds of an ensemble cannot have yet")
-    return scene.system, tuple(scene.colliders), scene.gravity
-
-
-def _rubbing(collider: Collider, friction: float) -> Any:
-    """Return an obstacle with another friction."""
-    described: Any = collider
-    return replace(described, friction=friction)

@@ -1,6 +1,7 @@
 """What differs between the worlds of an ensemble, as its arguments say it, checked."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
+from ..world import Collider, Gravity, Scene
 
 Limit = tuple[Callable[[NDArray], NDArray], str]
 FINITE: Limit = (np.isfinite, "finite")
@@ -112,3 +114,23 @@ def _without_pinned(
         raise ValueError(f"velocity[{world}, {particle}] is of a pinned particle; it must be 0")
     velocity[pinned] = 0.0
     return velocity
+
+
+def taken_from(scene: Any, colliders: Any) -> tuple[System, tuple[Collider, ...], Gravity]:
+    """Return the system, the colliders and the gravity of a scene, or of a system with colliders beside it."""
+    if isinstance(scene, System):
+        return scene, checks.sequence("colliders", colliders, Collider, "Plane()"), 9.82
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
+    if len(colliders):
+        raise ValueError("colliders are given beside a Scene, which has its own; they must be in the scene")
+    for name in ("loads", "schedule"):  # what touches is among the loads
+        if len(getattr(scene, name)):
+            raise ValueError(f"the scene has {name}, which worlds of an ensemble cannot have yet")
+    return scene.system, tuple(scene.colliders), scene.gravity
+
+
+def rubbing(collider: Collider, friction: float) -> Any:
+    """Return an obstacle with another friction."""
+    described: Any = collider
+    return replace(described, friction=friction)
