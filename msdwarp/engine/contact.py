@@ -104,6 +104,11 @@ class Contact(Effect):
         return self._moves
 
     @property
+    def planes_only(self) -> bool:
+        """Whether all obstacles are planes, which no way is swept for."""
+        return all(isinstance(one, Plane) for one in self._colliders)
+
+    @property
     def led_out_at(self) -> float:
         """How fast what started inside an obstacle is led out [m/s]; 0 where nothing did."""
         return self._deepest / LED_OUT_IN

@@ -13,6 +13,7 @@ from ..kernels.ensembles import (
     each_particle_of_worlds,
     persistent_worlds,
 )
+from .contact import Contact
 from .dynamics import Dynamics
 from .ensemble_forces import ensemble_forces
 from .ensemble_model import EnsembleModel
@@ -70,11 +71,16 @@ class EnsembleDynamics(Dynamics):
         kernel, threads = each_particle_of_worlds(*kinds), (model.worlds, model.particle_count)
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=self.composition.route.block)
 
+    @property
+    def together(self) -> int:
+        """How many threads a multiprocessor shall hold at a time; solid obstacles take more registers."""
+        solids = any(isinstance(one, Contact) and not one.planes_only for one in self.model.effects)
+        return MOST_IN_BLOCK[self.model.precision] // (2 if solids else 1)
+
     def launch_all(self, method: Any, steps: wp.array, stages: int, threads: int) -> None:
         """Launch so many stages of all worlds at once, a block of threads for each world."""
         model = self.model
-        together = MOST_IN_BLOCK[model.precision]
-        kernel = persistent_worlds(self.composition, self.differs, method, threads, together)
+        kernel = persistent_worlds(self.composition, self.differs, method, threads, self.together)
         inputs = [self.world, self._by, steps, stages, model.connection_count]
         wp.launch(kernel, model.worlds * threads, inputs, device=model.device, block_dim=threads)
 
@@ -96,7 +102,7 @@ class EnsembleStepper:
         self, dynamics: EnsembleDynamics, state: State, take_substep: Callable[[], None], threads: int | str | None
     ) -> None:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
-        self.threads = _asked_for(threads, dynamics.model)
+        self.threads = _asked_for(threads, dynamics)
         """Threads that take all substeps of a world; None where each stage is a launch."""
         if self.threads is None:
             return
@@ -121,25 +127,26 @@ class EnsembleStepper:
         self._state.settle()
 
 
-def _asked_for(threads: Any, model: EnsembleModel) -> int | None:
+def _asked_for(threads: Any, dynamics: EnsembleDynamics) -> int | None:
     """Return how many threads take all substeps of a world; raise ValueError if so many cannot."""
     if threads is None:
         return None
     if isinstance(threads, str):
         checks.one_of("threads", threads, ("auto",))
-        return best_threads(model)
-    most = MOST_IN_BLOCK[model.precision] if model.device.is_cuda else 1
+        return best_threads(dynamics)
+    most = MOST_IN_BLOCK[dynamics.model.precision] if dynamics.model.device.is_cuda else 1
     if checks.count("threads", threads, 1) > most or threads != 1 << (threads - 1).bit_length():
         raise ValueError(f"threads is {threads}; it must be 'auto', None, or a power of 2 up to {most} here")
     return threads
 
 
-def best_threads(model: EnsembleModel) -> int | None:
+def best_threads(dynamics: EnsembleDynamics) -> int | None:
     """Return how many threads are to take all substeps of a world; None for a launch for each stage.
 
     A block has a multiprocessor's caches to itself, or shares them with few others. On a GPU these are estimates,
     of what a multiprocessor holds.
     """
+    model = dynamics.model
     if not model.device.is_cuda:
         return 1
     worlds_at_a_time = model.device.sm_count
@@ -147,4 +154,4 @@ def best_threads(model: EnsembleModel) -> int | None:
     if model.particle_count > (MOST_IN_WORLD if many else MOST_IN_SMALL_WORLD):
         return None
     most = FEW_WORLDS_BLOCK if model.worlds <= worlds_at_a_time else MANY_WORLDS_BLOCK
-    return min(power_of_two(model.particle_count), most, MOST_IN_BLOCK[model.precision])
+    return min(power_of_two(model.particle_count), most, dynamics.together)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -37,9 +37,6 @@ from .ensemble_parameters import parameter_rows, rubbing, taken_from
 from .ensemble_results import dataset, import_xarray, observations
 from .simulation import Simulation
 from .stepping import RECORDING
-
-if TYPE_CHECKING:
-    import xarray
 
 STATUS = ("running", "not finite", "energy")
 """What has become of a world."""
@@ -226,6 +223,11 @@ class Ensemble:
         return self.choice.substeps
 
     @property
+    def threads(self) -> int | None:
+        """Threads that take all substeps of a world in one launch; None where each stage is a launch."""
+        return self._stepper.threads
+
+    @property
     def time(self) -> float:
         """Simulated time since the start [s]."""
         return self.frame_index / self.fps
@@ -242,9 +244,7 @@ class Ensemble:
             wp.capture_launch(self._graph)
             self.frame_index += 1
 
-    def run(
-        self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1
-    ) -> "xarray.Dataset":
+    def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return what was observed of each world, as an `xarray.Dataset`.
 
         Its dimensions are world, frame and those of what is observed. Its coordinates are the time of each frame,

@@ -13,15 +13,13 @@ from ..engine import GroupMean, WorldEnergies
 from ..world import FRAME, POSITION, VELOCITY, Probe
 
 if TYPE_CHECKING:
-    import xarray
-
     from .ensemble import Ensemble
 
 MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 """In the order in which they are summed."""
-WHOLE = {"positions": "m", "velocities": "m/s"}
-"""What is observed of all particles, and its unit."""
+WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
+"""What is observed of all particles: the field of a frame, and its unit."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
 
@@ -121,19 +119,19 @@ def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
         return Observation(name, (), "", of_frame)
     checks.one_of("it", what, WORDS)
     if what in WHOLE:
-        column = 1 if what == "positions" else 2
-        return Observation(name, ("particle", "axis"), WHOLE[what], lambda: ensemble.frame()[column])
+        field, unit = WHOLE[what]
+        return Observation(name, ("particle", "axis"), unit, lambda: getattr(ensemble.frame(), field))
     sums = WorldEnergies(model)
 
     def energy() -> NDArray:
         each = sums.read(state.x, ensemble.velocity(), state.lost.x)
         chosen = ENERGIES if what == "energy" else (what,)
-        return each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1)
+        return np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
 
     return Observation(name, (), "J", energy)
 
 
-def dataset(ensemble: "Ensemble", seen: list[Observation], times: list[float]) -> "xarray.Dataset":
+def dataset(ensemble: "Ensemble", seen: list[Observation], times: list[float]) -> Any:
     """Return what was seen at some times [s] as an `xarray.Dataset`, beside what differs between worlds."""
     xarray = import_xarray()
     variables = {one.name: one.variable() for one in seen}

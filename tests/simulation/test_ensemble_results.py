@@ -128,7 +128,7 @@ def test_bad_arguments_of_a_run(monkeypatch):
     worlds = ensemble("cpu")
     with pytest.raises(ValueError, match="every is 7; it must be at most the 6 frames"):
         worlds.run(0.1, every=7)
-    with pytest.raises(ValueError, match="function is <lambda>|function is <function"):
+    with pytest.raises(ValueError, match="function is <function"):
         Mean(lambda x, v, i: x)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ValueError, match=r"need xarray: pip install 'msdwarp\[ensemble\]'"):
