@@ -256,3 +256,19 @@ def test_worlds_by_number():
     for wrong in (4, -1, 1.5):
         with pytest.raises(ValueError, match="world is"):
             ensemble.system_of(wrong)
+
+
+def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_device):
+    # Four substeps are stable for the first stiffness. For the other the fastest modes are beyond the limit by so
+    # little that energy is noticed long before numbers overflow.
+    how = {"device": plain_device, "route": "gather", "substeps": 4, "allow_unstable": True, "damping": 0.0}
+    ensemble = Ensemble(block(), 2, stiffness=[1e4, 2.5e4], **how)
+    for _ in range(20):
+        ensemble.step(10)
+        if ensemble.status[1] != "running":
+            break
+    assert list(ensemble.status) == ["running", "energy"]
+    assert ensemble.diverged_particle[1] == -1
+    assert np.abs(ensemble.frame().position).max() < 1e6
+    error = ensemble.explain(1)
+    assert error.time > ensemble.diverged_at[1] > 0.0
