@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel
-from ..integrators import Composition, tools
+from ..integrators import Composition, loads, tools
 from .by_world import Differences, by_world, to_world
 
 WAIT = """
@@ -28,7 +28,7 @@ def each_particle_of_worlds(composition: Composition, differs: Differences, meth
     V, World, *_ = tools(composition)
     (Step, advance, forced), route = method(composition), composition.route
     (ByWorld, take), shift = by_world(composition, differs), to_world(Step, composition.compensated)
-    force_at = route.force_at
+    force_at, load, marked = route.force_at, loads(composition), bool(composition.selective)
 
     def advance_particles(world: World, by: ByWorld, step: Step):
         w, i = wp.tid()
@@ -37,6 +37,11 @@ def each_particle_of_worlds(composition: Composition, differs: Differences, meth
         force = V()
         if wp.static(forced):
             force = force_at(own.forces, step.lost, step.x, step.v, i)
+        if wp.static(forced and load is not None):
+            mark = wp.uint8(0)
+            if wp.static(marked):
+                mark = own.marks[i]
+            force += load(own, step.lost, step.x, step.v, i, mark)
         advance(own, step, force, i)
 
     return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
@@ -78,6 +83,7 @@ def persistent_worlds(composition: Composition, differs: Differences, method: An
     Step, advance, _ = method(composition)
     (ByWorld, take), shift = by_world(composition, differs), to_world(Step, composition.compensated)
     evaluate, force_at = composition.route.evaluate, composition.route.force_at
+    load, marked = loads(composition), bool(composition.selective)
 
     def take_steps(
         world: World,
@@ -103,7 +109,14 @@ def persistent_worlds(composition: Composition, differs: Differences, method: An
                 wait()
             i = thread
             while i < own.inverse_mass.shape[0]:
-                advance(own, step, force_at(own.forces, step.lost, step.x, step.v, i), i)
+                if wp.static(load is None):
+                    advance(own, step, force_at(own.forces, step.lost, step.x, step.v, i), i)
+                else:
+                    force = force_at(own.forces, step.lost, step.x, step.v, i)
+                    mark = wp.uint8(0)
+                    if wp.static(marked):
+                        mark = own.marks[i]
+                    advance(own, step, force + load(own, step.lost, step.x, step.v, i, mark), i)
                 i += wp.static(threads)
             wait()
 

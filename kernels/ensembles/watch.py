@@ -15,7 +15,7 @@ def look_over_worlds(dim: int, scalar: type):
     """Compose the kernel, over worlds and lanes, that sums energies and finds the first particle not finite.
 
     Each lane sums the kinetic and gravitational energies of a share of its world's particles, in float64, strided;
-    pinned ones have none.
+    pinned ones have none. What constant forces can do is counted as gravity's.
     """
     V = vector(dim, scalar)
 
@@ -24,6 +24,7 @@ def look_over_worlds(dim: int, scalar: type):
         # Model:
         inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], 0 where pinned, shape [rows, particle_count]
         gravity: wp.array(dtype=V),  # [m/s²], shape [rows]
+        steady: wp.array(dtype=V),  # constant force on each particle [N], shape [particle_count]; or [0]: none
         # State in:
         x: wp.array(dtype=V),  # positions [m], of all worlds
         v: wp.array(dtype=V),  # velocities [m/s], of all worlds
@@ -44,6 +45,9 @@ def look_over_worlds(dim: int, scalar: type):
             v_i = v[w * stride + i]
             if not (wp.isfinite(x_i) and wp.isfinite(v_i)):
                 found = wp.min(found, i)
+            if steady.shape[0] > 0:
+                for k in range(wp.static(dim)):
+                    potential -= wp.float64(steady[i][k]) * wp.float64(x_i[k])
             m = wp.float64(inverse_mass[w % inverse_mass.shape[0], i])
             if m > wp.float64(0.0):
                 square = wp.float64(0.0)

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from ..bodies import System
 from ..kernels.records import record_length
-from ..world import Collider
+from ..world import Collider, Force
 from .contact import Contact
 from .depths import start_depths, touching
 from .device import find_device
+from .forcing import Steady
 from .model import Model
 from .routes import AUTO, ensemble_route
 from .state import State
+from .work import Work
 
 Rows = Mapping[str, NDArray[np.float64]]
 """What differs between worlds, by name: world w has row w mod (number of rows)."""
@@ -54,6 +56,11 @@ class EnsembleModel(Model):
 
     def __init__(self, system: System, worlds: int, rows: Rows, **options: Any) -> None:
         self.worlds, self.rows = worlds, dict(rows)
+        for k, one in enumerate(options.get("loads", ())):
+            if not isinstance(one, Force) or one.varies or one.of_place:
+                raise ValueError(
+                    f"loads[{k}] is {one!r}, which worlds of an ensemble cannot have yet: only a constant Force"
+                )
         largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
         first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
         if options.get("route", AUTO) == AUTO:
@@ -80,6 +87,14 @@ class EnsembleModel(Model):
         rows = [self.rows[name] for name in CONNECTIONS if name in self.rows and self.rows[name].strides[1] != 0]
         parts = [part for body in system.directions for part in body.values()]
         return all((values[:, part] == values[:, part][:, :1]).all() for values in rows for part in parts)
+
+    @property
+    def steady_force(self) -> NDArray[np.float64]:
+        """The constant force on each particle [N], in all worlds, shape [particle_count, d]; or [0, d]."""
+        for effect in self.effects:
+            if isinstance(effect, Steady):
+                return effect.sums[effect.data.combination.numpy()]
+        return np.zeros((0, self.dim))
 
     @property
     def stride(self) -> int:
@@ -175,10 +190,12 @@ class EnsembleModel(Model):
                 "system can tear (break_strain, broken); in an ensemble connections must not break yet"
             )
         for effect in self.effects:
+            if isinstance(effect, Steady) or (isinstance(effect, Work) and effect.is_of_potentials):
+                continue
             if not isinstance(effect, Contact):
                 raise ValueError(
                     f"the scene has {type(effect).__name__.lower()}, which worlds of an ensemble cannot have yet; "
-                    "what acts must be springs, dampers, gravity and obstacles that stand still"
+                    "what acts must be springs, dampers, gravity, constant forces and obstacles that stand still"
                 )
             if effect.moves:
                 raise ValueError("an obstacle moves; in an ensemble all must stand still yet")

@@ -37,6 +37,7 @@ class EnsembleWatch:
         self._first = wp.empty(shape, dtype=int, device=model.device)
         wide: Any = wp.float64
         self._energies = wp.empty((*shape, 2), dtype=wide, device=model.device)
+        self._steady = wp.array(model.steady_force, dtype=model.vector, device=model.device)
         self._frame = wp.zeros(1, dtype=int, device=model.device)
         self._found = wp.full((2, model.worlds), -1, dtype=int, device=model.device)
         self.energy, self.scale = baselines(dynamics, state)
@@ -54,7 +55,7 @@ class EnsembleWatch:
     def end(self) -> None:
         """Launch what is done where a frame ends."""
         model, state, frozen = self._model, self._state, self._dynamics.frozen
-        inputs = [model.world_inverse_mass, model.world_gravity, state.x, state.v, model.stride]
+        inputs = [model.world_inverse_mass, model.world_gravity, self._steady, state.x, state.v, model.stride]
         outputs = [self._first, self._energies]
         wp.launch(
             look_over_worlds(model.dim, model.scalar), self._first.shape, inputs, outputs, device=model.device
@@ -92,7 +93,10 @@ def baselines(dynamics: EnsembleDynamics, state: State) -> tuple[NDArray[np.floa
     scale = kinetic + elastic + weight * _each(np.where(size > 0, size, 1.0), model.worlds) + rounding
     leads = max((one.led_out_at for one in model.effects if isinstance(one, Contact)), default=0.0)
     scale += _each(free, model.worlds) * leads**2
-    return kinetic + elastic + gravitational, scale
+    energy = kinetic + elastic + gravitational
+    if len(model.steady_force):
+        energy -= _each((places * model.steady_force).sum(axis=(1, 2)), model.worlds)
+    return energy, scale
 
 
 def _each(rows: NDArray[np.float64], worlds: int) -> NDArray[np.float64]:

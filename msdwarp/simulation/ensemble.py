@@ -30,7 +30,7 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..world import POSITION, VELOCITY, Collider, Gravity, Probe, Scene
+from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene
 from .arguments import forced, frame_count
 from .divergence import SimulationDiverged
 from .ensemble_parameters import parameter_rows, rubbing, taken_from
@@ -58,7 +58,7 @@ class Ensemble:
     Parameters
     ----------
     scene
-        A `Scene`, or a `System`. Of a scene the system, colliders and gravity count.
+        A `Scene`, or a `System`. Of a scene the system, colliders, loads and gravity count.
     worlds
         How many.
     stiffness, damping, rest_length
@@ -73,8 +73,8 @@ class Ensemble:
         [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a number for all.
     friction
         Of the obstacles, shape [entries] (all alike) or [entries, collider_count].
-    colliders
-        Obstacles of a `System`, which stand still.
+    colliders, loads
+        Of a `System`: obstacles, which stand still, and constant `Force`s.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. The substeps are one number for all: "auto" takes those of the world that needs most.
     route
@@ -96,8 +96,8 @@ class Ensemble:
     Raises
     ------
     ValueError
-        If an argument is out of its range, or the scene has what worlds cannot have yet: loads, drives, touch,
-        obstacles that move, connections that yield or break, changes at set times.
+        If an argument is out of its range, or the scene has what worlds cannot have yet: other loads than constant
+        forces, obstacles that move, connections that yield or break, changes at set times.
     UnstableStep
         If `substeps` is beyond the stability limit of a world.
     """
@@ -116,6 +116,7 @@ class Ensemble:
         gravity: Gravity | ArrayLike | None = None,
         friction: ArrayLike | None = None,
         colliders: Sequence[Collider] = (),
+        loads: Sequence[Load] = (),
         contact: str = "coulomb",
         integrator: Integrator | None = None,
         fps: float = 60.0,
@@ -130,7 +131,7 @@ class Ensemble:
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
         self.fps = checks.positive("fps", fps)
-        system, self._colliders, own_gravity = taken_from(scene, colliders)
+        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads)
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)
@@ -157,7 +158,7 @@ class Ensemble:
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         around: dict[str, Any] = {"colliders": self._colliders, "contact": contact, "gravity": own_gravity}
-        around |= {"device": device, "precision": precision, "route": route}
+        around |= {"loads": self._loads, "device": device, "precision": precision, "route": route}
         self._threads = threads
         self.model = EnsembleModel(self._base, self.worlds, self._rows, **around)
         self.reset()
@@ -349,6 +350,7 @@ class Ensemble:
             "gravity": self._of_rows("gravity", world) if "gravity" in self._rows else self._gravity,
             "colliders": colliders,
             "contact": self._contact,
+            "loads": self._loads,
             "integrator": self.integrator,
             "fps": self.fps,
             "substeps": self.substeps,

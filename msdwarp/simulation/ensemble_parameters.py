@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..world import Collider, Gravity, Scene
+from ..world import Collider, Gravity, Load, Scene
 
 Limit = tuple[Callable[[NDArray], NDArray], str]
 FINITE: Limit = (np.isfinite, "finite")
@@ -116,18 +116,21 @@ def _without_pinned(
     return velocity
 
 
-def taken_from(scene: Any, colliders: Any) -> tuple[System, tuple[Collider, ...], Gravity]:
-    """Return the system, the colliders and the gravity of a scene, or of a system with colliders beside it."""
+def taken_from(
+    scene: Any, colliders: Any, loads: Any
+) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
+    """Return system, colliders, loads and gravity: of a scene, or of a system with these beside it."""
     if isinstance(scene, System):
-        return scene, checks.sequence("colliders", colliders, Collider, "Plane()"), 9.82
+        obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
+        return scene, obstacles, checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), 9.82
     if not isinstance(scene, Scene):
         raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
-    if len(colliders):
-        raise ValueError("colliders are given beside a Scene, which has its own; they must be in the scene")
-    for name in ("loads", "schedule"):  # what touches is among the loads
-        if len(getattr(scene, name)):
-            raise ValueError(f"the scene has {name}, which worlds of an ensemble cannot have yet")
-    return scene.system, tuple(scene.colliders), scene.gravity
+    for name, given in (("colliders", colliders), ("loads", loads)):
+        if len(given):
+            raise ValueError(f"{name} are given beside a Scene, which has its own; they must be in the scene")
+    if len(scene.schedule):
+        raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
+    return scene.system, tuple(scene.colliders), tuple(scene.loads), scene.gravity
 
 
 def rubbing(collider: Collider, friction: float) -> Any:

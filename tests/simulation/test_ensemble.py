@@ -19,6 +19,7 @@ from msdwarp import (
     SymplecticEuler,
     Touch,
     UnstableStep,
+    Wind,
     at,
     box,
     chain,
@@ -160,6 +161,16 @@ def test_an_odd_number_of_substeps(plain_device):
         assert_each_is_as_alone(Ensemble(block(), WORLDS, substeps=substeps, **how, stiffness=[50.0, 60.0]), 9)
 
 
+@pytest.mark.parametrize("threads", ["auto", None])
+def test_constant_forces_act_in_all_worlds(plain_device, threads):
+    top = block().position[:, 2] > 0.2
+    push = [Force((30.0, 0.0, 5.0), on=top), Force((0.0, 2.0, 0.0))]
+    how = {"device": plain_device, "route": "gather", "loads": push, "threads": threads, "colliders": [Plane()]}
+    ensemble = Ensemble(block(), WORLDS, **how, mass=np.linspace(0.5, 2.0, WORLDS), gravity=[3.0, 9.0])
+    # Pushed for so long, a world has many times the energy it began with: none of that comes from nothing.
+    assert_each_is_as_alone(ensemble, 120)
+
+
 def test_a_scene_brings_its_surroundings(plain_device):
     scene = Scene(system=block(), colliders=[Plane(friction=0.3)], gravity=3.0)
     ensemble = Ensemble(scene, 2, device=plain_device, route="gather", damping=[0.5, 1.5])
@@ -233,9 +244,10 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ({"colliders": [Plane(motion=lambda t: (0, 0, t))]}, "an obstacle moves"),
         ({"scene": block().replace(yield_strain=0.1)}, "yield"),
         ({"scene": block().replace(break_strain=0.1)}, "break"),
-        ({"scene": Scene(system=block(), loads=[Force((0, 0, 1))])}, "the scene has loads"),
-        ({"scene": Scene(system=block(), touch=Touch())}, "the scene has loads"),
-        ({"scene": Scene(system=block(), schedule=[at(1.0, gravity=0.0)])}, "the scene has schedule"),
+        ({"scene": Scene(system=block(), loads=[Wind((1, 0, 0))])}, r"loads\[0\] is Wind"),
+        ({"loads": [Force(lambda t: (0, 0, t))]}, r"loads\[0\] is Force"),
+        ({"scene": Scene(system=block(), touch=Touch())}, r"loads\[0\] is Touch"),
+        ({"scene": Scene(system=block(), schedule=[at(1.0, gravity=0.0)])}, "the scene has a schedule"),
         ({"scene": 3}, "scene is 3"),
         (
             {"colliders": [Plane(offset=0.3)], "position": block().position[None] + np.zeros((2, 1, 1))},
