@@ -58,7 +58,7 @@ from .live import View, show, view
 from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
-from .simulation import Simulation, SimulationDiverged
+from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
 from .world import (
     Actuator,
     Attachment,
@@ -98,6 +98,7 @@ __all__ = [
     "CoulombDamper",
     "DoubtfulStart",
     "Drive",
+    "Ensemble",
     "ExplicitEuler",
     "Force",
     "Frame",
@@ -107,6 +108,7 @@ __all__ = [
     "LinearlyImplicitEuler",
     "Look",
     "Material",
+    "Mean",
     "Measures",
     "Plane",
     "Pressure",

@@ -32,7 +32,7 @@ APART = {
 }
 """What a room never imports: a run knows no disk and no screen, a picture no simulation."""
 HOSTS_OF_KERNELS = {"engine", "pictures", "integrators", "shapes"}
-LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr", "viser"}
+LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr", "viser", "xarray"}
 ONE_PLACE = {
     "pyvista": {"pictures", "files"},
     "vtk": set(),
@@ -43,6 +43,7 @@ ONE_PLACE = {
     "rich": {"cli"},
     "matplotlib": {"studies"},
     "viser": {"live"},
+    "xarray": {"simulation"},
 }
 MOST_ROOMS, MOST_LEVELS, MOST_ARROWS = 19, 9, 75
 

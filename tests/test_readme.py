@@ -3,6 +3,7 @@
 import csv
 import inspect
 import re
+import runpy
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -124,6 +125,19 @@ def test_tables_of_contact_say_what_was_measured():
 
 
 @pytest.mark.slow
+def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    script = tmp_path / "worlds.py"  # Warp reads the source of functions from their file
+    script.write_text("\n".join(snippets("docs/ensembles.md")), encoding="utf-8")
+    names = runpy.run_path(str(script))
+    assert "world 2" in capsys.readouterr().out
+    assert names["position"].shape == (200, 27, 3)
+    assert names["results"].sizes["frame"] == 4
+    assert (tmp_path / "worlds.nc").exists()
+
+
 def test_the_example_of_contact_rests(capsys):
     names = run("docs/contact.md")
     height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])

@@ -69,13 +69,41 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 
 @functools.cache
+def connection_blocks(dim: int, scalar: type):
+    """Compose what a connection of axis d adds to the blocks of its particles, (dx, l0, k, b) -> (spring, along).
+
+    k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and b d dᵀ, in float64; it has a length.
+    """
+    V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
+
+    @wp.func
+    def blocks_of(dx: V, rest_length: scalar, stiffness: scalar, damping: scalar):
+        length = wp.length(dx)
+        axis = dx / length
+        across = wp.max(wp.float64(0.0), wp.float64(1.0) - wp.float64(rest_length) / wp.float64(length))
+        along = Block()
+        spring = Block()
+        for p in range(wp.static(dim)):
+            for q in range(wp.static(dim)):
+                along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
+                spring[p, q] = (wp.float64(1.0) - across) * along[p, q]
+            spring[p, p] += across
+        return wp.float64(stiffness) * spring, wp.float64(damping) * along
+
+    return blocks_of
+
+
+@functools.cache
 def add_blocks(dim: int, scalar: type):
     """Compose the kernel, over connections, that adds each to the blocks of its two particles.
 
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each connection of i.
     """
-    V = vector(dim, scalar)
-    Block = wp.types.matrix((dim, dim), wp.float64)
+    V, Block, blocks_of = (
+        vector(dim, scalar),
+        wp.types.matrix((dim, dim), wp.float64),
+        connection_blocks(dim, scalar),
+    )
 
     @kernel
     def add_connection_blocks(
@@ -94,20 +122,9 @@ def add_blocks(dim: int, scalar: type):
         i = connections[c][0]
         j = connections[c][1]
         dx = x[i] - x[j]
-        length = wp.length(dx)
-        if length == scalar(0.0):
+        if wp.length(dx) == scalar(0.0):
             return
-        axis = dx / length
-        across = wp.max(wp.float64(0.0), wp.float64(1.0) - wp.float64(rest_length[c]) / wp.float64(length))
-        along = Block()
-        spring = Block()
-        for p in range(wp.static(dim)):
-            for q in range(wp.static(dim)):
-                along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
-                spring[p, q] = (wp.float64(1.0) - across) * along[p, q]
-            spring[p, p] += across
-        spring = wp.float64(stiffness[c]) * spring
-        along = wp.float64(damping[c]) * along
+        spring, along = blocks_of(dx, rest_length[c], stiffness[c], damping[c])
         wp.atomic_add(stiffness_block, i, spring)
         wp.atomic_add(stiffness_block, j, spring)
         wp.atomic_add(damping_block, i, along)

@@ -8,13 +8,12 @@ from ..basis import kernel
 
 
 @functools.cache
-def largest_rate(dim: int, scalar: type):
-    """Compose the kernel, over particles, that raises bounds[0] and bounds[1] to 2|A_i|/m_i and 2|B_i|/m_i."""
+def largest_eigenvalue(dim: int):
+    """Compose the largest eigenvalue of a symmetric matrix of float64; in three dimensions by Smith (1961)."""
     Block = wp.types.matrix((dim, dim), wp.float64)
 
     @wp.func
-    def largest_eigenvalue(A: Block) -> wp.float64:
-        """Return the largest eigenvalue of a symmetric matrix; in three dimensions by Smith (1961)."""
+    def largest(A: Block) -> wp.float64:
         if wp.static(dim == 1):
             return A[0, 0]
         if wp.static(dim == 2):
@@ -36,6 +35,14 @@ def largest_rate(dim: int, scalar: type):
             r = wp.clamp(r, wp.float64(-1.0), wp.float64(1.0))
             return mean + wp.float64(2.0) * spread * wp.cos(wp.acos(r) / wp.float64(3.0))
 
+    return largest
+
+
+@functools.cache
+def largest_rate(dim: int, scalar: type):
+    """Compose the kernel, over particles, that raises bounds[0] and bounds[1] to 2|A_i|/m_i and 2|B_i|/m_i."""
+    Block, largest = wp.types.matrix((dim, dim), wp.float64), largest_eigenvalue(dim)
+
     @kernel
     def raise_bounds(
         # Model:
@@ -48,7 +55,7 @@ def largest_rate(dim: int, scalar: type):
     ):
         i = wp.tid()
         twice = wp.float64(2.0) * wp.float64(inverse_mass[i])
-        wp.atomic_max(bounds, 0, twice * largest_eigenvalue(stiffness_block[i]))
-        wp.atomic_max(bounds, 1, twice * largest_eigenvalue(damping_block[i]))
+        wp.atomic_max(bounds, 0, twice * largest(stiffness_block[i]))
+        wp.atomic_max(bounds, 1, twice * largest(damping_block[i]))
 
     return raise_bounds

@@ -7,6 +7,10 @@ implicit Euler launches its own solver.
 from .balance import Balance, Ledger, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Effect, Steps
+from .ensemble_dynamics import EnsembleDynamics, EnsembleStepper
+from .ensemble_model import EnsembleModel
+from .ensemble_sums import GroupMean, WorldEnergies, world_rates
+from .ensemble_watch import EnsembleWatch
 from .feeling import Felt, felt_by
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
@@ -25,7 +29,12 @@ __all__ = [
     "Blocks",
     "Dynamics",
     "Effect",
+    "EnsembleDynamics",
+    "EnsembleModel",
+    "EnsembleStepper",
+    "EnsembleWatch",
     "Felt",
+    "GroupMean",
     "Ledger",
     "Measures",
     "Model",
@@ -35,6 +44,7 @@ __all__ = [
     "Stepper",
     "Steps",
     "Watch",
+    "WorldEnergies",
     "add_linearised",
     "check_blocks",
     "doubt_start",
@@ -48,6 +58,7 @@ __all__ = [
     "size",
     "starting_state",
     "weight",
+    "world_rates",
     "write_diagonal_blocks",
     "write_in_order",
     "write_strain",

@@ -99,6 +99,16 @@ class Contact(Effect):
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
     @property
+    def moves(self) -> bool:
+        """Whether any obstacle moves."""
+        return self._moves
+
+    @property
+    def planes_only(self) -> bool:
+        """Whether all obstacles are planes, which no way is swept for."""
+        return all(isinstance(one, Plane) for one in self._colliders)
+
+    @property
     def led_out_at(self) -> float:
         """How fast what started inside an obstacle is led out [m/s]; 0 where nothing did."""
         return self._deepest / LED_OUT_IN

@@ -37,11 +37,14 @@ MOST_APART = 0.25
 
 
 class Dynamics:
-    """Joins a model, a route to its forces and its effects, and launches integrators' stages composed for them."""
+    """Joins a model, a route to its forces and its effects, and launches integrators' stages composed for them.
 
-    def __init__(self, model: Model) -> None:
+    `forces` are by default those that the model has by its route.
+    """
+
+    def __init__(self, model: Model, forces: Any = None) -> None:
         self.model = model
-        forces = ROUTE_CLASSES[model.route](model)
+        forces = forces or ROUTE_CLASSES[model.route](model)
         pieces = [effect.piece for effect in model.effects]
         self._columns = columns(model) if forces.route.column_forces else 0
         marks = self._marks()
@@ -218,7 +221,7 @@ class Dynamics:
         if forced and self._by_one_thread:
             self._take_stage(method, step)
         else:
-            self._launch_stage(method, step, forced)
+            self.launch_stage(method, step, forced)
         if self.composition.timed and not self._looking and self.world.stage < self._last_stage:
             self.world.stage += 1
         if not self._looking:
@@ -263,7 +266,7 @@ class Dynamics:
         inputs = [self.world, steps, 1, self.model.connection_count, 1]
         wp.launch(kernel, 1, inputs, device=self.model.device)
 
-    def _launch_stage(self, method: Any, step: Any, forced: bool) -> None:
+    def launch_stage(self, method: Any, step: Any, forced: bool) -> None:
         """Launch a stage with a thread for each connection, and one for each particle or column of such."""
         model = self.model
         if forced and self.composition.route.evaluate is not None and model.connection_count:

@@ -91,6 +91,20 @@ def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | Non
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
 
 
+def ensemble_route(system: System, *, on_gpu: bool) -> str:
+    """Return the route for many worlds of a system: one whose sums are in a fixed order, on a GPU a table or none.
+
+    Lattices that ties join take a table: what ties add has constants of its own.
+    """
+    route = _preference[-1] if _preference else "stencil" if on_gpu else "scatter"
+    if route != "stencil":
+        return route
+    try:
+        return "gather" if len(find_lattice(system).ties) else "stencil"
+    except NotALattice:
+        return "gather"
+
+
 def scatter_order(system: System) -> NDArray[np.int64] | None:
     """Return an order of connections in which scattering seldom waits; None where they are in one already.
 

@@ -103,10 +103,10 @@ def persistent_blocks(model: Model) -> tuple[int, int] | None:
         return 1, 1
     work = model.connection_count if model.route == "scatter" else model.particle_count
     if work <= MOST_IN_ONE_BLOCK:
-        return 1, _power_of_two(work)
+        return 1, power_of_two(work)
     if device.arch < 90 or work > MOST_IN_CLUSTER[model.route]:
         return None
-    return CLUSTER, min(MOST_THREADS, _power_of_two(-(-work // CLUSTER)))
+    return CLUSTER, min(MOST_THREADS, power_of_two(-(-work // CLUSTER)))
 
 
 def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
@@ -122,6 +122,6 @@ def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
             raise ValueError(f"blocks[{k}] is {number}; it must be at most {limit} {where}")
 
 
-def _power_of_two(threads: int) -> int:
+def power_of_two(threads: int) -> int:
     """Return so many threads or more, of few different numbers: a kernel is compiled for each."""
     return max(32, 1 << (threads - 1).bit_length())

@@ -115,24 +115,25 @@ class Backup:
 
     def __init__(self, state: State) -> None:
         self._state = state
-        self.kept = state.empty_vectors(len(self._live()))
+        self.kept = state.empty_vectors(len(self.live()))
         changing = (array for effect in state.model.effects for array in effect.changing)
         self._changing = [(live, wp.clone(live)) for live in changing]
 
-    def _live(self) -> list[wp.array]:
+    def live(self) -> list[wp.array]:
+        """Return the arrays that are kept, in the order of `kept`."""
         lost = self._state.lost.v
         return moving(self._state.here) + ([lost] if lost.size else [])
 
     def save(self) -> None:
         """Keep the present state."""
-        for live, kept in zip(self._live(), self.kept, strict=True):
+        for live, kept in zip(self.live(), self.kept, strict=True):
             copy_vectors(kept, live)
         for live, kept in self._changing:
             wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
-        for live, kept in zip(self._live(), self.kept, strict=True):
+        for live, kept in zip(self.live(), self.kept, strict=True):
             copy_vectors(live, kept)
         for live, kept in self._changing:
             wp.copy(live, kept)

@@ -60,6 +60,11 @@ class Work(Effect):
             forces = steady.sums[self._combination.numpy()]
             self.before = -float((forces * model.system.position).sum())
 
+    @property
+    def is_of_potentials(self) -> bool:
+        """Whether all work is that of constant forces: nothing is summed on the way."""
+        return not self._counts and not self._others
+
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
         # With one force a substep, half of it is taken with the velocity before it and half with that after it.

@@ -1,8 +1,13 @@
-"""A system advanced frame by frame: `Simulation`, divergence, checkpoints, frames on their way to the host."""
+"""A system advanced frame by frame: `Simulation`; many at once: `Ensemble`.
+
+Divergence, checkpoints, frames on their way to the host.
+"""
 
 from .arguments import frame_count
 from .divergence import SimulationDiverged
+from .ensemble import Ensemble
+from .ensemble_results import Mean
 from .readback import Readback
 from .simulation import Simulation
 
-__all__ = ["Readback", "Simulation", "SimulationDiverged", "frame_count"]
+__all__ = ["Ensemble", "Mean", "Readback", "Simulation", "SimulationDiverged", "frame_count"]

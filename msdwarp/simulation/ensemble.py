@@ -1,0 +1,397 @@
+"""Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..bodies import Frame, System
+from ..engine import (
+    Baseline,
+    EnsembleDynamics,
+    EnsembleModel,
+    EnsembleStepper,
+    EnsembleWatch,
+    Rates,
+    Steps,
+    world_rates,
+)
+from ..integrators import (
+    SAFETY,
+    Integrator,
+    StepChoice,
+    SymplecticEuler,
+    UnstableStep,
+    choose_forced,
+    choose_stable,
+)
+from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene
+from .arguments import forced, frame_count
+from .divergence import SimulationDiverged
+from .ensemble_parameters import parameter_rows, rubbing, taken_from
+from .ensemble_results import dataset, import_xarray, observations
+from .simulation import Simulation
+from .stepping import RECORDING
+
+STATUS = ("running", "not finite", "energy")
+"""What has become of a world."""
+OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
+
+
+class Ensemble:
+    """Simulates many worlds at once: one scene, in each world with other parameters or another start.
+
+    World w is what `Simulation` makes of the scene with the w-th entry of each parameter in place of the scene's
+    own. By gather and stencil (and on the CPU by scatter too) it moves as that does with as many substeps, to the
+    last bit. An entry is what `System.replace` takes: of stiffness, damping, rest_length, mass a number for all,
+    or one for each connection or particle. To scale what a scene has, multiply:
+    `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
+    divides that of worlds: then w reads entry w mod (number of entries).
+
+    A world that diverges stays where its last good frame ended, and says so in `status`; the others go on.
+
+    Parameters
+    ----------
+    scene
+        A `Scene`, or a `System`. Of a scene the system, colliders, loads and gravity count.
+    worlds
+        How many.
+    stiffness, damping, rest_length
+        [N/m], [N s/m] (or in the units of the law), [m]; shape [entries] or [entries, connection_count].
+    mass
+        [kg], shape [entries] or [entries, particle_count]; inf pins a particle.
+    position
+        Where particles start [m], shape [entries, particle_count, d].
+    velocity
+        How they start to move [m/s], shape [entries, d] (all that are not pinned) or [entries, particle_count, d].
+    gravity
+        [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a number for all.
+    friction
+        Of the obstacles, shape [entries] (all alike) or [entries, collider_count].
+    colliders, loads
+        Of a `System`: obstacles, which stand still, and constant `Force`s.
+    contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
+        As for `Simulation`. The substeps are one number for all: "auto" takes those of the world that needs most.
+    route
+        As for `Simulation`; "auto" takes what repeats to the last bit: on a GPU the stencil or gather, on the CPU
+        scatter.
+    threads
+        How many threads take all substeps of a frame of a world in one launch: a power of 2, on the CPU 1; None
+        for a launch for each stage of each substep; or "auto". This affects speed only.
+
+    Attributes
+    ----------
+    worlds
+        How many.
+    choice
+        The substeps of a frame, and why: of the world that needs most.
+    frame_index
+        Frames since the start.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the scene has what worlds cannot have yet: other loads than constant
+        forces, obstacles that move, connections that yield or break, changes at set times.
+    UnstableStep
+        If `substeps` is beyond the stability limit of a world.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | System,
+        worlds: int,
+        *,
+        stiffness: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        rest_length: ArrayLike | None = None,
+        mass: ArrayLike | None = None,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        gravity: Gravity | ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        colliders: Sequence[Collider] = (),
+        loads: Sequence[Load] = (),
+        contact: str = "coulomb",
+        integrator: Integrator | None = None,
+        fps: float = 60.0,
+        substeps: int | str = "auto",
+        safety: float = SAFETY,
+        allow_unstable: bool = False,
+        energy_limit: float = 10.0,
+        device: str | None = None,
+        precision: str = "float32",
+        route: str = "auto",
+        threads: int | str | None = "auto",
+    ) -> None:
+        self.worlds = int(checks.count("worlds", worlds, 1))
+        self.fps = checks.positive("fps", fps)
+        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads)
+        given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
+        alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
+        self._base = system.replace(**alike)
+        by_world = {name: value for name, value in given.items() if name not in alike}
+        by_world |= {"friction": friction}
+        if gravity is None or np.ndim(gravity) == 0:  # a function has no dimensions either
+            own_gravity = own_gravity if gravity is None else gravity
+        else:
+            by_world["gravity"] = gravity
+        if callable(own_gravity):
+            raise ValueError("gravity is a function of time; in an ensemble it must be constant yet")
+        if friction is not None and not self._colliders:
+            raise ValueError("friction is given; there must be colliders then")
+        self._gravity, self._contact = own_gravity, contact
+        self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
+        self._method = SymplecticEuler() if integrator is None else integrator
+        checks.instance("integrator", self._method, Integrator, "RK4()")
+        if not self._method.one_kernel:
+            raise ValueError(
+                f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
+            )
+        self._forced, self._allow_unstable = forced(substeps), allow_unstable
+        checks.one_of("allow_unstable", allow_unstable, (False, True))
+        self._safety = checks.between("safety", safety, 1e-3, 1)
+        self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+        around: dict[str, Any] = {"colliders": self._colliders, "contact": contact, "gravity": own_gravity}
+        around |= {"loads": self._loads, "device": device, "precision": precision, "route": route}
+        self._threads = threads
+        self.model = EnsembleModel(self._base, self.worlds, self._rows, **around)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        self.frame_index = 0
+        model = self.model
+        self.state = model.start(self._method.carried)
+        choices = self._choices()
+        self.choice = max(choices, key=lambda choice: (choice.substeps, choice.rates.stiffness))
+        fitting = Rates(
+            max(one.rates.stiffness for one in choices),
+            max(one.rates.damping for one in choices),
+            min(one.rates.least_ratio for one in choices),
+        )
+        step = self.choice.step
+        self.integrator = self._method.fitted(fitting, step)
+        self._dynamics = EnsembleDynamics(model)
+        own = self.integrator
+        steps = Steps(self.fps, self.choice.substeps, own.stage_times, own.weights, own.lag, own.lagging)
+        self._dynamics.begin(steps)
+        self._dynamics.hold(0.0)
+        self._work = own.workspace(self.state)
+        swing = np.array([choose_forced(one.rates, own, self.fps, self.substeps).energy_swing for one in choices])
+        limit = self._energy_limit * swing[np.arange(self.worlds) % len(swing)]
+        self._watch = EnsembleWatch(self._dynamics, self.state, limit)
+        substep = partial(own.step, self._dynamics, self.state, self._work, step)
+        self._stepper = EnsembleStepper(self._dynamics, self.state, substep, self._threads)
+        self._graph: Any = None
+        own.start(self._dynamics, self.state, self._work, step)
+
+    def _choices(self) -> list[StepChoice]:
+        """Return the substeps that each world asks for, of those that differ."""
+        found = []
+        for k, (stiffness, damping) in enumerate(world_rates(self.model, self.state.x)):
+            rates = Rates(float(stiffness), float(damping), self._least_ratio(k))
+            if self._forced is not None and self._allow_unstable:
+                found.append(choose_forced(rates, self._method, self.fps, self._forced))
+                continue
+            try:
+                found.append(choose_stable(rates, self._method, self.fps, self._forced, self._safety))
+            except UnstableStep as error:
+                raise UnstableStep(f"in world {k} {error}") from error
+        return found
+
+    def _least_ratio(self, world: int) -> float:
+        """Return the least damping over stiffness of a spring of a world [s]; see `Rates`."""
+        springs, dampers = (self._of_world(name, world) for name in ("stiffness", "damping"))
+        stiff = springs > 0
+        if not stiff.any():
+            return math.inf
+        return float((dampers[stiff] / springs[stiff]).min()) if self._base.damper.steepest == 1 else 0.0
+
+    def _of_world(self, name: str, world: int) -> NDArray[np.float64]:
+        """Return a parameter as a world has it."""
+        rows = self.model.row_of(name)
+        return rows[world % len(rows)]
+
+    @property
+    def substeps(self) -> int:
+        """Substeps of a frame."""
+        return self.choice.substeps
+
+    @property
+    def threads(self) -> int | None:
+        """Threads that take all substeps of a world in one launch; None where each stage is a launch."""
+        return self._stepper.threads
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.frame_index / self.fps
+
+    def step(self, frames: int = 1) -> None:
+        """Advance all worlds that have not diverged by one frame or more; what diverges meanwhile is frozen."""
+        for _ in range(checks.count("frames", frames, 1)):
+            if self._graph is None:
+                with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
+                    self._watch.begin()
+                    self._stepper.take(self.substeps)
+                    self._watch.end()
+                self._graph = capture.graph
+            wp.capture_launch(self._graph)
+            self.frame_index += 1
+
+    def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
+        """Advance by a duration [s] and return what was observed of each world, as an `xarray.Dataset`.
+
+        Its dimensions are world, frame and those of what is observed. Its coordinates are the time of each frame,
+        what differs between worlds by one number each, `status` and `diverged_at`. With h5netcdf installed
+        `to_netcdf` saves it.
+
+        Parameters
+        ----------
+        duration
+            Simulated time [s].
+        observe
+            What to observe, by names: a `Probe` of positions or velocities, or a `Mean` of what a `wp.func` tells
+            of each particle, summed on the device; "energy", "kinetic energy", "elastic energy" or
+            "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
+            positions and velocities, of shape [worlds, particle_count, d] each, that returns an array whose first
+            axis is of worlds.
+            By default the position and velocity of all particles' centre of mass.
+        every
+            It is observed at the start, and then after every so many frames.
+
+        Raises
+        ------
+        ValueError
+            If the duration is shorter than `every` frames, something cannot be observed, or there is no xarray.
+        """
+        frames, every = frame_count(duration, self.fps), int(checks.count("every", every, 1))
+        if frames < every:
+            raise ValueError(f"every is {every}; it must be at most the {frames} frames of the duration")
+        import_xarray()  # what is missing is said before anything runs
+        everyone = np.ones(self.model.particle_count, dtype=bool)
+        centre = {what: Probe(everyone, what) for what in (POSITION, VELOCITY)}
+        seen, times = observations(self, centre if observe is None else observe), []
+        for frame in range(frames + 1):
+            if frame:
+                self.step()
+            if frame % every == 0:
+                times.append(self.time)
+                for one in seen:
+                    one.look()
+        return dataset(self, seen, times)
+
+    @property
+    def numbers(self) -> dict[str, NDArray[np.float64]]:
+        """What differs between worlds by one number each, such as stiffness, shape [worlds]."""
+        each, found = np.arange(self.worlds), {}
+        for name, rows in self._rows.items():
+            if name == "gravity":
+                rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downwards it is one number
+            if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
+                found[name] = rows[each % len(rows), 0]
+        return found
+
+    def frame(self) -> Frame:
+        """Return present positions and velocities, shape [worlds, particle_count, d]; frozen worlds stay."""
+        model, v = self.model, self.velocity()
+        position, velocity = model.by_world(self.state.x), model.by_world(v)
+        if model.compensated:  # what sums have lost belongs to them
+            position = position.astype(np.float64) - model.by_world(self.state.lost.x)
+            velocity = velocity.astype(np.float64) - model.by_world(self.state.lost.v)
+        return Frame(self.time, position, velocity)
+
+    def velocity(self) -> wp.array:
+        """Return the velocities at the instant of the positions [m/s], on the device."""
+        return self.integrator.velocity(self._dynamics, self.state, self._work, self.choice.step)
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """What has become of each world: "running", "not finite" or "energy" (it grew from nothing)."""
+        return np.array(STATUS)[self._watch.found()[0]]
+
+    @property
+    def diverged_at(self) -> NDArray[np.float64]:
+        """When the last good frame of each world ended [s], at which it stays; NaN where it has not diverged."""
+        _, frame, _ = self._watch.found()
+        return np.where(frame >= 0, frame / self.fps, np.nan)
+
+    @property
+    def diverged_particle(self) -> NDArray[np.int32]:
+        """The first particle of each world that was no longer finite; −1 where there is none."""
+        return self._watch.found()[2]
+
+    def system_of(self, world: int, *, start: bool = False) -> System:
+        """Return a world's system with its parameters, as it is now, or as it started."""
+        world = self._number(world)
+        fields = {name: self._of_world(name, world) for name in OF_SYSTEM if name in self._rows}
+        if not start:
+            now = self.frame()
+            fields |= {"position": now.position[world], "velocity": now.velocity[world]}
+        return self._base.replace(**fields)
+
+    def simulation_of(self, world: int, *, start: bool = True, **options: Any) -> Simulation:
+        """Return a simulation of a world alone, from its start or as it is now, which moves as the world does.
+
+        `options` are other arguments of `Simulation`.
+        """
+        world = self._number(world)
+        colliders = self._colliders
+        if "friction" in self._rows:
+            each = self._of_rows("friction", world)
+            colliders = [rubbing(one, float(own)) for one, own in zip(colliders, each, strict=True)]
+        own: dict[str, Any] = {
+            "gravity": self._of_rows("gravity", world) if "gravity" in self._rows else self._gravity,
+            "colliders": colliders,
+            "contact": self._contact,
+            "loads": self._loads,
+            "integrator": self.integrator,
+            "fps": self.fps,
+            "substeps": self.substeps,
+            "allow_unstable": True,
+            "energy_limit": self._energy_limit,
+            "device": self.model.device.alias,
+            "precision": self.model.precision,
+            "route": self.model.route,
+        }
+        return Simulation(self.system_of(world, start=start), **(own | options))
+
+    def _of_rows(self, name: str, world: int) -> NDArray[np.float64]:
+        rows = self._rows[name]
+        return rows[world % len(rows)]
+
+    def _number(self, world: int) -> int:
+        """Return the number of a world; raise ValueError if there is none."""
+        if checks.count("world", world, 0) >= self.worlds:
+            raise ValueError(f"world is {world}; it must be below {self.worlds}, the number of worlds")
+        return int(world)
+
+    def explain(self, world: int) -> SimulationDiverged:
+        """Return what `Simulation` says of a world that has diverged: the substep, the particle, the connection.
+
+        The frame in which it diverged is simulated once more, by that world alone.
+
+        Raises
+        ------
+        ValueError
+            If the world has not diverged.
+        """
+        world = self._number(world)
+        if self.status[world] == STATUS[0]:
+            raise ValueError(f"world {world} has not diverged")
+        alone, when = self.simulation_of(world, start=False), float(self.diverged_at[world])
+        baseline = Baseline(float(self._watch.energy[world]), float(self._watch.scale[world]))
+        alone.stepping.watch.compare_with(baseline)
+        try:
+            alone.step(2)
+        except SimulationDiverged as error:
+            error.time += when
+            error.args = (f"world {world}, from {when:.4g} s on: {error}",)
+            return error
+        raise RuntimeError(f"world {world} does not diverge when it is simulated alone from {when:.4g} s on")

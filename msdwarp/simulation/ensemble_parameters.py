@@ -1,0 +1,139 @@
+"""What differs between the worlds of an ensemble, as its arguments say it, checked."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from ..world import Collider, Gravity, Load, Scene
+
+Limit = tuple[Callable[[NDArray], NDArray], str]
+FINITE: Limit = (np.isfinite, "finite")
+NOT_NEGATIVE: Limit = (lambda v: v >= 0, "at least 0")
+POSITIVE: Limit = (lambda v: v > 0, "positive")
+LIMITS: dict[str, tuple[Limit, ...]] = {
+    "rest_length": (FINITE, POSITIVE),
+    "stiffness": (FINITE, NOT_NEGATIVE),
+    "damping": (FINITE, NOT_NEGATIVE),
+    "mass": ((lambda v: v > 0, "positive; inf pins a particle"),),
+    "friction": (FINITE, NOT_NEGATIVE),
+    "gravity": (FINITE,),
+    "position": (FINITE,),
+    "velocity": (FINITE,),
+}
+"""What the numbers of each parameter may be."""
+
+
+def parameter_rows(
+    system: System, collider_count: int, worlds: int, given: Mapping[str, Any]
+) -> dict[str, NDArray[np.float64]]:
+    """Return what differs between worlds as `EnsembleModel` takes it; the first axis given is of worlds.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape, its length does not divide the number of worlds, or a number is none that a
+        system or an obstacle may have.
+    """
+    n, d = system.particle_count, system.dim
+    shapes = {
+        "rest_length": (system.connection_count,),
+        "stiffness": (system.connection_count,),
+        "damping": (system.connection_count,),
+        "mass": (n,),
+        "friction": (collider_count,),
+        "gravity": (d,),
+        "position": (n, d),
+        "velocity": (n, d),
+    }
+    rows = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        values = checks.array(name, value)
+        values = _in_rows(name, values, shapes[name], _short_form(name, values, d))
+        if worlds % len(values):
+            raise ValueError(f"{name} has {len(values)} rows; that must divide the number of worlds, {worlds}")
+        checks.within(name, values, *LIMITS[name])
+        rows[name] = values
+    if "velocity" in rows:
+        mass = rows.get("mass", system.mass[None])
+        rows["velocity"] = _without_pinned(rows["velocity"], mass, np.ndim(given["velocity"]) == 2)
+    return rows
+
+
+def _short_form(name: str, values: NDArray[np.float64], dim: int) -> NDArray[np.float64] | None:
+    """Return what a shorter array stands for, that can be broadcast to the full shape; None if it is none."""
+    if values.ndim == 1 and name == "gravity":  # downwards
+        checks.within(name, values, NOT_NEGATIVE)
+        return np.concatenate([np.zeros((len(values), dim - 1)), -values[:, None]], axis=1)
+    if values.ndim == 1 and name not in ("position", "velocity"):
+        return values[:, None]
+    if name == "velocity" and values.ndim == 2:
+        return values[:, None, :]
+    return None
+
+
+def _in_rows(
+    name: str, values: NDArray[np.float64], shape: tuple[int, ...], short: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return rows of a shape; what a short form says once for a row is stored once."""
+    given = values if short is None else short
+    allowed = {
+        "gravity": f"[rows] (downwards) or [rows, {shape[-1]}]",
+        "position": f"[rows, {', '.join(map(str, shape))}]",
+        "velocity": f"[rows, {shape[-1]}] or [rows, {', '.join(map(str, shape))}]",
+    }.get(name, f"[rows] or [rows, {shape[0]}]")
+    # A short form has 1 where it is said once.
+    fits = len(given.shape) == 1 + len(shape) and all(
+        own == all_of_them or (own == 1 and short is not None)
+        for own, all_of_them in zip(given.shape[1:], shape, strict=True)
+    )
+    if not fits or len(given) == 0:
+        raise ValueError(f"{name} has shape {values.shape}; it must be of shape {allowed}, a row for each world")
+    return np.broadcast_to(given, (len(given), *shape))
+
+
+def _without_pinned(
+    velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
+) -> NDArray[np.float64]:
+    """Return velocities in which pinned particles stand still; raise ValueError if one is said to move."""
+    rows = np.lcm(len(velocity), len(mass))
+    if not np.isinf(mass).any():
+        return velocity
+    each = np.arange(rows)
+    velocity = np.array(velocity[each % len(velocity)])
+    pinned = np.isinf(mass[each % len(mass)])
+    moves = pinned & (velocity != 0).any(axis=2)
+    if moves.any() and not all_alike:
+        world, particle = np.argwhere(moves)[0]
+        raise ValueError(f"velocity[{world}, {particle}] is of a pinned particle; it must be 0")
+    velocity[pinned] = 0.0
+    return velocity
+
+
+def taken_from(
+    scene: Any, colliders: Any, loads: Any
+) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
+    """Return system, colliders, loads and gravity: of a scene, or of a system with these beside it."""
+    if isinstance(scene, System):
+        obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
+        return scene, obstacles, checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), 9.82
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
+    for name, given in (("colliders", colliders), ("loads", loads)):
+        if len(given):
+            raise ValueError(f"{name} are given beside a Scene, which has its own; they must be in the scene")
+    if len(scene.schedule):
+        raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
+    return scene.system, tuple(scene.colliders), tuple(scene.loads), scene.gravity
+
+
+def rubbing(collider: Collider, friction: float) -> Any:
+    """Return an obstacle with another friction."""
+    described: Any = collider
+    return replace(described, friction=friction)

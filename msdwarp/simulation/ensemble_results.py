@@ -1,0 +1,160 @@
+"""What is observed of an ensemble, frame by frame: means over groups, energies, whole frames."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..engine import GroupMean, WorldEnergies
+from ..world import FRAME, POSITION, VELOCITY, Probe
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble
+
+MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
+ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
+"""In the order in which they are summed."""
+WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
+"""What is observed of all particles: the field of a frame, and its unit."""
+WORDS = ("energy", *ENERGIES, *WHOLE)
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """The mean over a group of what a function tells of a particle, summed on the device.
+
+    Parameters
+    ----------
+    function
+        A `wp.func` (x, v, i) of a particle's position [m] and velocity [m/s], vectors of float64 such as
+        `wp.vec3d`, and its number. It returns a `wp.float64`, or a vector of several.
+    on
+        The group: its name, indices, or a mask; None for all particles. All count alike.
+    width
+        How many numbers it returns as a vector; 0 where it returns one number.
+
+    Raises
+    ------
+    ValueError
+        If the function is no `wp.func`, or the width is no whole number.
+    """
+
+    function: Any
+    on: Any = None
+    width: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.instance("function", self.function, wp.Function, "a wp.func (x, v, i)")
+        checks.count("width", self.width, 0)
+
+
+class Observation:
+    """One thing that is observed: its name, what its axes are called, and how it is read."""
+
+    def __init__(self, name: str, axes: tuple[str, ...], unit: str, read: Callable[[], NDArray]) -> None:
+        self.name, self.unit, self._axes, self._read = name, unit, axes, read
+        self.values: list[NDArray] = []
+        """Of each frame that was looked at, shape [worlds, ...]."""
+
+    def look(self) -> None:
+        """Read it once more."""
+        self.values.append(np.asarray(self._read()))
+
+    def variable(self) -> tuple[tuple[str, ...], NDArray, dict[str, str]]:
+        """Return (dimensions, values, attributes) as xarray takes them."""
+        values = np.stack(self.values, axis=1)
+        named = self._axes or tuple(f"{self.name}_{k}" for k in range(values.ndim - 2))
+        return ("world", "frame", *named[: values.ndim - 2]), values, {"units": self.unit} if self.unit else {}
+
+
+def observations(ensemble: "Ensemble", observe: Mapping[str, Any]) -> list[Observation]:
+    """Return what is to be observed; raise ValueError that names what cannot be."""
+    found = []
+    for name, what in checks.mapping("observe", observe).items():
+        checks.instance("a name in observe", name, str, "'top'")
+        try:
+            found.append(_observation(ensemble, name, what))
+        except ValueError as error:
+            raise ValueError(f"observe[{name!r}]: {error}") from error
+    return found
+
+
+def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
+    """Return one thing that is to be observed."""
+    model, state = ensemble.model, ensemble.state
+    if isinstance(what, Probe):
+        checks.one_of("what", what.what, (POSITION, VELOCITY))
+        checks.one_of("every", what.every, (FRAME,))
+        mean = GroupMean(model, what.what, what.particles(model.system))
+        unit = "m" if what.what == POSITION else "m/s"
+        return Observation(name, ("axis",), unit, lambda: mean.read(state, ensemble.velocity()))
+    if isinstance(what, Mean):
+        chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
+        own = GroupMean(model, what.function, chosen, what.width)
+        width = what.width
+
+        def told() -> NDArray:
+            sums = own.read(state, ensemble.velocity())
+            return sums if width else sums.ravel()
+
+        return Observation(name, (), "", told)
+    if callable(what):
+
+        def of_frame() -> NDArray:
+            _, position, velocity = ensemble.frame()
+            told = np.asarray(what(position, velocity))
+            if told.shape[:1] != (ensemble.worlds,):
+                raise ValueError(
+                    f"observe[{name!r}] returned shape {told.shape}; the first axis must be that of the "
+                    f"{ensemble.worlds} worlds"
+                )
+            return told
+
+        return Observation(name, (), "", of_frame)
+    checks.one_of("it", what, WORDS)
+    if what in WHOLE:
+        field, unit = WHOLE[what]
+        return Observation(name, ("particle", "axis"), unit, lambda: getattr(ensemble.frame(), field))
+    sums = WorldEnergies(model)
+
+    def energy() -> NDArray:
+        each = sums.read(state.x, ensemble.velocity(), state.lost.x)
+        chosen = ENERGIES if what == "energy" else (what,)
+        return np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
+
+    return Observation(name, (), "J", energy)
+
+
+def dataset(ensemble: "Ensemble", seen: list[Observation], times: list[float]) -> Any:
+    """Return what was seen at some times [s] as an `xarray.Dataset`, beside what differs between worlds."""
+    xarray = import_xarray()
+    variables = {one.name: one.variable() for one in seen}
+    coordinates: dict[str, Any] = {
+        "world": np.arange(ensemble.worlds),
+        "time": ("frame", np.array(times), {"units": "s"}),
+        "status": ("world", ensemble.status),
+        "diverged_at": ("world", ensemble.diverged_at, {"units": "s"}),
+    }
+    for name, values in ensemble.numbers.items():
+        if name not in variables:
+            coordinates[name] = ("world", values)
+    if any("axis" in dimensions for dimensions, *_ in variables.values()):
+        coordinates["axis"] = list(AXES[: ensemble.model.dim])
+    about = {"fps": ensemble.fps, "substeps": ensemble.substeps, "precision": ensemble.model.precision}
+    about |= {"integrator": repr(ensemble.integrator), "route": ensemble.model.route}
+    return xarray.Dataset(variables, coordinates, about)
+
+
+def import_xarray() -> Any:
+    """Return xarray; raise ValueError that says how to get it, where it is not installed."""
+    try:
+        import xarray
+    except ImportError as error:
+        raise ValueError(MISSING) from error
+    return xarray

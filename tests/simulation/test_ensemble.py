@@ -1,0 +1,286 @@
+"""Each world of an ensemble moves as it does alone, whatever the others do."""
+
+import numpy as np
+import pytest
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Box,
+    Ensemble,
+    ExplicitEuler,
+    Force,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    QuadraticDamper,
+    Scene,
+    Sphere,
+    SymplecticEuler,
+    Touch,
+    UnstableStep,
+    Wind,
+    at,
+    box,
+    chain,
+    sheet,
+)
+
+WORLDS = 6
+METHODS = {
+    "euler": SymplecticEuler(),
+    "leapfrog": Leapfrog(),
+    "extrapolated": Leapfrog(damper_extrapolation=0.5),
+    "explicit": ExplicitEuler(),
+    "rk4": RK4(),
+    "rkc2": RKC2(stages=4),
+}
+ROUTES = ("scatter", "gather", "stencil")
+PRECISIONS = ("float32", "float32-compensated", "float64")
+
+
+def block(n: int = 3):
+    """Return a small block that falls onto the ground and turns."""
+    body = box((n, n, n), 0.1, stiffness=1e3, damping=1.0).translate((0.0, 0.0, 0.15))
+    spin = np.cross([3.0, 2.0, 1.0], body.position - body.position.mean(axis=0))
+    return body.replace(velocity=spin)
+
+
+def parameters(seed: int = 1) -> dict[str, np.ndarray]:
+    """Return parameters of all kinds, of which some serve several worlds."""
+    draw = np.random.default_rng(seed).uniform
+    return {
+        "stiffness": draw(500, 2000, WORLDS),
+        "damping": draw(0.0, 2.0, WORLDS // 2),
+        "mass": draw(0.5, 2.0, WORLDS),
+        "gravity": draw(5.0, 12.0, (2, 3)),
+        "friction": draw(0.0, 1.0, WORLDS),
+        "velocity": draw(-1.0, 1.0, (WORLDS, 3)),
+    }
+
+
+def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
+    """Compare positions and velocities with those of simulations of each world, to the last bit."""
+    ensemble.step(frames)
+    _, position, velocity = ensemble.frame()
+    assert (ensemble.status == "running").all()
+    for world in range(ensemble.worlds):
+        alone = ensemble.simulation_of(world)
+        alone.step(frames)
+        frame = alone.frame()
+        assert np.isfinite(frame.position).all()
+        np.testing.assert_array_equal(position[world], frame.position)
+        np.testing.assert_array_equal(velocity[world], frame.velocity)
+
+
+def in_order(device: str, route: str) -> None:
+    """Skip a route whose sums have no order."""
+    if route == "scatter" and device != "cpu":
+        pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_worlds_move_as_alone(plain_device, route):
+    in_order(plain_device, route)
+    how = {"colliders": [Plane()], "device": plain_device, "route": route, "integrator": Leapfrog()}
+    assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **parameters()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("precision", "threads"),
+    [*((one, "auto") for one in PRECISIONS), ("float32-compensated", None)],
+    ids=[*PRECISIONS, "by a launch each"],
+)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("route", ROUTES)
+def test_worlds_move_as_alone_by_every_method(plain_device, route, method, precision, threads):
+    in_order(plain_device, route)
+    how = {"integrator": METHODS[method], "precision": precision, "route": route, "threads": threads}
+    # Explicit Euler is stable with much damping only, and with short steps.
+    own = parameters() | (
+        {"damping": np.full(2, 2.0), "stiffness": np.full(3, 300.0)} if method == "explicit" else {}
+    )
+    how |= {"substeps": 25, "colliders": [Plane()], "device": plain_device}
+    assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **own), 12)
+
+
+CASES = {
+    "each connection its own": lambda n: {"stiffness": np.random.default_rng(2).uniform(500, 2e3, (3, n))},
+    "few kinds": lambda n: {"stiffness": np.random.default_rng(2).choice([700.0, 1500.0], (3, n))},
+    "scaled": lambda n: {"rest_length": np.linspace(0.9, 1.1, 6)[:, None] * block().rest_length},
+    "alike but for the start": lambda n: {"position": block().position + np.linspace(0, 1, 6)[:, None, None]},
+    "nothing": lambda n: {},
+    "pinned in some": lambda n: {"mass": np.where(np.arange(27) == np.array([5, 40, 26])[:, None], np.inf, 0.7)},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("route", ROUTES)
+def test_parameters_of_any_shape(plain_device, route, case):
+    in_order(plain_device, route)
+    body = block().replace(velocity=0.0)
+    own = CASES[case](body.connection_count)
+    how = {"colliders": [Plane()], "device": plain_device, "substeps": 20}
+    if route == "stencil" and case in ("each connection its own", "few kinds"):
+        with pytest.raises(ValueError, match="stiffness differs among the connections of a direction"):
+            Ensemble(body, WORLDS, **how, **own, route=route)
+        return
+    assert_each_is_as_alone(Ensemble(body, WORLDS, **how, **own, route=route))
+
+
+BODIES = {
+    "rope": lambda: chain(40, 0.1, stiffness=1e3, damping=1.0).pin(0),
+    "flat rope": lambda: chain(10, 0.1, stiffness=1e3, damping=1.0, dim=2).pin(0),
+    "cloth": lambda: sheet((7, 7), 0.1, stiffness=300.0, damping=0.5).translate((0.0, 0.0, 0.6)).pin([0, 6]),
+    "two blocks": lambda: block() + box((2, 4, 3), 0.1, stiffness=2e3).translate((1.0, 0.0, 0.5)),
+    "undamped": lambda: box((4, 3, 3), 0.1, stiffness=1e3, damping=0.0).translate((0.0, 0.0, 0.2)),
+    "other dampers": lambda: block().replace(damper=QuadraticDamper()),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("name", BODIES)
+def test_worlds_of_other_bodies(plain_device, name, route):
+    in_order(plain_device, route)
+    system = BODIES[name]()
+    own = {"stiffness": np.linspace(0.5, 1.5, WORLDS)[:, None] * system.stiffness}
+    own["gravity"] = np.linspace(5.0, 15.0, 3)
+    how = {"colliders": [Plane(offset=-9.0)] if system.dim == 2 else [Plane(), Sphere((0.3, 0.3, 0.2), 0.2)]}
+    how |= {"substeps": 40, "device": plain_device, "route": route, "integrator": Leapfrog()}
+    if name == "rope":
+        how["colliders"] = [Plane(offset=-9.0), Box((0.5, 0.0, -0.6), (0.4, 0.4, 0.2))]
+    assert_each_is_as_alone(Ensemble(system, WORLDS, **how, **own), 15)
+
+
+def test_an_odd_number_of_substeps(plain_device):
+    how = {"device": plain_device, "route": "gather", "allow_unstable": True}
+    for substeps in (5, 1):
+        assert_each_is_as_alone(Ensemble(block(), WORLDS, substeps=substeps, **how, stiffness=[50.0, 60.0]), 9)
+
+
+@pytest.mark.parametrize("threads", ["auto", None])
+def test_constant_forces_act_in_all_worlds(plain_device, threads):
+    top = block().position[:, 2] > 0.2
+    push = [Force((30.0, 0.0, 5.0), on=top), Force((0.0, 2.0, 0.0))]
+    how = {"device": plain_device, "route": "gather", "loads": push, "threads": threads, "colliders": [Plane()]}
+    ensemble = Ensemble(block(), WORLDS, **how, mass=np.linspace(0.5, 2.0, WORLDS), gravity=[3.0, 9.0])
+    # Pushed for so long, a world has many times the energy it began with: none of that comes from nothing.
+    assert_each_is_as_alone(ensemble, 120)
+
+
+def test_a_scene_brings_its_surroundings(plain_device):
+    scene = Scene(system=block(), colliders=[Plane(friction=0.3)], gravity=3.0)
+    ensemble = Ensemble(scene, 2, device=plain_device, route="gather", damping=[0.5, 1.5])
+    assert_each_is_as_alone(ensemble, 30)
+    ensemble.reset()
+    assert ensemble.time == 0.0
+    assert_each_is_as_alone(ensemble, 10)
+
+
+@pytest.mark.parametrize("route", ["gather", "stencil"])
+def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, route):
+    # One world is so stiff that its step is far too long; another has a start that is beyond all numbers.
+    stiffness = np.full(WORLDS, 1e3)
+    stiffness[2] = 1e7
+    velocity = np.random.default_rng(3).uniform(-1, 1, (WORLDS, 3))
+    how = {"device": plain_device, "route": route, "substeps": 15, "allow_unstable": True, "colliders": [Plane()]}
+    sound = Ensemble(block(), WORLDS, **how, velocity=velocity, stiffness=[1e3])
+    ensemble = Ensemble(block(), WORLDS, **how, velocity=velocity, stiffness=stiffness)
+    for one in (sound, ensemble):
+        one.step(20)
+    assert (sound.status == "running").all()
+    assert ensemble.status[2] in ("not finite", "energy")
+    others = np.arange(WORLDS) != 2
+    assert (ensemble.status[others] == "running").all()
+    assert np.isnan(ensemble.diverged_at[others]).all()
+    assert 0 <= ensemble.diverged_at[2] < ensemble.time
+    for a, b in zip(sound.frame()[1:], ensemble.frame()[1:], strict=True):
+        np.testing.assert_array_equal(a[others], b[others])
+        assert np.isfinite(b[2]).all()
+    # It stays where its last good frame ended, and says of itself what a simulation says.
+    alone = ensemble.simulation_of(2)
+    if ensemble.diverged_at[2] > 0:
+        alone.step(round(60 * ensemble.diverged_at[2]))
+    np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[2])
+    assert "world 2" in str(ensemble.explain(2))
+    with pytest.raises(ValueError, match="world 1 has not diverged"):
+        ensemble.explain(1)
+
+
+def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
+    stiffness, mass = np.array([1e3, 9e3, 9e3]), np.array([1.0, 100.0, 2.0])
+    ensemble = Ensemble(block(), 3, stiffness=stiffness, mass=mass, device=plain_device, route="gather")
+    alone = [ensemble.simulation_of(world, substeps="auto", allow_unstable=False) for world in range(3)]
+    assert ensemble.substeps == max(one.substeps for one in alone) == alone[2].substeps
+    assert ensemble.choice.rates.stiffness == alone[2].choice.rates.stiffness
+    with pytest.raises(UnstableStep, match="in world 2 substeps is 2"):
+        Ensemble(block(), 3, stiffness=stiffness, mass=mass, substeps=2, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("own", "said"),
+    [
+        ({"worlds": 0}, "worlds is 0"),
+        ({"stiffness": [1.0, 2.0, 3.0, 4.0]}, "stiffness has 4 rows; that must divide the number of worlds, 6"),
+        (
+            {"stiffness": np.ones((6, 3))},
+            r"stiffness has shape \(6, 3\); it must be of shape \[rows\] or \[rows, 158\]",
+        ),
+        ({"stiffness": [1.0, -2.0]}, r"stiffness.* -2.*at least 0"),
+        ({"mass": [1.0, 0.0]}, "mass.* 0.*positive"),
+        ({"rest_length": [1.0, np.nan]}, "rest_length.*nan.*finite"),
+        ({"gravity": [0.0, 0.0, -9.82]}, "gravity.*-9.82.*at least 0"),
+        ({"position": np.zeros((6, 3))}, r"position has shape \(6, 3\)"),
+        ({"velocity": np.zeros(3)}, r"velocity has shape \(3,\)"),
+        ({"friction": [0.1, 0.2]}, "friction is given; there must be colliders"),
+        ({"stiffness": "soft"}, "stiffness must be an array of numbers"),
+        ({"integrator": LinearlyImplicitEuler()}, "integrator is Linearly.*explicit"),
+        ({"gravity": lambda t: 9.82}, "gravity is a function of time"),
+        ({"threads": 3}, "threads is 3"),
+        ({"threads": "all"}, "threads is 'all'"),
+        ({"colliders": [Plane(motion=lambda t: (0, 0, t))]}, "an obstacle moves"),
+        ({"scene": block().replace(yield_strain=0.1)}, "yield"),
+        ({"scene": block().replace(break_strain=0.1)}, "break"),
+        ({"scene": Scene(system=block(), loads=[Wind((1, 0, 0))])}, r"loads\[0\] is Wind"),
+        ({"loads": [Force(lambda t: (0, 0, t))]}, r"loads\[0\] is Force"),
+        ({"scene": Scene(system=block(), touch=Touch())}, r"loads\[0\] is Touch"),
+        ({"scene": Scene(system=block(), schedule=[at(1.0, gravity=0.0)])}, "the scene has a schedule"),
+        ({"scene": 3}, "scene is 3"),
+        (
+            {"colliders": [Plane(offset=0.3)], "position": block().position[None] + np.zeros((2, 1, 1))},
+            "starts 0.25 m inside an obstacle",
+        ),
+    ],
+)
+def test_what_worlds_cannot_be_is_said(own, said):
+    given = {"scene": block(), "worlds": WORLDS, "device": "cpu"} | own
+    with pytest.raises(ValueError, match=said):
+        Ensemble(given.pop("scene"), given.pop("worlds"), **given)
+
+
+def test_worlds_by_number():
+    ensemble = Ensemble(block(), 4, stiffness=[1e3, 2e3], device="cpu")
+    assert (ensemble.system_of(3).stiffness == 2e3).all()
+    assert (ensemble.system_of(2, start=True).position == block().position).all()
+    for wrong in (4, -1, 1.5):
+        with pytest.raises(ValueError, match="world is"):
+            ensemble.system_of(wrong)
+
+
+def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_device):
+    # Four substeps are stable for the first stiffness. For the other the fastest modes are beyond the limit by so
+    # little that energy is noticed long before numbers overflow.
+    how = {"device": plain_device, "route": "gather", "substeps": 4, "allow_unstable": True, "damping": 0.0}
+    ensemble = Ensemble(block(), 2, stiffness=[1e4, 2.5e4], **how)
+    for _ in range(20):
+        ensemble.step(10)
+        if ensemble.status[1] != "running":
+            break
+    assert list(ensemble.status) == ["running", "energy"]
+    assert ensemble.diverged_particle[1] == -1
+    assert np.abs(ensemble.frame().position).max() < 1e6
+    error = ensemble.explain(1)
+    assert error.time > ensemble.diverged_at[1] > 0.0
