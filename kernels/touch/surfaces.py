@@ -51,9 +51,7 @@ def Surfaces(scalar: type):
         in_order: wp.array(dtype=int)  # points, so that those near each other follow each other
         busy: wp.array(dtype=int)  # the points that have any, or overlap since the start, in any order
         busy_count: wp.array(dtype=int)  # how many these are, shape [1]
-        speeds: wp.array(
-            dtype=wp.vec3
-        )  # the highest of theirs by axis, and less the lowest [m/s], shape [2]
+        speeds: wp.array(dtype=wp.vec3)  # the highest of theirs by axis, and less the lowest [m/s], shape [2]
         slip: wp.array2d(dtype=V)  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
         partner: wp.array2d(dtype=int)  # which body that is, −1: none
         allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]
