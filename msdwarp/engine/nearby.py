@@ -47,7 +47,7 @@ MOST_PATIENCE = 32
 """That doubles when it was too early, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
-MOST_BETWEEN = 64
+MOST_BETWEEN = 32
 """Substeps from one search to the next, at most."""
 
 

@@ -47,8 +47,8 @@ class Ensemble:
     """Simulates many worlds at once: one scene, in each world with other parameters or another start.
 
     World w is what `Simulation` makes of the scene with the w-th entry of each parameter in place of the scene's
-    own. By gather and stencil (and on the CPU by scatter too) it moves as that does with as many substeps, to the
-    last bit. An entry is what `System.replace` takes: of stiffness, damping, rest_length, mass a number for all,
+    own. It moves as that does with as many substeps: to the last bit by gather, and on the CPU by every route; by
+    the stencil on a GPU to rounding. An entry is what `System.replace` takes: of stiffness, damping, rest_length, mass a number for all,
     or one for each connection or particle. To scale what a scene has, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
     divides that of worlds: then w reads entry w mod (number of entries).
@@ -78,7 +78,7 @@ class Ensemble:
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. The substeps are one number for all: "auto" takes those of the world that needs most.
     route
-        As for `Simulation`; "auto" takes what repeats to the last bit: on a GPU the stencil or gather, on the CPU
+        As for `Simulation`; "auto" takes what repeats in every run: on a GPU the stencil or gather, on the CPU
         scatter.
     threads
         How many threads take all substeps of a frame of a world in one launch: a power of 2, on the CPU 1; None
