@@ -48,8 +48,8 @@ class Ensemble:
 
     World w is what `Simulation` makes of the scene with the w-th entry of each parameter in place of the scene's
     own. It moves as that does with as many substeps: to the last bit by gather, and on the CPU by every route; by
-    the stencil on a GPU to rounding. An entry is what `System.replace` takes: of stiffness, damping, rest_length, mass a number for all,
-    or one for each connection or particle. To scale what a scene has, multiply:
+    the stencil on a GPU to rounding. An entry is what `System.replace` takes: of stiffness, damping, rest_length,
+    mass a number for all, or one for each connection or particle. To scale what a scene has, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
     divides that of worlds: then w reads entry w mod (number of entries).
 

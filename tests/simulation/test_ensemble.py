@@ -62,8 +62,8 @@ def parameters(seed: int = 1) -> dict[str, np.ndarray]:
 def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     """Compare positions and velocities with those of simulations of each world, to the last bit.
 
-    On a GPU the compiler may round the sums of a lattice's kernel otherwise where worlds have numbers of their own:
-    by one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
+    On a GPU the compiler may round the sums of a lattice's kernel otherwise where worlds have their own numbers: by
+    one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
     """
     by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
     atol = 1000 * float(np.finfo(ensemble.model.dtype).eps) if by_rounding else 0.0
