@@ -62,7 +62,7 @@ def parameters(seed: int = 1) -> dict[str, np.ndarray]:
 def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     """Compare positions and velocities with those of simulations of each world, to the last bit.
 
-    On a GPU the compiler may round the sums of a lattice's kernel otherwise where worlds have their own numbers: by
+    On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their own: by
     one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
     """
     by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
