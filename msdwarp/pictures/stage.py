@@ -110,6 +110,8 @@ class Camera:
 
     def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
         """Return (first row, first column, rows, columns) of the part of a picture that holds all points."""
+        if not len(points):
+            return 0, 0, 1, 1
         if ((points - self.eye) @ self.forward).min() <= 0:
             return 0, 0, height, width  # a point behind the camera appears nowhere
         bounds = []
