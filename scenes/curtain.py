@@ -37,7 +37,7 @@ def build(
     floor = Plane(restitution=0.0, friction=0.5)
     look = Look(texture=gingham("#a23b52", "#f6ead7"), gloss=0.1, azimuth=-60, elevation=22)
     looks = {"ball": Look(colour="#e0b04c", gloss=0.5)}
-    touch = Touch(friction=0.3, restitution=0.1, between="all")
+    touch = Touch(friction=0.3, restitution=0.1, between="all", thickness=0.016)
     return Scene(system=cloth + ball, colliders=[floor], touch=touch, duration=3.0, look=look, looks=looks)
 
 

@@ -7,6 +7,7 @@ from msdwarp.cli import scene_main
 
 PAINT = ("#e2572b", "#f2a93b", "#f6d55c", "#6bab5b", "#2f8f9d", "#3a5fa0", "#8a5a9e", "#d96a8b")
 """Colours of the bodies, in turn."""
+LOOK = Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
 
 
 def ring(radius: float, tube: float, around: int = 10, across: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -42,8 +43,7 @@ def build(
     brick = box((3, 3, 2), 0.12, mass=mass, stiffness=stiffness, damping=damping)
     ball = from_mesh(icosphere(0.15, 1), across=3, mass=mass, stiffness=stiffness, damping=damping)
     tyre = from_mesh(ring(0.14, 0.055), spacing=0.09, mass=mass, stiffness=stiffness, damping=damping)
-    kinds = brick, ball, tyre
-    bodies, looks = [], {}
+    kinds, bodies, looks = (brick, ball, tyre), [], {}
     for k in range(count):
         place = np.array([0.39, 0.39, 0.45]) * [k % 3 - 1, k // 3 % 3 - 1, k // 9] + (0, 0, 0.3)
         one = kinds[random.integers(3)].rotate(random.uniform(0, 2 * np.pi), random.normal(size=3))
@@ -51,9 +51,9 @@ def build(
         looks[f"body {k + 1}"] = Look(colour=PAINT[k % len(PAINT)], gloss=0.4)
     walls = [Box((s * 0.66, 0, 0.32), (0.08, 1.4, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
     walls += [Box((0, s * 0.66, 0.32), (1.4, 0.08, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
-    touch, look = Touch(friction=0.4, restitution=0.3), Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
+    touch = Touch(friction=0.4, restitution=0.5, stiffness=4 * stiffness)  # hard: they hardly overlap
     colliders, system = [Plane(restitution=0.1, friction=0.5), *walls], sum(bodies[1:], bodies[0])
-    return Scene(system=system, colliders=colliders, touch=touch, duration=2.5, look=look, looks=looks)
+    return Scene(system=system, colliders=colliders, touch=touch, duration=2.5, look=LOOK, looks=looks)
 
 
 if __name__ == "__main__":

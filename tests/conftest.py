@@ -1,24 +1,74 @@
 """Fixtures that every test may use."""
 
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+
+if sys.dont_write_bytecode:
+    # As many containers want it. Each of some hundred processes that tests start would compile the package again,
+    # which takes longer than most of them run: compiled modules are kept, but not among the sources.
+    sys.dont_write_bytecode, sys.pycache_prefix = False, str(Path(__file__).parents[1] / ".pytest_cache/bytecode")
+    del os.environ["PYTHONDONTWRITEBYTECODE"]
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
 import warp as wp
 
 from msdwarp.engine import routes
+from msdwarp.quiet import start_warp
 
 wp.config.log_level = wp.LOG_ERROR
 # What these assert is told as what tests assert is.
 pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
 
 
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs a GPU where there is none."""
-    if item.get_closest_marker("gpu") and not wp.is_cuda_available():
-        pytest.skip("there is no CUDA device here")
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that has every test done in full."""
+    parser.addoption("--every-route", action="store_true", help="by each route with all that a test is given")
+
+
+def pytest_report_header() -> str | None:
+    """Say what is left out."""
+    start_warp()
+    return None if wp.is_cuda_available() else "there is no CUDA device here: tests marked gpu are left out"
+
+
+@pytest.hookimpl(tryfirst=True)  # before anything shuffles them
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what needs a GPU where there is none, and half of what is tried by other routes on the CPU."""
+    start_warp()
+    gpu, full, fields = wp.is_cuda_available(), config.getoption("--every-route"), {}
+    kept, left = [], []
+    for item in items:
+        here = gpu or not item.get_closest_marker("gpu")
+        (kept if here and (full or _on_its_turn(item, fields)) else left).append(item)
+    if left:
+        config.hook.pytest_deselected(items=left)
+        items[:] = kept
+
+
+def _on_its_turn(item: pytest.Item, fields: dict) -> bool:
+    """Return whether a test is done by its route: as on a chessboard, gather has white fields, stencil black ones.
+
+    How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
+    that are composed of both: each route is tried with every value of each of several parameters, or with every
+    second one of the only parameter. Where there is nothing but the device to choose, both have their turn.
+    `fields` numbers values as they are met.
+    """
+    call = getattr(item, "callspec", None)
+    route = call.params.get("device") if call else None
+    axes = [mark.args[0] for mark in item.iter_markers("parametrize")]
+    if route not in ("cpu gather", "cpu stencil") or not axes:
+        return True
+    # Of names that are given values together, as in parametrize(("a", "b"), ...), one counts.
+    names = [axis.split(",")[0].strip() if isinstance(axis, str) else axis[0] for axis in axes]
+    numbers = [fields.setdefault((item.function, route, name), {}) for name in names]
+    values = [id(call.params[name]) for name in names]
+    field = sum(seen.setdefault(value, len(seen)) for seen, value in zip(numbers, values, strict=True))
+    return field % 2 == (route == "cpu stencil")
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])

@@ -52,24 +52,23 @@ def rooms_there() -> set[str]:
 
 def imports(source: str, package: str) -> list[Import]:
     """Return the imports of a module that lies in `package`."""
-    tree = ast.parse(source)
-    inner = {
-        id(node)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for node in ast.walk(function)
-    }
-    found = []
-    for node in ast.walk(tree):
+    found: list[Import] = []
+
+    def visit(node: ast.AST, late: bool) -> None:
+        names = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
             module = ".".join([*parents, *([node.module] if node.module else [])])
             names = [f"{module}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        found += [Import(name, node.lineno, id(node) in inner) for name in names]
+        found.extend(Import(name, node.lineno, late) for name in names)
+        late = late or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for inner in ast.iter_child_nodes(node):
+            if isinstance(inner, ast.stmt | ast.excepthandler | ast.match_case):  # no expression holds an import
+                visit(inner, late)
+
+    visit(ast.parse(source), False)
     return found
 
 

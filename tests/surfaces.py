@@ -83,3 +83,15 @@ def nearest_distances(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
     weights = np.linalg.pinv(edges) @ to
     inside = (weights[:, 0, 0] > 0) & (weights[:, 1, 0] > 0) & (weights.sum(axis=(1, 2)) < 1)
     return np.where(inside, np.minimum(best, np.linalg.norm(to - edges @ weights, axis=(1, 2))), best)
+
+
+def winding_number(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return how many times a closed surface, triangles [triangle_count, 3, 3], goes around each point.
+
+    Reference: Van Oosterom and Strackee, The solid angle of a plane triangle (1983).
+    """
+    a, b, c = (triangles[None, :, k] - points[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(one, axis=2) for one in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=2)
+    rest = la * lb * lc + (a * b).sum(axis=2) * lc + (b * c).sum(axis=2) * la + (c * a).sum(axis=2) * lb
+    return (2 * np.arctan2(volume, rest)).sum(axis=1) / (4 * np.pi)

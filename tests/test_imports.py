@@ -99,28 +99,36 @@ def test_layers_point_one_way(room):
     assert not arrows()[room] & APART.get(room, set())
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_other_rooms_are_entered_through_their_faces(name):
-    if MODULES[name].room == "scenes":
-        return  # which use the package as anybody's script does
-    for item, room in within(name):
-        parts = item.name.split(".")
-        if room == "kernels":  # whose groups have faces of their own; some are imported as modules
-            path = ROOT.joinpath(*parts[1:-1])
-            assert path.is_dir() or (path.with_suffix(".py").is_file() and len(parts) == 4), (
-                f"{name}:{item.line} {item.name}"
-            )
-            continue
-        assert len(parts) <= 3, f"{name}:{item.line} imports {item.name} past the face of {room}"
+def through_a_face(dotted, room):
+    parts = dotted.split(".")
+    if room == "kernels":  # whose groups have faces of their own; some are imported as modules
+        path = ROOT.joinpath(*parts[1:-1])
+        return path.is_dir() or (path.with_suffix(".py").is_file() and len(parts) == 4)
+    return len(parts) <= 3
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_what_is_private_stays_in_its_file(name):
-    module = MODULES[name]
-    for item in module.imports:
-        if item.name.split(".")[0] == TOP:
-            last = item.name.split(".")[-1]
-            assert not re.match(r"_[a-zA-Z]", last), f"{name}:{item.line} imports {item.name}"
+# Each of these goes through all modules at once and tells of every import that breaks its rule.
+
+
+def test_other_rooms_are_entered_through_their_faces():
+    past = [
+        f"{name}:{item.line} imports {item.name} past the face of {room}"
+        for name in MODULES
+        if MODULES[name].room != "scenes"  # which use the package as anybody's script does
+        for item, room in within(name)
+        if not through_a_face(item.name, room)
+    ]
+    assert not past
+
+
+def test_what_is_private_stays_in_its_file():
+    private = [
+        f"{name}:{item.line} imports {item.name}"
+        for name, module in MODULES.items()
+        for item in module.imports
+        if item.name.split(".")[0] == TOP and re.match(r"_[a-zA-Z]", item.name.split(".")[-1])
+    ]
+    assert not private
 
 
 def test_kernels_are_launched_from_few_rooms():
@@ -153,11 +161,15 @@ def test_integrators_see_the_equation_of_motion_and_not_how_forces_come_about():
     }
 
 
-@pytest.mark.parametrize("name", [name for name, module in MODULES.items() if module.room == "kernels"])
-def test_kernels_import_warp_and_each_other_only(name):
-    for item in MODULES[name].imports:
-        allowed = item.name.split(".")[0] in {"warp", *sys.stdlib_module_names}
-        assert allowed or room_of(item.name) == "kernels", f"{name}:{item.line} imports {item.name}"
+def test_kernels_import_warp_and_each_other_only():
+    others = [
+        f"{name}:{item.line} imports {item.name}"
+        for name, module in MODULES.items()
+        if module.room == "kernels"
+        for item in module.imports
+        if item.name.split(".")[0] not in {"warp", *sys.stdlib_module_names} and room_of(item.name) != "kernels"
+    ]
+    assert not others
 
 
 @pytest.mark.parametrize("package", ONE_PLACE)
@@ -168,11 +180,14 @@ def test_packages_with_one_place(package):
     assert found <= ONE_PLACE[package]
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_heavy_packages_are_imported_late(name):
-    for item in MODULES[name].imports:
-        top = item.name.split(".")[0]
-        assert item.lazy or top not in LAZY, f"{name}:{item.line} imports {top} when it is itself imported"
+def test_heavy_packages_are_imported_late():
+    early = [
+        f"{name}:{item.line} imports {item.name} when it is itself imported"
+        for name, module in MODULES.items()
+        for item in module.imports
+        if not item.lazy and item.name.split(".")[0] in LAZY
+    ]
+    assert not early
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if MODULES[name].path.name == "__init__.py"])

@@ -1,5 +1,6 @@
 """The README and the pages in docs: their Python runs, their commands, flags, names and paths exist."""
 
+import csv
 import inspect
 import re
 import runpy
@@ -105,6 +106,38 @@ def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "worlds.nc").exists()
 
 
+def measured(name: str) -> list[dict[str, str]]:
+    """Return the rows of a file that a benchmark has written on the CPU."""
+    lines = (ROOT / "benchmarks" / "results" / "cpu" / name).read_text(encoding="utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def test_tables_of_contact_say_what_was_measured():
+    page = (DOCS / "contact.md").read_text(encoding="utf-8")
+    rows = [one for one in measured("contact_restitution.csv") if one["method"] == "symplectic Euler"]
+    for asked in ("1", "0.9", "0.5", "0.2"):
+        cells = [
+            "{mean:.3f} ({least:.3f} to {most:.3f})".format(
+                **{k: float(one[k]) for k in ("mean", "least", "most")}
+            )
+            for finer in ("1", "2", "4")
+            for one in rows
+            if (one["asked"], one["finer"]) == (asked, finer)
+        ]
+        assert f"| asked {asked} | {' | '.join(cells)} |" in page
+    slopes = measured("contact_friction.csv")
+    assert max(float(one["creep"]) for one in slopes if one["slope"] == "hold") < 1.05e-8  # [m/s]
+    share = [float(one["acceleration"]) / float(one["coulomb"]) for one in slopes if one["slope"] == "slide"]
+    assert f"{100 * (1 - max(share)):.1f} to {100 * (1 - min(share)):.1f} % less" in page
+    folded: dict[str, list[str]] = {}
+    for one in measured("contact_folding.csv"):
+        cells = folded.setdefault(f"{float(one['speed']):.1f} m/s", [])
+        cells.append(one["crossing"] if cells else f"{one['crossing']} of {one['frames']}")
+    for speed, cells in folded.items():
+        assert f"| {speed} | {' | '.join(cells)} |" in page
+
+
+@pytest.mark.slow
 def test_the_example_of_contact_rests(capsys):
     names = run("docs/contact.md")
     height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])

@@ -230,11 +230,14 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
     scene = build("mattress")
     simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(round(scene.duration * simulation.fps))
-    top = left_alone(simulation).reshape(5, 13, 25, 3)[-1, :, :, 2]
+    foam = scene.system.group("mattress")
+    top = left_alone(simulation)[foam].reshape(5, 13, 25, 3)[-1, :, :, 2]
     deepest = np.unravel_index(np.argmin(top), top.shape)
     assert deepest[0] in (5, 6, 7)
-    assert 15 < deepest[1] < 21  # 0.3 m from the middle
+    assert 15 < deepest[1] < 23  # 0.3 to 0.8 m from the middle
     assert top.min() < np.median(top) - 0.05
+    ball = simulation.frame().position[~foam].mean(axis=0)
+    assert ball[0] > 1.0 + 0.28  # it has rolled off: half of the mattress's length, and its own radius
 
 
 @pytest.mark.slow
@@ -252,7 +255,8 @@ def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
     substeps = msd.Simulation.of(scene, device="cpu").substeps
-    duration = 0.25 if scene.system.tears else 0.5  # when something breaks, rounding decides on what follows
+    # When something breaks, rounding decides on what follows; where bodies touch, on which side of an edge.
+    duration = 0.1 if scene.touch else 0.25 if scene.system.tears else 0.5
     exact = simulate(scene, duration, precision="float64", substeps=substeps)
     rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):

@@ -21,8 +21,9 @@ def draw_work(rows: list[dict]) -> None:
     """Draw error against force evaluations, a panel for each case."""
     plt = pyplot()
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    size = (4.1 * len(scenes), 4.4)
     figure, axes = plt.subplots(
-        1, len(scenes), figsize=(4.1 * len(scenes), 4.4), layout="constrained", squeeze=False
+        1, len(scenes), figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
     )
     handles = {}
     for axis, scene in zip(axes[0], scenes, strict=True):
@@ -82,15 +83,15 @@ def draw_friction(rows: list[dict]) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.3), layout="constrained")
     for method in _methods(rows):
         hold, slide = (_of(rows, slope=slope, method=method) for slope in ("hold", "slide"))
-        # What is less than a nanometre a second is rounding, and drawn there.
-        left.loglog([1e6 * r["step"] for r in hold], [max(1e3 * r["creep"], 1e-6) for r in hold], **_style(method))
+        # What is less than a tenth of a nanometre a second is drawn there, on a scale of logarithms.
+        left.loglog([1e6 * r["step"] for r in hold], [max(1e3 * r["creep"], 1e-7) for r in hold], **_style(method))
         right.semilogx([1e6 * r["step"] for r in slide], [r["acceleration"] for r in slide], **_style(method))
     left.axhline(0.1, color="#999999", linewidth=0.9, linestyle="--")
     left.text(
         0.02, 0.1, "0.1 mm/s", transform=left.get_yaxis_transform(), va="bottom", color="#555555", fontsize=9
     )
     left.set(title="15°, μ = 0.5: it should hold", ylabel="creep over the last half second [mm/s]")
-    left.set_ylim(5e-7, 1)
+    left.set_ylim(5e-8, 1)
     coulomb = next(row["coulomb"] for row in rows if row["slope"] == "slide")
     right.axhline(coulomb, color="#999999", linewidth=0.9, linestyle="--")
     right.axhspan(0.98 * coulomb, 1.02 * coulomb, color="#eeeeee", zorder=0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from msdwarp import ContactOverrun, Scene, Simulation, SimulationDiverged, Touch
 from msdwarp.engine.touching import Touching
-from msdwarp.scenes import cloth, cradle, curtain, dice, pile, tower, trampoline
+from msdwarp.scenes import bowl, cloth, cradle, curtain, dice, mattress, pile, tower, trampoline
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
@@ -30,6 +30,8 @@ SCENES = {
     "curtain": curtain,
     "dice": dice,
     "cloth": cloth,
+    "bowl": bowl,
+    "mattress": mattress,
 }
 
 

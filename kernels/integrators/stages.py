@@ -42,22 +42,32 @@ def each_connection(composition: Composition):
 
 @functools.cache
 def each_particle(composition: Composition, method: Any):
-    """Compose the kernel, over particles, of one stage of a method."""
-    V, World, *_ = tools(composition)
+    """Compose the kernel, over particles, of one stage of a method.
+
+    Where particles that have marks are apart, the forces of their connections are handed to `each_marked`.
+    """
+    V, World, _, _, store, _ = tools(composition)
     route, load, marked = composition.route, loads(composition), bool(composition.selective)
     (Step, advance, forced), force_at = method(composition), route.force_at
+    apart = composition.apart and forced
 
     def advance_particles(world: World, step: Step):
         i = wp.tid()
         force = V()
         if wp.static(forced):
             force = force_at(world.forces, step.lost, step.x, step.v, i)
-        if wp.static(forced and load is not None):
+        if wp.static(forced and load is not None and not apart):
             mark = wp.uint8(0)
             if wp.static(marked):
                 mark = world.marks[i]
             force += load(world, step.lost, step.x, step.v, i, mark)
-        advance(world, step, force, i)
+        if wp.static(apart):
+            if world.marks[i] != wp.uint8(0):
+                store(world.handed, i, force)
+            else:
+                advance(world, step, force, i)
+        else:
+            advance(world, step, force, i)
 
     return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
 

@@ -2,10 +2,11 @@
 
 from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
+from .lanes import ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .search import box_bodies, box_facets, box_neighbours, find_rows, forget_boxes
-from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOVED, Surfaces, touching_piece
+from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes
+from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
 
 __all__ = [
     "COUNT",
@@ -15,17 +16,20 @@ __all__ = [
     "GAP",
     "HISTORY",
     "LONGEST_ROW",
+    "MOST_BESIDE",
     "MOVED",
     "NOTED",
+    "ON_GPU",
     "PLACE",
     "POINT",
     "SPEED",
+    "WAY",
     "Surfaces",
     "add_impulses",
-    "box_bodies",
     "box_facets",
     "box_neighbours",
     "energy_of_touch",
+    "find_roots",
     "find_rows",
     "forget_boxes",
     "nearest_on_triangle",

@@ -19,9 +19,10 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
+from .lanes import least_of_lanes
 from .overrun import note_overrun
-from .pairs import bodies_in_rows, pairs, places
-from .surfaces import DEEPEST, MOVED, Surfaces
+from .pairs import NONE, body_in_row, pairs, places, unit_normal
+from .surfaces import DEEPEST, Surfaces
 
 TANGENTIAL = 2.0 / 7.0
 """Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
@@ -44,7 +45,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
         threads: int,
-        flags: wp.array(dtype=float),
+        way: wp.array(dtype=float),  # the furthest that any has moved since rows were found [m], shape [any]
     ):
         i = wp.tid()
         while i < data.x.shape[0]:
@@ -62,42 +63,39 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
             for k in range(wp.static(dim)):
                 data.force[i, k] = wp.int64(0)
             moved = float(wp.length(place - data.x_found[i]))
-            if not (moved <= flags[wp.static(MOVED)]):
-                wp.atomic_max(flags, wp.static(MOVED), moved)
+            if not (moved <= way[0]):
+                wp.atomic_max(way, 0, moved)
             i += threads
 
     return place
 
 
 @functools.cache
-def touch(scalar: type, sunk: bool):
+def touch(scalar: type, sunk: bool, lanes: int):
     """Compose the kernel that adds up the forces of the contacts of points. Its threads share those that are busy.
+
+    So many of them (`lanes`) share each point.
 
     Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
     shrinks to nothing: they are led apart, not thrown.
     """
-    return _each_point(scalar, sunk, False)
+    return _each_point(scalar, sunk, False, lanes)
 
 
 @functools.cache
-def energy_of_touch(scalar: type, sunk: bool):
+def energy_of_touch(scalar: type, sunk: bool, lanes: int):
     """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
-    return _each_point(scalar, sunk, True)
+    return _each_point(scalar, sunk, True, lanes)
 
 
-def _each_point(scalar: type, sunk: bool, measuring: bool):
+def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int):
     V, Data = vector(3, scalar), Surfaces(scalar)
-    place_of, place_on, nearest_to = places(scalar)
+    (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
-    next_body, note = bodies_in_rows(scalar), note_overrun(scalar)
-    zero, one, almost = scalar(0.0), scalar(1.0), scalar(0.9999)
+    next_body, note = body_in_row(lanes), note_overrun(scalar)
+    least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
+    zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
     tangential = scalar(TANGENTIAL)
-
-    @wp.func
-    def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
-        """Return the unit normal out of a facet; 0 of one that has none."""
-        a = x[corner[0]]
-        return wp.normalize(wp.cross(x[corner[1]] - a, x[corner[2]] - a))
 
     @wp.func
     def add_to(force: wp.array2d(dtype=wp.int64), vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
@@ -145,6 +143,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
     def touch_one(
         data: Data,
         p: int,
+        lane: int,  # which of the threads that share the point this is
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
@@ -169,30 +168,34 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
             new_partner_1 = int(-1)
             new_slip_0 = V()
             new_slip_1 = V()
-            other = int(-1)
-            r = next_body(data.whose, data.away, p, n, other)
-            while r >= 0:
-                # The facets of one body: the nearest counts. The one that was is looked at first.
-                other = data.whose[r, p]
-                facet = data.row[r, p]
+            other = next_body(data.whose, p, n, int(-1), lane)
+            while other < wp.static(NONE):
+                # The facets of one body: the nearest counts.
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
-                corner = data.corner[facet]
-                w = nearest_to(data.x, corner, x)
-                away = x - place_on(data.x, corner, w)
-                best = wp.dot(away, away)
-                near = wp.sqrt(best) + skin[0]
-                for e in range(n):
-                    if almost * data.away[e, p] <= near and data.whose[e, p] == other and e != r:
-                        f = data.row[e, p]
+                best = scalar(far)
+                near = scalar(far)
+                facet = int(wp.static(NONE))
+                w = V()
+                for e in range(lane, n, wp.static(lanes)):
+                    if data.whose[p, e] == other and almost * data.away[p, e] <= near:
+                        f = data.row[p, e]
                         w_f = nearest_to(data.x, data.corner[f], x)
                         away = x - place_on(data.x, data.corner[f], w_f)
                         if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                             best = wp.dot(away, away)
                             near = wp.sqrt(best) + skin[0]
                             facet = f
-                            corner = data.corner[f]
                             w = w_f
+                if wp.static(lanes > 1):
+                    nearest = least_of(best)
+                    if best > nearest:
+                        facet = int(wp.static(NONE))
+                    best = nearest
+                    facet = least_number(facet)
+                    if facet < wp.static(NONE):
+                        w = nearest_to(data.x, data.corner[facet], x)
+                corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
                     normal = normal_of(data.x, corner)
@@ -206,9 +209,9 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                             data.x[corner[1]] - data.x[corner[0]]
                         )
                         near = wp.sqrt(tie) + skin[0]
-                        for e in range(n):
-                            if almost * data.away[e, p] <= near and data.whose[e, p] == other:
-                                f = data.row[e, p]
+                        for e in range(lane, n, wp.static(lanes)):
+                            if data.whose[p, e] == other and almost * data.away[p, e] <= near:
+                                f = data.row[p, e]
                                 w_f = nearest_to(data.x, data.corner[f], x)
                                 away = x - place_on(data.x, data.corner[f], w_f)
                                 if wp.dot(away, away) <= tie:
@@ -216,6 +219,10 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                                     steeper = wp.abs(seen) - wp.abs(side)
                                     if steeper > zero or (steeper == zero and seen > side):
                                         side = seen
+                        if wp.static(lanes > 1):
+                            if wp.abs(side) < -least_of(-wp.abs(side)):
+                                side = -far
+                            side = -least_of(-side)
                     gap = wp.sqrt(best)
                     if within and wp.length_sq(normal) > zero:
                         gap = wp.abs(side)
@@ -271,7 +278,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                             if not slides:
                                 lost -= k_t * wp.dot(slip, u_t)
                             power += wp.float64(lost)
-                        else:
+                        elif lane == 0:
                             exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit)
                             if wp.static(sunk):
                                 led = wp.min(data.allowed[p], h * data.outwards)
@@ -293,7 +300,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         elif new_partner_1 < 0:
                             new_partner_1 = other
                             new_slip_1 = slip
-                elif h > zero:
+                elif h > zero and lane == 0 and best < far:
                     # What comes so fast that a substep takes it through has never been in touch.
                     q = place_on(data.x, corner, w)
                     gap = wp.sqrt(best)
@@ -304,18 +311,20 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
                         if wp.dot(x - q, normal_of(data.x, corner)) < zero:
                             u_n = zero  # it is within, and lost already
                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-                r = next_body(data.whose, data.away, p, n, other)
+                other = next_body(data.whose, p, n, other, lane)
             if wp.static(not measuring):
-                if h > zero:
+                if h > zero and lane == 0:
                     data.partner[0, p] = new_partner_0
                     data.partner[1, p] = new_partner_1
                     data.slip[0, p] = new_slip_0
                     data.slip[1, p] = new_slip_1
         if wp.static(sunk and not measuring):
-            data.allowed[p] = wp.max(zero, data.allowed[p] - h * data.outwards)
+            if lane == 0:
+                data.allowed[p] = wp.max(zero, data.allowed[p] - h * data.outwards)
         if wp.static(measuring):
-            stored[p] = energy
-            heated[p] = power
+            if lane == 0:
+                stored[p] = energy
+                heated[p] = power
 
     @kernel
     def touch_points(
@@ -329,9 +338,10 @@ def _each_point(scalar: type, sunk: bool, measuring: bool):
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        k = wp.tid()
+        k = wp.tid() / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
         while k < data.busy_count[0]:
-            touch_one(data, data.busy[k], h, behind, unit, skin, flags, stored, heated)
-            k += threads
+            touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
+            k += threads / wp.static(lanes)
 
     return touch_points

@@ -6,6 +6,9 @@ import warp as wp
 
 from ..basis import vector
 
+FLAT = 1e-10
+"""The square of the sine of an angle below which corners are on one line: float32 knows no smaller area."""
+
 
 @functools.cache
 def nearest_on_triangle(scalar: type):
@@ -15,7 +18,7 @@ def nearest_on_triangle(scalar: type):
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.5.
     """
     V = vector(3, scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
 
     @wp.func
     def share(numerator: scalar, denominator: scalar) -> scalar:
@@ -25,10 +28,25 @@ def nearest_on_triangle(scalar: type):
         return wp.clamp(numerator / denominator, zero, one)
 
     @wp.func
+    def on_longest_edge(ap: V, ab: V, ac: V) -> V:
+        """Return the weights where all corners are on one line: that of the longest edge, which holds them all."""
+        bc = ac - ab
+        if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
+            t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))
+            return V(zero, one - t, t)
+        if wp.length_sq(ac) > wp.length_sq(ab):
+            t = share(wp.dot(ac, ap), wp.length_sq(ac))
+            return V(one - t, zero, t)
+        t = share(wp.dot(ab, ap), wp.length_sq(ab))
+        return V(one - t, t, zero)
+
+    @wp.func
     def nearest(p: V, a: V, b: V, c: V) -> V:
         ab = b - a
         ac = c - a
         ap = p - a
+        if wp.length_sq(wp.cross(ab, ac)) <= flat * wp.length_sq(ab) * wp.length_sq(ac):
+            return on_longest_edge(ap, ab, ac)
         d1 = wp.dot(ab, ap)
         d2 = wp.dot(ac, ap)
         if d1 <= zero and d2 <= zero:

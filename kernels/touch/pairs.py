@@ -5,8 +5,12 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from .lanes import least_of_lanes
 from .nearest import nearest_on_triangle
 from .surfaces import Surfaces
+
+NONE = 2**31 - 1
+"""No body, or no facet: behind all."""
 
 
 @functools.cache
@@ -32,6 +36,19 @@ def places(scalar: type):
         return nearest(p, x[corner[0]], x[corner[1]], x[corner[2]])
 
     return place_of, place_on, nearest_to
+
+
+@functools.cache
+def unit_normal(scalar: type):
+    """Compose (x, corner) -> the unit normal out of a facet; 0 of one that has none."""
+    V = vector(3, scalar)
+
+    @wp.func
+    def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
+        a = x[corner[0]]
+        return wp.normalize(wp.cross(x[corner[1]] - a, x[corner[2]] - a))
+
+    return normal_of
 
 
 @functools.cache
@@ -81,22 +98,20 @@ def pairs(scalar: type):
 
 
 @functools.cache
-def bodies_in_rows(scalar: type):
-    """Compose (whose, away, p, n, before) -> the nearest entry of the next body in row p of n entries."""
+def body_in_row(lanes: int):
+    """Compose (whose, p, n, before, lane) -> the least number above `before` in row p of n; NONE if there is none.
+
+    It is asked for by all threads of a point at once, each of which looks at some entries.
+    """
+    least = least_of_lanes(int, lanes)
 
     @wp.func
-    def next_body(
-        whose: wp.array2d(dtype=int), away: wp.array2d(dtype=scalar), p: int, n: int, before: int
-    ) -> int:
-        """Return the entry in row p that was nearest of the next body behind `before`; −1 if there is none."""
-        found = int(-1)
-        best = int(0)
-        for e in range(n):
-            body = whose[e, p]
-            if body > before:
-                if found < 0 or body < best or (body == best and away[e, p] < away[found, p]):
-                    found = e
-                    best = body
-        return found
+    def next_body(whose: wp.array2d(dtype=int), p: int, n: int, before: int, lane: int) -> int:
+        found = int(wp.static(NONE))
+        for e in range(lane, n, wp.static(lanes)):
+            body = whose[p, e]
+            if body > before and body < found:
+                found = body
+        return least(found)
 
     return next_body

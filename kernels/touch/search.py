@@ -5,26 +5,9 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .pairs import bodies_in_rows, pairs, places
-from .surfaces import HISTORY, LONGEST_ROW, Surfaces
-
-
-@functools.cache
-def box_facets(scalar: type):
-    """Compose the kernel, over facets, that writes the box around each."""
-    Data = Surfaces(scalar)
-
-    @kernel
-    def write_boxes(data: Data, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3)):
-        t = wp.tid()
-        c = data.corner[t]
-        a = wp.vec3(data.x[c[0]])
-        b = wp.vec3(data.x[c[1]])
-        d = wp.vec3(data.x[c[2]])
-        lower[t] = wp.min(wp.min(a, b), d)
-        upper[t] = wp.max(wp.max(a, b), d)
-
-    return write_boxes
+from .lanes import least_of_lanes
+from .pairs import pairs, places, unit_normal
+from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces
 
 
 @functools.cache
@@ -41,45 +24,75 @@ def forget_boxes():
 
 
 @functools.cache
-def box_bodies():
-    """Compose the kernel, over chunks of facets of one body, that extends the box around the body."""
+def box_facets(scalar: type, lanes: int):
+    """Compose the kernel, over pieces of bodies, that boxes their facets, and extends the boxes around bodies.
+
+    So many threads (`lanes`) share a piece.
+    """
+    Data, least_of = Surfaces(scalar), least_of_lanes(wp.float32, lanes)
+
+    @wp.func
+    def least_corner(x: wp.vec3) -> wp.vec3:
+        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
 
     @kernel
-    def extend_boxes(
-        chunk: wp.array(dtype=wp.vec3i),  # body, first facet, and the one behind the last, shape [chunk_count]
-        lower: wp.array(dtype=wp.vec3),  # of facets
+    def write_boxes(
+        data: Data,
+        piece: wp.array(dtype=wp.vec3i),  # body, first facet, and the one behind the last, shape [piece_count]
+        # Out, shape [facet_count]:
+        lower: wp.array(dtype=wp.vec3),
         upper: wp.array(dtype=wp.vec3),
         # In and out, shape [body_count]:
         low: wp.array(dtype=wp.vec3),
         high: wp.array(dtype=wp.vec3),
     ):
-        c = chunk[wp.tid()]
-        least = lower[c[1]]
-        most = upper[c[1]]
-        for t in range(c[1] + 1, c[2]):
-            least = wp.min(least, lower[t])
-            most = wp.max(most, upper[t])
-        wp.atomic_min(low, c[0], least)
-        wp.atomic_max(high, c[0], most)
+        part = piece[wp.tid() / wp.static(lanes)]
+        least = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        most = -least
+        for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
+            c = data.corner[t]
+            a = wp.vec3(data.x[c[0]])
+            b = wp.vec3(data.x[c[1]])
+            d = wp.vec3(data.x[c[2]])
+            below = wp.min(wp.min(a, b), d)
+            above = wp.max(wp.max(a, b), d)
+            lower[t] = below
+            upper[t] = above
+            least = wp.min(least, below)
+            most = wp.max(most, above)
+        least = least_corner(least)
+        most = -least_corner(-most)
+        body = part[0]
+        wider = bool(False)  # most extend nothing, as others have been there
+        for k in range(3):
+            wider = wider or least[k] < low[body][k] or most[k] > high[body][k]
+        if wider and wp.tid() % wp.static(lanes) == 0:
+            wp.atomic_min(low, body, least)
+            wp.atomic_max(high, body, most)
 
-    return extend_boxes
+    return write_boxes
+
+
+@functools.cache
+def find_roots():
+    """Compose the kernel, over bodies, that finds where in the tree of facets those of each are."""
+
+    @kernel
+    def find(facets: wp.uint64, root: wp.array(dtype=int)):
+        i = wp.tid()
+        root[i] = wp.bvh_get_group_root(facets, i)
+
+    return find
 
 
 @functools.cache
 def box_neighbours(scalar: type):
-    """Compose the kernel, over bodies, that boxes where a point of each may be near what it touches.
+    """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
 
     The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
     """
-    Data = Surfaces(scalar)
+    Data, margin = Surfaces(scalar), margin_of_boxes(scalar)
     find_rule = pairs(scalar)[0]
-
-    @wp.func
-    def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:
-        """Return by how much a box grows to hold all that is so near to it, whatever was rounded."""
-        reach = wp.float32(around)
-        reach += wp.float32(2.0e-6) * (wp.length(wp.max(wp.abs(low), wp.abs(high))) + reach)
-        return wp.vec3(reach, reach, reach)
 
     @kernel
     def extend_neighbours(
@@ -89,6 +102,7 @@ def box_neighbours(scalar: type):
         high: wp.array(dtype=wp.vec3),
         farthest: scalar,  # how far off a point may touch anything [m]
         skin: wp.array(dtype=scalar),  # [m], shape [1]
+        flags: wp.array(dtype=float),
         busy_count: wp.array(dtype=int),
         # Out, shape [body_count]:
         least: wp.array(dtype=wp.vec3),
@@ -103,11 +117,18 @@ def box_neighbours(scalar: type):
         wide = margin(low[i], high[i], around)
         near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
         j = int(0)
+        count = int(0)
         while wp.bvh_query_next(near_bodies, j):
             if find_rule(data, i, j) >= 0:
+                if count < data.beside.shape[1]:
+                    data.beside[i, count] = j
+                count += 1
                 wide = margin(low[j], high[j], around)
                 lower = wp.min(lower, low[j] - wide)
                 upper = wp.max(upper, high[j] + wide)
+        data.beside_count[i] = wp.min(count, data.beside.shape[1])
+        if count > int(flags[wp.static(MOST_BESIDE)]):
+            wp.atomic_max(flags, wp.static(MOST_BESIDE), float(count))
         least[i] = lower
         most[i] = upper
 
@@ -115,26 +136,31 @@ def box_neighbours(scalar: type):
 
 
 @functools.cache
+def margin_of_boxes(scalar: type):
+    """Compose (low, high, around) -> by how much a box grows to hold all that is so near, whatever was rounded."""
+
+    @wp.func
+    def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:
+        reach = wp.float32(around)
+        reach += wp.float32(2.0e-6) * (wp.length(wp.max(wp.abs(low), wp.abs(high))) + reach)
+        return wp.vec3(reach, reach, reach)
+
+    return margin
+
+
+@functools.cache
 def find_rows(scalar: type):
     """Compose the kernel that lists the facets which each point may touch before lists are made anew.
 
-    Its threads share the points.
-
-    Of each body those stay that may come to be the nearest meanwhile. With each stands how far off it is, so that
-    later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor the
-    order in which facets are found does.
+    Its threads share the points. Of each body those stay that may come to be the nearest meanwhile, the nearest
+    first; none, where the point is so far outside that it cannot come in. With each stands how far off it is, so
+    that later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor
+    the order in which facets are found does.
     """
-    Data = Surfaces(scalar)
-    (place_of, place_on, nearest_to), (find_rule, _, reach_of, _) = places(scalar), pairs(scalar)
-    next_body = bodies_in_rows(scalar)
-
-    @wp.func
-    def box_around(x: vector(3, scalar), around: scalar):
-        """Return the corners of a box of float32 that holds all that is so near to x, whatever was rounded."""
-        reach = wp.float32(around)
-        reach += wp.float32(1.0e-6) * (wp.length(wp.vec3(x)) + reach)
-        corner = wp.vec3(reach, reach, reach)
-        return wp.vec3(x) - corner, wp.vec3(x) + corner
+    Data, margin, V = Surfaces(scalar), margin_of_boxes(scalar), vector(3, scalar)
+    (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
+    find_rule, thickness_of, reach_of, _ = pairs(scalar)
+    zero, doubt = scalar(0.0), scalar(1.01)
 
     @wp.func
     def is_near(first_near: wp.array(dtype=int), near: wp.array(dtype=int), vertex: int, corner: wp.vec3i) -> bool:
@@ -147,77 +173,96 @@ def find_rows(scalar: type):
         return found
 
     @wp.func
+    def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
+        """Tell whether a point is outside of a closed body, whose facets these entries are: as in `evaluate`."""
+        side = scalar(0.0)
+        for e in range(begin, end):
+            if data.away[p, e] <= doubt * nearest:
+                corner = data.corner[data.row[p, e]]
+                away = x - place_on(data.x, corner, nearest_to(data.x, corner, x))
+                seen = wp.dot(away, normal_of(data.x, corner))
+                if wp.abs(seen) > wp.abs(side):
+                    side = seen
+        return side > zero
+
+    @wp.func
     def find_one(
         data: Data,
         p: int,
-        bodies: wp.uint64,  # tree of the boxes around bodies
-        facets: wp.uint64,  # tree of those around facets
+        x: V,
+        facets: wp.uint64,  # tree of the boxes around facets
+        lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
+        upper: wp.array(dtype=wp.vec3),
         farthest: scalar,  # how far off a point may touch anything [m]
-        skin: wp.array(dtype=scalar),  # [m], shape [1]
+        skin: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
         ends = data.ends[p]
-        x = place_of(data.x, ends, data.share[p])
         mine = data.body[p]
+        room = data.row.shape[1]
         count = int(0)
-        room = data.row.shape[0]
-        low, high = box_around(x, farthest + skin[0])
-        near_bodies = wp.bvh_query_aabb(bodies, low, high)
-        other = int(0)
-        alone = bool(True)
-        while alone and wp.bvh_query_next(near_bodies, other):
-            alone = find_rule(data, mine, other) < 0
-        if not alone:
-            near_facets = wp.bvh_query_aabb(facets, low, high)
-            facet = int(0)
-            while wp.bvh_query_next(near_facets, facet):
-                other = data.owner[facet]
+        missed = int(0)  # for want of room
+        most = int(0)
+        wide = margin(wp.vec3(x), wp.vec3(x), farthest + skin)
+        low = wp.vec3(x) - wide
+        high = wp.vec3(x) + wide
+        for b in range(data.beside_count[mine]):
+            other = data.beside[mine, b]
+            if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
                 rule = find_rule(data, mine, other)
-                if rule >= 0:
+                limit = reach_of(data, rule, mine, other) + skin
+                begin = int(count)
+                nearest = scalar(limit)
+                near_facets = wp.bvh_query_aabb(facets, low, high, data.root[other])
+                facet = int(0)
+                while wp.bvh_query_next(near_facets, facet):
                     c = data.corner[facet]
-                    reach = reach_of(data, rule, mine, other)
                     away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
-                    if away < reach + skin[0]:
+                    if away < limit and away <= doubt * (nearest + scalar(2.0) * skin):
                         may = bool(True)
                         if mine == other:
                             may = not is_near(data.first_near, data.near, ends[0], c)
                             may = may and not is_near(data.first_near, data.near, ends[1], c)
                         if may:
                             if count < room:
-                                data.row[count, p] = facet
-                                data.whose[count, p] = other
-                                data.away[count, p] = away
-                            count += 1
-        # Who is nearest of a body now stays so, but for those that are no further by twice what skins allow.
-        listed = wp.min(count, room)
-        other = int(-1)
-        r = next_body(data.whose, data.away, p, listed, other)
-        while r >= 0:
-            other = data.whose[r, p]
-            limit = scalar(1.01) * (data.away[r, p] + scalar(2.0) * skin[0])
-            for e in range(listed):
-                if data.whose[e, p] == other and data.away[e, p] > limit:
-                    data.whose[e, p] = -1
-            r = next_body(data.whose, data.away, p, listed, other)
-        kept = int(0)
-        for e in range(listed):
-            if data.whose[e, p] >= 0:
-                data.row[kept, p] = data.row[e, p]
-                data.whose[kept, p] = data.whose[e, p]
-                data.away[kept, p] = data.away[e, p]
-                kept += 1
-        data.length[p] = kept
-        if count == 0:
-            for k in range(wp.static(HISTORY)):
-                data.partner[k, p] = -1
-        if count > int(flags[wp.static(LONGEST_ROW)]):
-            wp.atomic_max(flags, wp.static(LONGEST_ROW), float(count))
+                                data.row[p, count] = facet
+                                data.away[p, count] = away
+                                count += 1
+                            else:
+                                missed += 1
+                            nearest = wp.min(nearest, away)
+                most = wp.max(most, count + missed)
+                if data.closed[other] != 0 and mine != other and count > begin:
+                    if nearest > doubt * (thickness_of(data, rule, mine, other) + skin):
+                        if is_outside(data, p, x, begin, count, nearest):
+                            count = begin
+                # Who is nearest now stays so, but for those that are no further by twice what skins allow.
+                limit = doubt * (nearest + scalar(2.0) * skin)
+                kept = int(begin)
+                for e in range(begin, count):
+                    away = data.away[p, e]
+                    if away <= limit:
+                        facet = data.row[p, e]
+                        to = int(kept)
+                        if away == nearest:  # it changes places with the first one
+                            data.row[p, kept] = data.row[p, begin]
+                            data.away[p, kept] = data.away[p, begin]
+                            to = begin
+                        data.row[p, to] = facet
+                        data.away[p, to] = away
+                        data.whose[p, kept] = other
+                        kept += 1
+                count = kept
+        data.length[p] = count
+        if most > int(flags[wp.static(LONGEST_ROW)]):
+            wp.atomic_max(flags, wp.static(LONGEST_ROW), float(most))
 
     @kernel
     def find(
         data: Data,
-        bodies: wp.uint64,
         facets: wp.uint64,
+        lower: wp.array(dtype=wp.vec3),
+        upper: wp.array(dtype=wp.vec3),
         least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         farthest: scalar,
@@ -225,18 +270,20 @@ def find_rows(scalar: type):
         threads: int,
         flags: wp.array(dtype=float),
     ):
-        p = wp.tid()
-        while p < data.length.shape[0]:
-            x = wp.vec3(place_of(data.x, data.ends[p], data.share[p]))
+        e = wp.tid()
+        while e < data.length.shape[0]:
+            p = data.in_order[e]
+            x = place_of(data.x, data.ends[p], data.share[p])
             mine = data.body[p]
-            if wp.min(x, least[mine]) == least[mine] and wp.max(x, most[mine]) == most[mine]:
-                find_one(data, p, bodies, facets, farthest, skin, flags)
-            else:
-                data.length[p] = 0
+            place = wp.vec3(x)
+            data.length[p] = 0
+            if wp.min(place, least[mine]) == least[mine] and wp.max(place, most[mine]) == most[mine]:
+                find_one(data, p, x, facets, lower, upper, farthest, skin[0], flags)
+            if data.length[p] == 0:
                 for k in range(wp.static(HISTORY)):
                     data.partner[k, p] = -1
-            if data.length[p] > 0 or data.allowed[p] > scalar(0.0):
+            if data.length[p] > 0 or data.allowed[p] > zero:
                 data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
-            p += threads
+            e += threads
 
     return find

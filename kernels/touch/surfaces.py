@@ -9,9 +9,10 @@ from ..basis import vector
 from ..compensation import compensation
 from ..effect import Piece
 
-MOVED, LONGEST_ROW, DEEPEST = range(3)
-"""Flags: the furthest way of a vertex since rows were found [m], the longest row, the deepest overlap [m]."""
-FLAGS = 3
+MOVED, WAY, LONGEST_ROW, MOST_BESIDE, DEEPEST = range(5)
+"""Flags: the furthest way of a vertex since rows were found [m], and from one search to the next; the longest row;
+the most bodies beside one; the deepest overlap [m]."""
+FLAGS = 5
 HISTORY = 2
 """Bodies with which a point may stick at a time; with more it only slides."""
 
@@ -42,10 +43,11 @@ def Surfaces(scalar: type):
         ends: wp.array(dtype=wp.vec2i)  # the two vertices of each, shape [point_count]
         share: wp.array(dtype=scalar)  # that of the second one
         body: wp.array(dtype=int)  # its body
-        row: wp.array2d(dtype=int)  # facets near it, in any order, shape [room, point_count]
+        row: wp.array2d(dtype=int)  # facets near it, by bodies, in any order, shape [point_count, room]
         whose: wp.array2d(dtype=int)  # the body of each
         away: wp.array2d(dtype=scalar)  # how far off each was as it was found [m]
         length: wp.array(dtype=int)  # how many
+        in_order: wp.array(dtype=int)  # points, so that those near each other follow each other
         busy: wp.array(dtype=int)  # the points that have any, or overlap since the start, in any order
         busy_count: wp.array(dtype=int)  # how many these are, shape [1]
         slip: wp.array2d(dtype=V)  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
@@ -58,6 +60,9 @@ def Surfaces(scalar: type):
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each, shape [facet_count]
         owner: wp.array(dtype=int)  # its body
         # Bodies:
+        beside: wp.array2d(dtype=int)  # which may touch each now, in any order, shape [body_count, room]
+        beside_count: wp.array(dtype=int)  # how many
+        root: wp.array(dtype=int)  # where in the tree of facets those of each are
         kind: wp.array(dtype=int)  # which rules hold for it, shape [body_count]
         closed: wp.array(dtype=int)  # whether its surface has an inside
         depth: wp.array(dtype=scalar)  # how deep a point may be in it and still be pushed out [m]

@@ -48,6 +48,8 @@ class Dynamics:
         pieces = [effect.piece for effect in model.effects]
         self._columns = columns(model) if forces.route.column_forces else 0
         marks = self._marks()
+        self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
+        precedes = bool(self._preceding)
         few = 0 < np.count_nonzero(marks) <= MOST_APART * model.particle_count
         others = [one for one in pieces if isinstance(one, Piece) and one.force is not None]
         self.composition = Composition(
@@ -58,10 +60,16 @@ class Dynamics:
             pinned=model.pinned,
             contact=next((piece for piece in pieces if isinstance(piece, Contact)), NO_CONTACT),
             pieces=tuple(piece for piece in pieces if isinstance(piece, Piece)),
-            # Another launch costs about 7 µs behind so large a one: less than sums of work in each column do.
-            apart=bool(self._columns and few and any(one.works for one in others))
-            and all(one.selective for one in others),
+            # Another launch costs about 7 µs behind so large a one: less than sums of work in each column do. It
+            # also lets what is launched before forces run beside those of connections.
+            apart=model.device.is_cuda
+            and all(one.selective for one in others)
+            and (
+                bool(self._columns and few and any(one.works for one in others))
+                or (bool(marks.any()) and precedes)
+            ),
         )
+        self._side = wp.Stream(model.device, priority=-1) if precedes and self.composition.apart else None
         self.world = world(self.composition)()
         self.world.forces, self.world.inverse_mass = forces.data, model.inverse_mass
         self.world.gravity = model.gravity
@@ -73,10 +81,10 @@ class Dynamics:
             self.world.marked = wp.array(np.flatnonzero(marks), dtype=int, device=model.device)
             self.world.handed = model.vectors()
         self._steps, self._last_stage, self._looking = Steps(1.0, 1), 0, False
-        self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
         self._searching = [one for one in model.effects if type(one).search is not Effect.search]
         self._summing = [one for one in self._preceding if type(one).add_up is not Effect.add_up]
-        self._in_frame = self._begins = False
+        self._in_frame = self._begins = self._within = False
+        self._due: list[Effect] = []
         self._stage = 0
         self._recorded: list[tuple[Any, Any]] | None = None
         self._by_one_thread = (
@@ -169,9 +177,8 @@ class Dynamics:
             inputs = [self.world, state.here.lost, state.here.x]
             kernel, threads = begin_each_connection(self.composition), self.model.connection_count
             wp.launch(kernel, threads, inputs, device=self.model.device)
-        for effect in self._searching:
-            if substep % effect.search_every == 0:
-                effect.search(state.here.x, state.here.v, state.here.lost)
+        self._due = [effect for effect in self._searching if substep % effect.search_every == 0]
+        self._within = substep > 0
         self._in_frame = self._begins = True
         self._stage = 0
         self.go_to(substep)
@@ -209,14 +216,8 @@ class Dynamics:
             self._recorded.append((method, step))
             return
         if forced and self._preceding:
-            for effect in [] if self._in_frame else self._searching:
-                effect.search(step.x, step.v, step.lost)
-            for effect in self._preceding:
-                effect.before_forces(step.x, step.v, step.lost, self._begins and not self._looking)
-            if self._in_frame and not self._looking:
-                for effect in self._summing:
-                    effect.add_up(self._steps.dt * self._steps.weights[self._stage])
-            self._begins = self._begins and self._looking
+            with self._beside():
+                self._precede(step)
         if forced and self._by_one_thread:
             self._take_stage(method, step)
         else:
@@ -226,6 +227,28 @@ class Dynamics:
         if not self._looking:
             self._stage += 1
         self.have_begun()
+
+    def _precede(self, step: Any) -> None:
+        """Launch what effects need before the forces of a stage are taken."""
+        for effect in self._due if self._in_frame else self._searching:
+            effect.search(step.x, step.v, step.lost, self._in_frame and self._within)
+        self._due = []
+        for effect in self._preceding:
+            effect.before_forces(step.x, step.v, step.lost, self._begins and not self._looking)
+        if self._in_frame and not self._looking:
+            for effect in self._summing:
+                effect.add_up(self._steps.dt * self._steps.weights[self._stage])
+        self._begins = self._begins and self._looking
+
+    @contextmanager
+    def _beside(self) -> Iterator[None]:
+        """Have what is launched meanwhile run beside what is launched next, up to `each_marked`, if it may."""
+        if self._side is None:
+            yield
+            return
+        self._side.wait_event(wp.get_stream(self.model.device).record_event())
+        with wp.ScopedStream(self._side, sync_enter=False):
+            yield
 
     def _take_stage(self, method: Any, step: Any) -> None:
         """Launch a stage on one thread of the CPU, as where all stages of a frame are one launch.
@@ -256,6 +279,8 @@ class Dynamics:
             kernel, threads = each_particle(self.composition, method), model.particle_count
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
         if forced and self.composition.apart:
+            if self._side is not None:
+                wp.get_stream(model.device).wait_event(self._side.record_event())
             kernel, threads = each_marked(self.composition, method), len(self.world.marked)
             wp.launch(kernel, threads, [self.world, step], device=model.device)
 

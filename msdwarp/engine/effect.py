@@ -97,10 +97,11 @@ class Effect:
         Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
         """
 
-    def search(self, x: wp.array, v: wp.array, lost: Any) -> None:
+    def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what finds out what is near what, for particles at x that move at v.
 
-        It is launched before every few substeps, and between frames wherever forces are taken.
+        It is launched before every few substeps, and between frames wherever forces are taken. `within` tells
+        whether the last search was in the same frame.
         """
 
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:

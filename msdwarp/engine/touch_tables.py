@@ -22,8 +22,10 @@ CONTACTS_OF_A_ROPE = 4.0
 """The same of a particle that hangs on others, in a rope or a heap."""
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
-CHUNK = 64
-"""Facets that a thread boxes together."""
+PIECE = 32
+"""Facets that are boxed together, on a GPU by a warp."""
+MORTON_BITS = 16
+"""Cells along each axis in which places are sorted, as a power of 2."""
 
 
 def harmonic_mean(a: Any, b: Any) -> Any:
@@ -135,13 +137,27 @@ def rules_by_kind(
     return kind.reshape(-1).astype(np.int32), rule
 
 
-def chunks(owner: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return pieces of at most CHUNK facets of one body each: its body, the first, and the one behind the last."""
+def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return pieces of at most PIECE facets of one body each: its body, the first, and the one behind the last."""
     begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
     ends = np.append(begins[1:], len(owner))
-    firsts = np.concatenate([np.arange(a, b, CHUNK) for a, b in zip(begins, ends, strict=True)])
-    lasts = np.minimum(firsts + CHUNK, ends[np.searchsorted(begins, firsts, side="right") - 1])
+    firsts = np.concatenate([np.arange(a, b, PIECE) for a, b in zip(begins, ends, strict=True)])
+    lasts = np.minimum(firsts + PIECE, ends[np.searchsorted(begins, firsts, side="right") - 1])
     return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
+
+
+def curve(body: NDArray[np.integer], place: NDArray[np.floating]) -> NDArray[np.int32]:
+    """Return an order in which what is near each other in a body follows each other: a curve that fills space.
+
+    Reference: Morton, A computer oriented geodetic data base (1966).
+    """
+    low, high = place.min(axis=0), place.max(axis=0)
+    cell = ((place - low) * ((2**MORTON_BITS - 1) / max((high - low).max(), 1e-30))).astype(np.int64)
+    key = np.zeros(len(place), dtype=np.int64)
+    for bit in range(MORTON_BITS):
+        for axis in range(place.shape[1]):
+            key |= (cell[:, axis] >> bit & 1) << (bit * place.shape[1] + axis)
+    return np.lexsort([key, body]).astype(np.int32)
 
 
 def check_stiffness(

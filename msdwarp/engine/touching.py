@@ -8,33 +8,24 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import touching_surfaces
-from ..kernels.compensation import compensation
 from ..kernels.touch import (
     DEEPEST,
-    FLAGS,
     HISTORY,
-    LONGEST_ROW,
-    MOVED,
     NOTED,
+    ON_GPU,
     Surfaces,
     add_impulses,
-    box_bodies,
-    box_facets,
-    box_neighbours,
     energy_of_touch,
-    find_rows,
-    forget_boxes,
-    place_vertices,
     touch,
     touching_piece,
 )
 from ..world import Load, Touch
 from .effect import Effect
+from .nearby import Nearby
 from .overrun import Overrun
 from .rows import rows
 from .touch_tables import (
     check_stiffness,
-    chunks,
     contact_blocks,
     hops_apart,
     led_apart,
@@ -46,28 +37,12 @@ from .touch_tables import (
 if TYPE_CHECKING:
     from .model import Model
 
-ROOM = 32
-"""Facets that a row has room for at first."""
-ROOM_TO_SPARE = 0.8
-"""Share of it that may be taken."""
-MOST_ROOM = 2**30
-"""Numbers in all rows, at most."""
-LEAST_SKIN = 0.25
-"""The skin at first, and at least, by how far off bodies touch."""
-SKIN_BY_WAY = 3.0
-"""The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
 OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
 LED_APART_IN = 0.5
 """What overlaps at the start is led apart within this time [s]."""
-FARTHEST_WAY = 16.0
-"""What moves further in a substep, by how far off bodies touch, is flying apart."""
-PATIENCE = 5
-"""Frames in which little moves after which searches are made less often."""
-MOST_PATIENCE = 80
-"""That doubles when it was too early, up to this."""
-MOST_BETWEEN = 32
-"""Substeps from one search to the next, at most."""
+MOST_THREADS = 2**17
+"""Threads that a GPU keeps busy at a time with contacts; more would only begin and end."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
@@ -123,10 +98,6 @@ class Touching(Effect):
         data.force = wp.zeros((vertices, 3), dtype=wp.int64, device=device)
         data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
         data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
-        data.row, data.whose = (wp.zeros((ROOM, points), dtype=int, device=device) for _ in "rw")
-        data.away = wp.zeros((ROOM, points), dtype=scalar, device=device)
-        data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
-        data.busy_count = wp.zeros(1, dtype=int, device=device)
         data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
         data.allowed = wp.zeros(points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
@@ -161,7 +132,6 @@ class Touching(Effect):
         given = [one.thickness for one in rules if one.thickness is not None]
         own = 2.0 * float(surfaces.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0
         self._farthest = max(own, float(depth.max(initial=0.0)), *given, 0.0)
-        self._least_skin = LEAST_SKIN * self._farthest
         self._blocks = contact_blocks(model, surfaces, rules, kind, rule, density)
 
         self.piece = touching_piece(model.dim, scalar, model.compensated)
@@ -178,25 +148,13 @@ class Touching(Effect):
         stiffest = max(float(surfaces.stiffness.max(initial=0.0)), *(one.stiffness or 0.0 for one in rules))
         self.data.unit = stiffest * max(self._farthest, 1e-30) * UNITS
         data.x.assign(start.astype(dtype))
-        self._lower, self._upper = (wp.zeros(len(surfaces.corner), dtype=wp.vec3, device=device) for _ in "lu")
-        wp.launch(box_facets(scalar), len(surfaces.corner), [data], [self._lower, self._upper], device=device)
-        owner = surfaces.body[surfaces.corner[:, 0]]
-        self._tree = wp.Bvh(self._lower, self._upper)
-        self._chunk = array(chunks(owner), wp.vec3i)
-        boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
-        self._boxes, self._limits = boxes[:2], boxes[2:]
-        self._box_bodies()
-        self._bodies, self._flags = wp.Bvh(boxes[0], boxes[1]), wp.zeros(FLAGS, dtype=float, device=device)
+        self._nearby = Nearby(model, surfaces, data, self._farthest)
+        self._nearby.every = self.search_every
+        self._flags, self._nowhere = self._nearby.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self._overrun = np.zeros(NOTED)
-        self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
-        self._skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        self._unread, self._nowhere = wp.zeros_like(self._flags), wp.zeros(0, dtype=wp.float64, device=device)
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
-        self._find_rows()
-        self._make_room(int(self._flags.numpy()[LONGEST_ROW]))
-        self._flags.zero_()
         self._sink()
 
     def _sink(self) -> None:
@@ -209,7 +167,7 @@ class Touching(Effect):
         points = np.flatnonzero(stored)
         if not len(points):
             return
-        a, b = data.body.numpy()[points], data.whose.numpy()[0, points]
+        a, b = data.body.numpy()[points], data.whose.numpy()[points, 0]
         kind = data.kind.numpy()
         k = stiffness_of_pairs(surfaces, self._rules, data.rule.numpy()[kind[a], kind[b]], a, b)
         deep = np.sqrt(2 * stored[points] / (k * data.density.numpy()[a]))
@@ -238,54 +196,24 @@ class Touching(Effect):
         """Take the length of substeps."""
         self._dt = dt
 
-    def search(self, x: wp.array, v: wp.array, lost: Any) -> None:
+    def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what lists the facets near each point."""
-        data, device, scalar = self._touch, self._model.device, self._model.scalar
-        self._place(x, v, lost, self._unread)
-        wp.launch(box_facets(scalar), len(data.corner), [data], [self._lower, self._upper], device=device)
-        self._tree.refit()
-        self._box_bodies()
-        self._bodies.refit()
-        wp.copy(data.x_found, data.x)
-        self._find_rows()
-
-    def _find_rows(self) -> None:
-        """Launch what lists the facets near each point, by the boxes that there are."""
-        data, device, scalar = self._touch, self._model.device, self._model.scalar
-        limits, around = self._limits, [self._farthest, self._skin]
-        inputs = [data, self._bodies.id, *self._boxes, *around, data.busy_count]
-        wp.launch(box_neighbours(scalar), len(data.kind), inputs, limits, device=device)
-        inputs = [data, self._bodies.id, self._tree.id, *limits, *around]
-        self._share(find_rows(scalar), len(data.share), inputs, [self._flags])
-
-    def _share(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
-        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all."""
-        threads = many if self._model.device.is_cuda else 1  # there each has a copy of its arguments, of 2 kB
-        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
-
-    def _box_bodies(self) -> None:
-        """Launch what finds the boxes around bodies."""
-        device, inputs = self._model.device, [self._chunk, self._lower, self._upper]
-        wp.launch(forget_boxes(), len(self._boxes[0]), outputs=self._boxes, device=device)
-        wp.launch(box_bodies(), len(self._chunk), inputs, self._boxes, device=device)
-
-    def _place(self, x: wp.array, v: wp.array, lost: Any, flags: wp.array) -> None:
-        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
-        model = self._model
-        compensated = model.compensated and lost is not None
-        if lost is None:
-            lost = compensation(model.dim, model.scalar, False)[0]()
-        kernel = place_vertices(model.dim, model.scalar, compensated)
-        self._share(kernel, len(self._touch.x), [self._touch, lost, x, v], [flags])
+        self._nearby.search(x, v, lost, within)
 
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
         """Launch the contacts of particles at x that move at v."""
-        model, data = self._model, self._touch
-        self._place(x, v, lost, self._flags)
+        self._nearby.place(x, v, lost)
         lag = self._dt if self.steps.lagging else 0.0
-        inputs = [data, self._dt if begins else 0.0, lag, self.data.unit, self._skin]
-        kernel, nowhere = touch(model.scalar, self._sunk), self._nowhere
-        self._share(kernel, len(data.share), inputs, [self._flags, nowhere, nowhere])
+        self._evaluate(touch, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
+
+    def _evaluate(self, kernel: Any, times: list[float], sums: list[wp.array]) -> None:
+        """Launch a kernel over the points that are near anything."""
+        model, data = self._model, self._touch
+        lanes = ON_GPU if model.device.is_cuda else 1
+        inputs = [data, *times, self.data.unit, self._nearby.skin]
+        many = lanes * len(data.share)
+        composed = kernel(model.scalar, self._sunk, lanes)
+        self._nearby.share(composed, many, inputs, [self._flags, *sums], most=MOST_THREADS)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of what bodies push each other's particles with, where that is asked for."""
@@ -304,53 +232,19 @@ class Touching(Effect):
 
     def is_void(self) -> bool:
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
-        flags = self._found.numpy()
-        moved, longest, self.deepest = float(flags[MOVED]), int(flags[LONGEST_ROW]), float(flags[DEEPEST])
-        self._overrun = np.array(self._noted.numpy(), dtype=np.float64)
+        flags = self._found.numpy().copy()
+        self.deepest, self._overrun = float(flags[DEEPEST]), np.array(self._noted.numpy(), dtype=np.float64)
         if self._found is self._flags:
             self._flags.zero_()
             self._touch.overrun.zero_()
-        if not moved < FARTHEST_WAY * self._farthest * self.search_every:
-            return False  # it flies apart, which the watch sees
-        held = moved <= 0.5 * self._skin_now
-        # Where all moves fast lists are made more often, before they grow long.
-        # Made each time they need a skin for the later stages of a substep alone, where a method has such.
-        per_substep = moved / max(self.search_every - 1, 1)
-        best = 1 + self._farthest / (2 * SKIN_BY_WAY * max(per_substep, 1e-30))
-        self._calm = self._calm + 1 if best >= 2 * self.search_every else 0
-        if best < self.search_every:
-            self.search_every, self.is_stale = 1 << (int(best).bit_length() - 1), True
-            self._patience = min(2 * self._patience, MOST_PATIENCE)
-        elif self._calm >= self._patience and self.search_every < MOST_BETWEEN:
-            self.search_every, self.is_stale, self._calm = 2 * self.search_every, True, 0
-        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.search_every - 1, 1))
-        if wanted > self._skin_now or wanted < 0.25 * self._skin_now:
-            self._skin_now = wanted
-            self._skin.fill_(wanted)
-        room = self._touch.row.shape[0]
-        self.is_stale |= self._make_room(longest)
-        return not held or longest > room
+        void, stale = self._nearby.judge(flags, self.steps.substeps)
+        self.search_every, self.is_stale = self._nearby.every, self.is_stale or stale
+        return void
 
     def doubt(self) -> str | None:
         """Return words about the first contact that was overrun in the frame that was waited for."""
         found = Overrun.of(self._overrun, self._touch, self._surfaces, self._rules)
         return found and found.described(self._model.system, self._surfaces, self.steps.substeps, self._dt)
-
-    def _make_room(self, longest: int) -> bool:
-        """Make room for more than the longest row; tell whether there was not.
-
-        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
-        """
-        room, points = self._touch.row.shape
-        if longest <= ROOM_TO_SPARE * room:
-            return False
-        more = 1 << (int(longest / ROOM_TO_SPARE) - 1).bit_length()
-        if more * points > MOST_ROOM:
-            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-        data, device = self._touch, self._model.device
-        data.row, data.whose = (wp.zeros((more, points), dtype=int, device=device) for _ in "rw")
-        data.away = wp.zeros((more, points), dtype=self._model.scalar, device=device)
-        return True
 
     @property
     def changing(self) -> list[wp.array]:
@@ -392,9 +286,8 @@ class Touching(Effect):
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
         """Return what the contacts of each point store [J], and turn to heat [W]."""
-        model, data = self._model, self._touch
-        self.search(x, v, None)
-        sums = [wp.zeros(len(data.share), dtype=wp.float64, device=model.device) for _ in range(2)]
-        inputs = [data, 0.0, 0.0, self.data.unit, self._skin]
-        self._share(energy_of_touch(model.scalar, self._sunk), len(data.share), inputs, [self._flags, *sums])
+        self.search(x, v, None, False)
+        count, device = len(self._touch.share), self._model.device
+        sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
+        self._evaluate(energy_of_touch, [0.0, 0.0], sums)
         return sums

@@ -133,7 +133,7 @@ def longitudinal_mode(system: System) -> tuple[float, np.ndarray]:
     return math.sqrt(squares[k]), (shapes[:, k] / root).reshape(x.shape)
 
 
-@pytest.mark.parametrize("shape", [(2, 2, 9), (2, 2, 17), (3, 3, 17)])
+@pytest.mark.parametrize("shape", [(2, 2, 9), (2, 2, 17), pytest.param((3, 3, 17), marks=pytest.mark.slow)])
 def test_a_free_bar_rings_at_half_a_wave_length(shape):
     a = 0.1
     system = box(shape, a, material=SOLID)

@@ -11,10 +11,10 @@ RUN = ("run", "dice", "--duration", "0.1", "--video", "none", "--resolution", "6
 @pytest.mark.parametrize(
     ("flags", "kept"),
     [
-        (["--frames", "none"], False),
-        (["--frames", "none", "--contact-forces"], True),
+        pytest.param(["--frames", "none"], False, marks=pytest.mark.slow),
+        pytest.param(["--frames", "none", "--contact-forces"], True, marks=pytest.mark.slow),
         (["--arrows"], True),
-        (["--colour", "contact"], True),
+        pytest.param(["--colour", "contact"], True, marks=pytest.mark.slow),
     ],
     ids=str,
 )
@@ -28,6 +28,7 @@ def test_they_are_kept_where_asked_for(msdwarp, tmp_path, flags, kept):
                 _ = trajectory.contact_forces
 
 
+@pytest.mark.slow
 def test_a_file_with_them_is_drawn_again_with_arrows(msdwarp, tmp_path):
     assert msdwarp(*RUN, "--out", "a", "--contact-forces", "--frames", "none")[0] == 0
     again = ("--out", "b", "--video", "none", "--resolution", "64x64", "--arrows", "--colour", "contact")

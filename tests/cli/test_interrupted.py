@@ -64,6 +64,7 @@ def test_it_can_go_on_from_the_first_frame_on(msdwarp, own):
     assert_same_run(own.parent / "out" / "own", own.parent / "whole")
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_leaves_what_was_good(msdwarp, tmp_path):
     code, _, err = msdwarp("run", "cube", "--size", "5", "--substeps", "1", "--allow-unstable", *UNDRAWN)
     assert code == 1
@@ -182,6 +183,7 @@ def test_a_run_killed_twenty_times_ends_as_if_nothing_had_happened(own, kind):
     assert_same_run(own.parent / "killed", own.parent / "whole")
 
 
+@pytest.mark.slow
 def test_two_runs_do_not_write_in_one_folder(msdwarp, tmp_path):
     small = ("run", "cube", "--size", "3", "--duration", "0.1", *UNDRAWN, "--out", "here")
     assert msdwarp(*small)[0] == 0

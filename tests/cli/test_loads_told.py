@@ -1,6 +1,7 @@
 """Loads in what a file says of a run, and in what `resume` compares."""
 
 import numpy as np
+import pytest
 import warp as wp
 from runs import UNDRAWN
 
@@ -68,6 +69,7 @@ def test_the_digest_knows_loads():
     assert of(msd.Force((0, 0, 1))) == of(msd.Force([0.0, 0.0, 1.0]))
 
 
+@pytest.mark.slow
 def test_info_tells_loads_and_resume_notices_others(msdwarp, tmp_path):
     (tmp_path / "own.py").write_text(SCENE)
     assert msdwarp("run", "own.py", *UNDRAWN, "--out", "out")[0] == 0

@@ -25,6 +25,7 @@ def probed(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     options = UNDRAWN
     code, out, _ = msdwarp("run", "own.py", *options, "--out", "whole")

@@ -10,6 +10,7 @@ from runs import SCENE, UNDRAWN
 from msdwarp import Trajectory
 
 
+@pytest.mark.slow
 def test_a_rerun_is_the_same_or_says_in_what_it_differs(msdwarp, own, tmp_path):
     assert msdwarp("run", "own.py", "--stiffness", "250", *UNDRAWN)[0] == 0
     path = tmp_path / "out" / "own" / "trajectory.vtkhdf"

@@ -10,8 +10,9 @@ from runs import SCENE, UNDRAWN, assert_same_run
 from msdwarp import Trajectory
 from msdwarp.integrators.catalogue import METHODS
 
-QUICK = [("leapfrog", "float32"), ("rk4", "float32-compensated")]
-EACH = [(name, precision) for name in METHODS for precision in ("float32", "float32-compensated", "float64")]
+QUICK = [("leapfrog", "float32")]
+# Every method, and every precision twice; tests/simulation/test_checkpoint.py has all pairs, without files.
+EACH = [*zip(METHODS, 2 * ["float32-compensated", "float32", "float64"], strict=True)]
 
 
 @pytest.mark.parametrize(

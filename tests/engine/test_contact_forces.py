@@ -30,6 +30,7 @@ def two_blocks(**constants) -> System:
 WEIGHT = 27 * 0.02 * G
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
     probes = {
@@ -89,6 +90,7 @@ def test_touch_impulses_are_what_momentum_lacks(plain_device, method):
     np.testing.assert_allclose(by_substep, simulation.readings["high"].values, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_support_counts_on_what_is_pinned(device):
     # A pinned block below feels what lies on it, though no obstacle's push on it would count.
     blocks = two_blocks()
@@ -102,6 +104,7 @@ def test_support_counts_on_what_is_pinned(device):
     assert not force[:27][low].any()
 
 
+@pytest.mark.slow
 def test_nothing_is_summed_unless_asked_for(device):
     plain = {"colliders": [Plane()], "touch": Touch(), "device": device, "precision": "float64"}
     without, asked = (Simulation(two_blocks(), contact_forces=kept, **plain) for kept in (False, True))

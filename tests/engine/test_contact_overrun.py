@@ -27,8 +27,12 @@ def simulated(speed: float, device: str, **options) -> Simulation:
     return Simulation(shot(speed), touch=touch, gravity=0.0, device=device)
 
 
-def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(device):
-    simulation = simulated(60.0, device)  # in a frame it flies 1 m, in a substep some centimetres
+# How forces are summed has no part in the first two: tests/engine/test_touch_search.py compares routes.
+
+
+@pytest.mark.slow
+def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(plain_device):
+    simulation = simulated(60.0, plain_device)  # in a frame it flies 1 m, in a substep some centimetres
     assert 60.0 * simulation.dt > THICKNESS
     with pytest.warns(ContactOverrun) as told:
         simulation.step(3)
@@ -54,13 +58,14 @@ def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(device):
         simulation.step()
 
 
-def test_what_is_said_to_help_does(device):
+@pytest.mark.slow
+def test_what_is_said_to_help_does(plain_device):
     # At 6 m/s the ball takes the sheet along, and then is pressed through it: contact is too soft.
-    simulation = simulated(6.0, device)
+    simulation = simulated(6.0, plain_device)
     with pytest.warns(ContactOverrun, match=r"would help: Touch\(stiffness=\.\.\.\) of more than the present 286"):
         simulation.step(9)
     assert simulation.frame().position[81:, 2].mean() < -0.3
-    simulation = simulated(6.0, device, stiffness=3000.0)
+    simulation = simulated(6.0, plain_device, stiffness=3000.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulation.step(9)

@@ -67,7 +67,7 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
         *((method, "auto") for method in METHODS),
         (Leapfrog(), None),
         (RK4(), None),
-        (LinearlyImplicitEuler(40), None),
+        pytest.param(LinearlyImplicitEuler(40), None, marks=pytest.mark.slow),
     ],
     ids=str,
 )

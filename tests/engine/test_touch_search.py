@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from problems import EPS32, EPS64
 from scipy.spatial import cKDTree
-from surfaces import nearest_distances
+from surfaces import nearest_distances, winding_number
 
 from msdwarp import RK4, Leapfrog, Plane, Probe, Simulation, System, Touch, box, chain, icosphere, sheet, shell
-from msdwarp.engine import touching
+from msdwarp.engine import nearby
 from msdwarp.engine.routes import preferring
 from msdwarp.engine.touching import Touching
 
@@ -22,10 +22,10 @@ def contact_of(simulation: Simulation) -> Touching:
 def rows_of(simulation: Simulation) -> list[list[int]]:
     """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
-    effect.search(state.x, state.v, state.lost)
+    effect.search(state.x, state.v, state.lost, False)
     rows, lengths = effect._touch.row.numpy(), effect._touch.length.numpy()
-    assert lengths.max() < len(rows)  # all had room
-    return [sorted(rows[:n, p].tolist()) for p, n in enumerate(lengths)]
+    assert lengths.max() < rows.shape[1]  # all had room
+    return [sorted(rows[p, :n].tolist()) for p, n in enumerate(lengths)]
 
 
 def grains(count: int, size: float) -> System:
@@ -40,7 +40,7 @@ def test_spheres_list_what_a_tree_finds(device, precision):
     simulation = Simulation(grains(800, 1.0), touch=touch, device=device, precision=precision)
     found = rows_of(simulation)
     tree = cKDTree(simulation.frame().position)
-    around = 0.1 * (1 + touching.LEAST_SKIN)
+    around = 0.1 * (1 + nearby.LEAST_SKIN)
     # float32 rounds distances between places up to 1 by 1e-7: what is within 1e-6 of the limit may be either.
     least, most = (tree.query_ball_point(tree.data, around + by) for by in (-1e-6, 1e-6))
     for p, row in enumerate(found):
@@ -68,7 +68,7 @@ def crowd() -> System:
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
 @pytest.mark.parametrize("touch", [Touch(), Touch(between="all", thickness=0.02)], ids=["bodies", "all"])
 def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
-    monkeypatch.setattr(touching, "ROOM", 256)
+    monkeypatch.setattr(nearby, "ROOM", 256)
     system = crowd()
     simulation = Simulation(system, touch=touch, gravity=0.0, device=plain_device, precision="float64")
     simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
@@ -83,7 +83,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
         np.full(own.shape, touch.thickness) if touch.thickness else s.radius[mine][:, None] + s.radius[other]
     )
     reach = np.where(own, thickness, np.maximum(thickness, depth[other]))
-    skin = touching.LEAST_SKIN * max(touch.thickness or 2 * s.radius.max(), depth.max())
+    skin = nearby.LEAST_SKIN * max(touch.thickness or 2 * s.radius.max(), depth.max())
 
     def distances(points, at):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
@@ -95,8 +95,15 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
     assert (1.5 * thickness[own.any(axis=1)].min() if touch.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
     expected = near & (~own | (apart & (touch.between == "all")))
-    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 % for rounding.
+    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 % for rounding;
+    # and all of them, where the point is outside of a closed one by more than their thickness and the skin.
     for body in range(len(s.closed)):
+        if s.closed[body]:
+            mine_only = other == body
+            closest = np.where(expected & mine_only, away, np.inf).min(axis=1)
+            without = np.abs(winding_number(now[s.corner[mine_only]], points)) < 0.5
+            far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + skin)
+            expected &= ~((without & far_off & (mine != body))[:, None] & mine_only)
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
         expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * skin))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
@@ -140,7 +147,7 @@ def test_runs_repeat_to_the_last_bit(device_that_repeats):
 @pytest.mark.parametrize("skin", [0.02, 1.0])
 def test_the_skin_changes_nothing(device_that_repeats, monkeypatch, skin):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(touching, "LEAST_SKIN", skin)
+    monkeypatch.setattr(nearby, "LEAST_SKIN", skin)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
@@ -163,19 +170,19 @@ def _counted(is_void, found: list):
 
 def test_a_frame_whose_lists_overflow_is_repeated(device_that_repeats, monkeypatch):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(touching, "ROOM", 1)
+    monkeypatch.setattr(nearby, "ROOM", 1)
     simulation = scene(device_that_repeats)
-    room = contact_of(simulation)._touch.row.shape[0]
+    room = contact_of(simulation)._touch.row.shape[1]
     voids = []
     monkeypatch.setattr(Touching, "is_void", _counted(Touching.is_void, voids))
     np.testing.assert_array_equal(ran(simulation), expected)
-    assert contact_of(simulation)._touch.row.shape[0] > room
+    assert contact_of(simulation)._touch.row.shape[1] > room
     assert any(voids)
 
 
 def test_lists_too_long_for_any_room_are_an_error(monkeypatch):
-    monkeypatch.setattr(touching, "ROOM", 1)
-    monkeypatch.setattr(touching, "MOST_ROOM", 1)
+    monkeypatch.setattr(nearby, "ROOM", 1)
+    monkeypatch.setattr(nearby, "MOST_ROOM", 1)
     with pytest.raises(MemoryError, match=r"\d+ facets are near one point"):
         scene("cpu").step(25)
 

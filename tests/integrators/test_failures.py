@@ -88,6 +88,7 @@ def survives(share: float, duration: float) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_large_undamped_motion_blows_up_short_of_the_linear_limit():
     # Stretched springs turn stiff and collisions of modes feed the fastest one. Seen with these constants: at
     # 0.98 of the limit it lasts 2.3 s, at 0.92 2.8 s, at 0.90 4.2 s, at 0.80 13 s. Half of these is margin

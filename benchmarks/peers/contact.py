@@ -1,0 +1,230 @@
+"""Contact beside newton: the same spheres, and the same cloth that lies on itself.
+
+    python -m benchmarks.peers.contact [--device D] [--quick]
+
+Spheres: so many of equal size in a cube, each in contact with some six others, at random speeds of 1 m/s. In both
+codes a penalty spring with friction keeps them apart, at the same step; newton's SolverSemiImplicit builds a hash
+grid and walks it in every step, msdwarp keeps lists. Time is that of a step.
+
+Cloth: a square sheet folded in two, whose layers lie within the distance at which they touch. The codes differ in
+nearly all: newton's SolverVBD is implicit, has triangles of an elastic membrane, 10 substeps of 4 iterations a
+frame as in its own example of cloth, and meets itself by vertices with triangles and edges with edges; msdwarp is
+explicit, has springs, and takes the substeps that stability asks for. Time is that of a frame of 1/60 s.
+
+All take turns, round after round, as recorded graphs; times are medians between two synchronisations.
+"""
+
+import importlib
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import warp as wp
+
+from msdwarp import ContactOverrun, Simulation, System, Touch, sheet
+
+from ..common import arguments, machine, read_csv, table, write_csv
+
+ROUNDS, STEPS = 9, 48
+RADIUS, MASS, STIFFNESS, STEP = 0.01, 1e-3, 1e3, 1e-4
+FRICTION = 0.5
+VBD_SUBSTEPS, VBD_ITERATIONS = 10, 4
+COLUMNS = ["case", "code", "particles", "substeps", "ms", "times_msdwarp", "note"]
+
+
+def spheres(side: int) -> System:
+    """Return side³ spheres of radius RADIUS, on a jittered grid on which neighbours overlap a little."""
+    random = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    position = 1.994 * RADIUS * grid + random.uniform(-0.002, 0.002, (len(grid), 3)) * RADIUS
+    velocity = random.uniform(-1, 1, position.shape)
+    nothing = np.zeros((0, 2), dtype=int)
+    return System(position=position, connections=nothing, mass=MASS, velocity=velocity)
+
+
+def folded(side: int) -> tuple[System, float]:
+    """Return a sheet of side² particles, folded in two, and the distance at which its layers touch [m]."""
+    spacing = 1.0 / (side - 1)
+    thickness = 0.9 * spacing
+    one = sheet((side, side), spacing, mass=0.2 / side**2, stiffness=60.0, damping=0.01)
+    x = np.array(one.position - one.position.min(axis=0))
+    radius = 0.51 * thickness
+    along = x[:, 0] - 0.5
+    turn = np.clip(along / radius, 0.0, np.pi)
+    straight = np.maximum(along - np.pi * radius, 0.0)
+    bent = np.where(along < 0, along, radius * np.sin(turn) - straight)
+    position = np.stack([bent, x[:, 1], radius * (1 - np.cos(turn))], axis=1)
+    velocity = np.random.default_rng(1).uniform(-0.05, 0.05, position.shape)
+    return one.replace(position=position, velocity=velocity), thickness
+
+
+def msdwarp_spheres(system: System, device: str) -> tuple[Callable[[], None], int, str]:
+    """Return what takes STEPS steps of the spheres, how many, and a note."""
+    touch = Touch(thickness=2 * RADIUS, stiffness=STIFFNESS, friction=FRICTION, restitution=0.9)
+    simulation = Simulation(
+        system,
+        touch=touch,
+        gravity=0.0,
+        fps=1 / (STEPS * STEP),
+        substeps=STEPS,
+        allow_unstable=True,
+        energy_limit=np.inf,
+        device=device,
+    )
+    return simulation.step, STEPS, "lists"
+
+
+def newton_spheres(system: System, device: str) -> tuple[Callable[[], None], int, str]:
+    """Return the same of newton's SolverSemiImplicit."""
+    newton = importlib.import_module("newton")
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    n = system.particle_count
+    builder.particle_q = system.position.astype(np.float32)
+    builder.particle_qd = system.velocity.astype(np.float32)
+    builder.particle_mass = np.full(n, MASS, np.float32)
+    builder.particle_radius = np.full(n, RADIUS, np.float32)
+    builder.particle_flags = np.full(n, int(newton.ParticleFlags.ACTIVE), np.int32)
+    builder.particle_world = np.full(n, -1, np.int32)
+    model = builder.finalize(device=device)
+    model.particle_ke, model.particle_kd, model.particle_kf = STIFFNESS, 0.05, 0.05
+    model.particle_mu, model.particle_max_radius = FRICTION, RADIUS
+    solver = newton.solvers.SolverSemiImplicit(model)
+    states = [model.state(), model.state()]
+
+    def steps(count: int) -> None:
+        for _ in range(count):
+            states[0].clear_forces()
+            solver.step(states[0], states[1], None, None, STEP)
+            states.reverse()
+
+    return recorded(steps, STEPS, device), STEPS, f"newton {newton.__version__}, SolverSemiImplicit"
+
+
+def msdwarp_cloth(case: tuple[System, float], device: str) -> tuple[Callable[[], None], int, str]:
+    """Return what takes a frame of the cloth, in how many substeps, and a note."""
+    system, thickness = case
+    touch = Touch(between="all", thickness=thickness, friction=0.2)
+    simulation = Simulation(system, touch=touch, gravity=0.0, fps=60.0, device=device)
+    return simulation.step, simulation.substeps, "explicit, springs"
+
+
+def newton_cloth(case: tuple[System, float], device: str) -> tuple[Callable[[], None], int, str]:
+    """Return the same of newton's SolverVBD."""
+    newton = importlib.import_module("newton")
+    system, thickness = case
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    surface = system.surface
+    builder.add_cloth_mesh(
+        pos=wp.vec3(0.0, 0.0, 0.0),
+        rot=wp.quat_identity(),
+        scale=1.0,
+        vertices=[wp.vec3(*x) for x in system.position.tolist()],
+        indices=surface.particle[surface.triangles].ravel().tolist(),
+        vel=wp.vec3(0.0, 0.0, 0.0),
+        density=0.2,
+        tri_ke=1e3,
+        tri_ka=1e3,
+        tri_kd=2e-4,
+        edge_ke=1e-3,
+        edge_kd=1e-2,
+    )
+    builder.color()
+    model = builder.finalize(device=device)
+    model.soft_contact_ke, model.soft_contact_kd, model.soft_contact_mu = 1e3, 0.1, 0.2
+    solver = newton.solvers.SolverVBD(
+        model,
+        iterations=VBD_ITERATIONS,
+        particle_enable_self_contact=True,
+        particle_self_contact_margin=thickness,
+        particle_self_contact_gap=0.75 * thickness,
+        particle_vertex_contact_buffer_size=64,
+        particle_edge_contact_buffer_size=128,
+    )
+    states = [model.state(), model.state()]
+    states[0].particle_qd.assign(system.velocity.astype(np.float32))
+    control = model.control()
+
+    def steps(count: int) -> None:
+        solver.rebuild_bvh(states[0])
+        for _ in range(count):
+            states[0].clear_forces()
+            solver.step(states[0], states[1], control, None, 1 / 60 / VBD_SUBSTEPS)
+            states.reverse()
+
+    note = f"newton {newton.__version__}, SolverVBD, {VBD_ITERATIONS} iterations"
+    return recorded(steps, VBD_SUBSTEPS, device), VBD_SUBSTEPS, note
+
+
+def recorded(steps: Callable[[int], None], count: int, device: str) -> Callable[[], None]:
+    """Return what takes so many steps: by a graph that is recorded now where there is CUDA."""
+    if device == "cpu":
+        return lambda: steps(count)
+    steps(2)  # compiles
+    with wp.ScopedCapture(device=device) as capture:
+        steps(count)
+    return lambda: wp.capture_launch(capture.graph)
+
+
+def measure_case(name: str, case, codes: dict, device: str, rounds: int) -> list[dict]:
+    """Return the rows of a case."""
+    ready, rows = {}, []
+    for code, make in codes.items():
+        try:
+            ready[code] = make(case, device)
+        except Exception as error:  # it is not installed, or does not run here
+            rows.append({"case": name, "code": code, "note": f"{type(error).__name__}: {error}"[:150]})
+    seconds: dict[str, list[float]] = {code: [] for code in ready}
+    for _, (advance, *_) in ready.items():
+        for _ in range(3):
+            advance()
+    for k in range(rounds):
+        for code in list(ready) if k % 2 else list(ready)[::-1]:
+            wp.synchronize_device(device)
+            start = time.perf_counter()
+            ready[code][0]()
+            wp.synchronize_device(device)
+            seconds[code].append(time.perf_counter() - start)
+    system = case[0] if isinstance(case, tuple) else case
+    own = seconds["msdwarp"]
+    for code, (_, substeps, note) in ready.items():
+        each = substeps if name.startswith("spheres") else 1
+        rows.append(
+            {
+                "case": name,
+                "code": code,
+                "particles": system.particle_count,
+                "substeps": substeps,
+                "ms": 1e3 * median(seconds[code]) / each,
+                "times_msdwarp": median(a / b for a, b in zip(seconds[code], own, strict=True)),
+                "note": note,
+            }
+        )
+    return [{column: row.get(column, "") for column in COLUMNS} for row in rows]
+
+
+def main() -> None:
+    """Measure, write and print."""
+    warnings.simplefilter("ignore", ContactOverrun)
+    options = arguments(__doc__.splitlines()[0])
+    path: Path = options.folder / "peers_contact.csv"
+    if not options.plot_only:
+        rows: list[dict] = []
+        of_spheres = {"msdwarp": msdwarp_spheres, "newton": newton_spheres}
+        for side in (8,) if options.quick else (32, 64):
+            rows += measure_case(f"spheres {side}³", spheres(side), of_spheres, options.device, ROUNDS)
+            write_csv(path, rows, machine(options.device))
+        of_cloth = {"msdwarp": msdwarp_cloth, "newton": newton_cloth}
+        for side in (16,) if options.quick else (64, 256):
+            rows += measure_case(f"cloth {side}²", folded(side), of_cloth, options.device, ROUNDS)
+            write_csv(path, rows, machine(options.device))
+    line, kept = read_csv(path)
+    print(line)
+    table("Contact beside newton", COLUMNS, [[row[column] for column in COLUMNS] for row in kept])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

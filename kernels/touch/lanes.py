@@ -1,0 +1,36 @@
+"""Threads that share a point: each looks at some of the facets near it, and all of them learn what is found."""
+
+import functools
+
+import warp as wp
+
+ON_GPU = 8
+"""Threads to a point on a GPU: as many as there are facets near most. On the CPU there is one."""
+LEAST = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    for (int far = {half}; far > 0; far /= 2) {{
+        const auto other = __shfl_xor_sync(sharing, value, far);
+        value = other < value ? other : value;
+    }}
+#endif
+    return value;
+"""
+"""They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+
+
+@functools.cache
+def least_of_lanes(kind: type, lanes: int):
+    """Compose the least of the values that the threads of a point have, of a type; all of them must ask for it."""
+    if lanes == 1:
+
+        @wp.func
+        def least(value: kind) -> kind:
+            return value
+
+    else:
+
+        @wp.func_native(LEAST.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2))
+        def least(value: kind) -> kind: ...
+
+    return least

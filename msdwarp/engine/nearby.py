@@ -1,0 +1,208 @@
+"""Nearby: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import TouchingSurfaces
+from ..kernels.compensation import compensation
+from ..kernels.touch import (
+    FLAGS,
+    LONGEST_ROW,
+    MOST_BESIDE,
+    MOVED,
+    WAY,
+    box_facets,
+    box_neighbours,
+    find_roots,
+    find_rows,
+    forget_boxes,
+    place_vertices,
+)
+from .touch_tables import PIECE, curve, pieces
+
+if TYPE_CHECKING:
+    from .model import Model
+
+ROOM = 32
+"""Facets that a row has room for at first, and bodies beside one."""
+ROOM_TO_SPARE = 0.8
+"""Share of it that may be taken."""
+MOST_ROOM = 2**30
+"""Numbers in all rows, at most."""
+LEAST_SKIN = 0.25
+"""The skin at first, and at least, by how far off bodies touch."""
+SKIN_BY_WAY = 3.0
+"""The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+WIDEST_SKIN = (0.5, 0.4)
+"""The skin at most, by how far off bodies touch and by the least spacing: with more, rows are long."""
+FARTHEST_WAY = 16.0
+"""What moves further in a substep, by how far off bodies touch, is flying apart."""
+PATIENCE = 4
+"""Frames in which little moves after which searches are made less often."""
+MOST_PATIENCE = 32
+"""That doubles when it was too early, up to this."""
+MOST_BETWEEN = 64
+"""Substeps from one search to the next, at most."""
+
+
+class Nearby:
+    """Lists the facets near each point.
+
+    A list holds until something has moved by half of its skin. Lists are made anew before every few substeps, as
+    many as the fastest motion allows; a frame in which that was not often enough is to be repeated. What is listed
+    and not touched changes nothing, so that results depend neither on the skin nor on how often is searched.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    surfaces
+        What may touch.
+    data
+        The same on the device, whose lists are kept here.
+    farthest
+        How far off a facet may push a point [m].
+    """
+
+    def __init__(self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float) -> None:
+        self._model, self._data, self._farthest = model, data, farthest
+        scalar, device = model.scalar, model.device
+        bodies, points = len(surfaces.closed), len(surfaces.share)
+        spacing = surfaces.spacing[surfaces.spacing > 0]
+        off, by_spacing = WIDEST_SKIN
+        self._widest = max(
+            off * farthest, by_spacing * float(spacing.min(initial=np.inf)) if len(spacing) else 0.0
+        )
+        self._least_skin = LEAST_SKIN * farthest
+        self.every = 8
+        """Substeps from one search to the next."""
+        self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
+        self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
+        """By how much more than it touches a point is looked around [m], shape [1]."""
+        self.flags: Any = wp.zeros(FLAGS, dtype=float, device=device)
+        """What has been found out since they were read: see `kernels.touch.surfaces`."""
+        self._unread = wp.zeros_like(self.flags)
+        owner, a, b = data.owner.numpy(), *surfaces.ends.T
+        x, share = data.x.numpy(), surfaces.share[:, None]
+        data.in_order = wp.array(curve(surfaces.body[a], x[a] + share * (x[b] - x[a])), dtype=int, device=device)
+        self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
+        boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
+        self._boxes, self._limits = boxes[:2], boxes[2:]
+        self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
+        self._box()
+        self._bodies = wp.Bvh(*self._boxes)
+        # A point is looked for among the facets of the bodies beside its own, one body after the other.
+        self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
+        data.root = wp.zeros(bodies, dtype=int, device=device)
+        wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
+        data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
+        data.busy_count = wp.zeros(1, dtype=int, device=device)
+        data.beside_count = wp.zeros(bodies, dtype=int, device=device)
+        self._give_room(ROOM, min(ROOM, bodies))
+        stale = True
+        while stale:
+            self.flags.zero_()
+            self._find_rows()
+            found = self.flags.numpy()
+            stale = self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE]))
+        self.flags.zero_()
+
+    def share(self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31) -> None:
+        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all."""
+        threads = (
+            min(many, most) if self._model.device.is_cuda else 1
+        )  # there each has a copy of 2 kB of arguments
+        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
+
+    def place(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None) -> None:
+        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
+        model, data = self._model, self._data
+        compensated = model.compensated and lost is not None
+        if lost is None:
+            lost = compensation(model.dim, model.scalar, False)[0]()
+        kernel = place_vertices(model.dim, model.scalar, compensated)
+        self.share(kernel, len(data.x), [data, lost, x, v], [self.flags[MOVED:] if moved is None else moved])
+
+    def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
+        """Launch what lists the facets near each point.
+
+        Within a frame, how far anything has moved since the last search tells how often it is to be made.
+        """
+        data = self._data
+        self.place(x, v, lost, self.flags[WAY:] if within else self._unread)
+        self._box()
+        self._tree.refit()
+        self._bodies.refit()
+        wp.copy(data.x_found, data.x)
+        self._find_rows()
+
+    def _find_rows(self) -> None:
+        """Launch what lists the facets near each point, by the boxes that there are."""
+        data, device, scalar = self._data, self._model.device, self._model.scalar
+        around = [self._farthest, self.skin]
+        inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
+        wp.launch(box_neighbours(scalar), len(data.kind), inputs, self._limits, device=device)
+        inputs = [data, self._tree.id, *self._boxes, *self._limits, *around]
+        self.share(find_rows(scalar), len(data.share), inputs, [self.flags])
+
+    def _box(self) -> None:
+        """Launch what finds the boxes around facets and bodies."""
+        device, boxes = self._model.device, self._boxes
+        wp.launch(forget_boxes(), len(boxes[0]), outputs=boxes, device=device)
+        lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
+        kernel, threads = box_facets(self._model.scalar, lanes), lanes * len(self._piece)
+        wp.launch(kernel, threads, [self._data, self._piece], outputs, device=device)
+
+    def judge(self, flags: NDArray[Any], substeps: int) -> tuple[bool, bool]:
+        """Choose how often to search, by the flags of a frame.
+
+        Return whether the frame must be repeated, and whether what is launched from now on is another.
+        """
+        moved, way, longest, beside = (float(flags[k]) for k in (MOVED, WAY, LONGEST_ROW, MOST_BESIDE))
+        if not moved < FARTHEST_WAY * self._farthest * self.every:
+            return False, False  # it flies apart, which the watch sees
+        held, before = moved <= 0.5 * self._skin_now, self.every
+        # `way` is that of all substeps between two searches, `moved` lacks the last one.
+        per_substep = max(way / self.every, moved / max(min(self.every, substeps) - 1, 1), 1e-30)
+        best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
+        best = 1 << (int(min(best, MOST_BETWEEN)).bit_length() - 1)
+        self._calm = self._calm + 1 if best > self.every else 0
+        if best < self.every:
+            self.every, self._patience = best, min(2 * self._patience, MOST_PATIENCE)
+        elif self._calm >= self._patience:
+            self.every, self._calm = best, 0
+        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.every - 1, 1))
+        if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
+            self._skin_now = wanted
+            self.skin.fill_(wanted)
+        overflown = longest > self._data.row.shape[1] or beside > self._data.beside.shape[1]
+        stale = self._make_room(int(longest), int(beside))
+        return not held or overflown, stale or self.every != before
+
+    def _make_room(self, longest: int, beside: int) -> bool:
+        """Make room for more than the longest row, and the most bodies beside one; tell whether there was not.
+
+        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        """
+        data = self._data
+        (points, room), (bodies, room_beside) = data.row.shape, data.beside.shape
+        if longest <= ROOM_TO_SPARE * room and (beside <= ROOM_TO_SPARE * room_beside or room_beside >= bodies):
+            return False
+        more = max(room, 1 << max(int(longest / ROOM_TO_SPARE) - 1, 0).bit_length())
+        if more * points > MOST_ROOM:
+            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
+        self._give_room(more, min(bodies, max(room_beside, 1 << int(beside / ROOM_TO_SPARE).bit_length())))
+        return True
+
+    def _give_room(self, room: int, beside: int) -> None:
+        """Make lists that have room for so many facets, and bodies beside one."""
+        data, device = self._data, self._model.device
+        points, bodies = len(data.length), len(data.beside_count)
+        data.row, data.whose = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
+        data.away = wp.zeros((points, room), dtype=self._model.scalar, device=device)
+        data.beside = wp.zeros((bodies, beside), dtype=int, device=device)
+        data.length.zero_()
+        data.beside_count.zero_()
