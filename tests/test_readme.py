@@ -13,6 +13,7 @@ from PIL import Image
 
 import msdwarp
 from msdwarp.cli.app import app
+from msdwarp.cli.fit import FitOptions
 from msdwarp.cli.options import Options
 from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.cli.tune import TuneOptions
@@ -22,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
-OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions}
+OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions, "fit": FitOptions}
 
 
 def snippets(page: str) -> list[str]:

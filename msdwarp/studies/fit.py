@@ -14,7 +14,7 @@ from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
 from .fitted import Fitted
-from .least_squares import CLOSE, DIFFERENCE, LOSSES, Linear, Problem
+from .least_squares import ABOVE_FLOOR, CLOSE, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Tracked, channels_of, frame_rate
 from .parameters import parameters_of
 from .worlds import Worlds
@@ -29,8 +29,6 @@ STEPS = 6
 """Steps at most on each horizon but the last."""
 UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as one that cannot be seen."""
-ABOVE_FLOOR = 10.0
-"""What changes residuals by less than so many times the floor cannot be told from rounding."""
 SHARE = 0.3
 """A parameter is named as one that cannot be seen where it has this part of a direction that cannot."""
 
@@ -133,8 +131,12 @@ def fit(
     Notes
     -----
     The covariance is s² (JᵀJ)⁻¹ with s² the sum of squared residuals over rows − p, and J their derivatives: right
-    where residuals are independent, and the scene is right but for noise (Nocedal & Wright, Numerical Optimization,
-    2006, chapter 10). With another loss J is weighted by its derivative.
+    where residuals are independent, and the scene is right but for noise (Nocedal & Wright, Numerical
+    Optimization, 2006, chapter 10). With another loss J is weighted by its derivative.
+
+    With contact what is simulated jumps a little as parameters change, where a substep more or less is in contact.
+    Then J is the slope of a plane through the residuals of worlds all about, and what the jumps about that plane
+    add to the covariance is added.
     """
     checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
     _check_scipy()
@@ -155,12 +157,19 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, channels, sought, precision, loss)
     theta = _starts(problem, starts, seed)
-    for one in horizons[:-1] if starts == 1 else horizons:
+    for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
     report(f"up to {end:.4g} s, the last steps")
-    best, linear, converged = problem.finish(theta[0], end, tolerance)
-    return _result(problem, best, linear, end, converged)
+    best, converged = problem.finish(theta[0], end, tolerance)
+    linear, jumps = problem.linear(best[None], end, DIFFERENCE[precision])[0], np.zeros((len(sought),) * 2)
+    exact = problem.cost(linear.residuals) <= problem.floor(end) ** 2 * len(linear.residuals)
+    if not exact and problem.is_jagged(best, end):
+        report("clouds of worlds, as contact makes jumps")
+        other, trend, jumps = problem.smooth(best, end, seed)
+        best, converged = problem.finish(other, end, tolerance)
+        linear = Linear(problem.residuals(best[None], end)[0], trend)
+    return _result(problem, best, linear, jumps, end, converged)
 
 
 def _check_scipy() -> None:
@@ -203,7 +212,9 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
     return np.concatenate([first, problem.low + drawn * (problem.high - problem.low)])
 
 
-def _result(problem: Problem, theta: NDArray, linear: Linear, end: float, converged: bool) -> Fitted:
+def _result(
+    problem: Problem, theta: NDArray, linear: Linear, jumps: NDArray, end: float, converged: bool
+) -> Fitted:
     """Return what was found; warn of what is doubtful about it."""
     values, names = problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
@@ -215,7 +226,7 @@ def _result(problem: Problem, theta: NDArray, linear: Linear, end: float, conver
     parts = np.abs(directions[hidden])
     unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
     of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
-    covariance = of_theta * np.outer(values, values)
+    covariance = (of_theta + jumps) * np.outer(values, values)
     for k, name in enumerate(names):
         if name in unseen:
             covariance[k, k] = np.inf

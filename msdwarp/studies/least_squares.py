@@ -19,8 +19,16 @@ DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
 
 Rounding makes about its own size over the difference of them: 1e-10, 1e-3 (in forces), 1e-3 and more.
 """
+WIDE = 1e-2
+"""The difference on the way, in every precision.
+
+With contact what is measured depends on parameters in many small jumps, where a substep more or less is in
+contact. Differences as wide as this see the trend.
+"""
 FLOOR = {"float64": 1e-7, "float32-compensated": 1e-4, "float32": 1e-3}
-"""Change of what is measured, as a share of its variation, that one unit of θ makes at least in what can be seen."""
+"""Change of what is measured, as a share of its variation, that a unit of θ makes at least if it can be seen."""
+ABOVE_FLOOR = 10.0
+"""What changes residuals by less than so many times the floor cannot be told from rounding."""
 Loss = Callable[[NDArray], NDArray]
 LOSSES: dict[str, tuple[Loss, Loss]] = {
     "linear": (lambda z: z, np.ones_like),
@@ -37,6 +45,14 @@ GUESS = 0.5
 
 So a stage in which a parameter can hardly be seen does not lead it astray.
 """
+JAGGED, UNEVEN = 1e-3, 0.1
+"""Over such a difference of θ, changes to both sides differ by more than this share only where there are jumps."""
+CLOUD = 24
+"""Worlds of a cloud for each parameter."""
+CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
+"""Sizes of clouds, in standard deviations of θ."""
+WIDEST = 0.1
+"""No θ of a cloud is further from its centre."""
 CLOSE = 1e-2
 """Starts that have come so close in θ count as one."""
 WORSE = 10.0
@@ -91,15 +107,13 @@ class Problem:
             parts.append((simulated - one.values)[:, wanted] / one.noise)
         return np.concatenate(parts, axis=1)
 
-    def steps(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the differences of θ that derivatives are taken from, away from the nearer bound."""
-        size = DIFFERENCE[self.precision]
-        return np.where(theta + size > self.high, -size, size)
+    def linear(self, theta: NDArray[np.float64], end: float, size: float) -> list[Linear]:
+        """Return residuals and derivatives for θ of shape [starts, parameters], by one run of all worlds.
 
-    def linear(self, theta: NDArray[np.float64], end: float) -> list[Linear]:
-        """Return residuals and derivatives for θ of shape [starts, parameters], by one run of all worlds."""
+        Derivatives are differences over `size` in each θ, away from a bound that is near.
+        """
         p = self.count
-        steps = self.steps(theta)
+        steps = np.where(theta + size > self.high, -size, size)
         moved = theta[:, None, :] + np.concatenate([np.zeros((len(theta), 1, p)), steps[:, None] * np.eye(p)], 1)
         residuals = self.residuals(moved.reshape(-1, p), end).reshape(len(theta), 1 + p, -1)
         slopes = (residuals[:, 1:] - residuals[:, :1]) / steps[..., None]
@@ -124,7 +138,7 @@ class Problem:
             Steps at most.
         """
         theta, first = theta.copy(), theta.copy()
-        linear = self.linear(theta, end)
+        linear = self.linear(theta, end, WIDE)
         floor = self.floor(end)
         # How firmly each start is held: by the guess where it fits as badly as it does, and by the floor at least.
         rows = len(linear[0].residuals)
@@ -138,7 +152,7 @@ class Problem:
                 down = -one.jacobian.T @ (weight * one.residuals) - hold[s] ** 2 * (theta[s] - first[s])
                 step = np.linalg.solve(normal + damped[s] * np.diag(np.diag(normal)), down)
                 trial[s] = np.clip(theta[s] + np.clip(step, -1, 1), self.low, self.high)
-            tried = self.linear(trial, end)
+            tried = self.linear(trial, end, WIDE)
             for s, (one, other) in enumerate(zip(linear, tried, strict=True)):
                 held = [hold[s] ** 2 * ((each[s] - first[s]) ** 2).sum() for each in (theta, trial)]
                 better = self.cost(other.residuals) + held[1] < self.cost(one.residuals) + held[0]
@@ -150,8 +164,8 @@ class Problem:
         costs = np.array([self.cost(one.residuals) for one in linear])
         return theta[_worth_keeping(theta, costs)]
 
-    def finish(self, theta: NDArray[np.float64], end: float, tolerance: float) -> tuple[NDArray, Linear, bool]:
-        """Return the best θ up to a time [s], what is linear about it, and whether steps came to an end."""
+    def finish(self, theta: NDArray[np.float64], end: float, tolerance: float) -> tuple[NDArray, bool]:
+        """Return the best θ up to a time [s], and whether steps came to an end."""
         from scipy.optimize import least_squares
 
         floor, start, p = self.floor(end), theta.copy(), self.count
@@ -165,7 +179,7 @@ class Problem:
         def linear(at: NDArray[np.float64]) -> Linear:
             if at.tobytes() not in kept:
                 kept.clear()
-                kept[at.tobytes()] = self.linear(at[None], end)[0]
+                kept[at.tobytes()] = self.linear(at[None], end, DIFFERENCE[self.precision])[0]
             return kept[at.tobytes()]
 
         rows = int(sum(one.until(end).sum() for one in self.channels))
@@ -182,7 +196,61 @@ class Problem:
             gtol=1e-15,
             max_nfev=60,
         )
-        return found.x, linear(found.x), found.status > 0
+        return found.x, found.status > 0
+
+    def is_jagged(self, theta: NDArray[np.float64], end: float) -> bool:
+        """Tell whether what is simulated jumps as θ changes, as it does with contact.
+
+        What is smooth changes to one side by the opposite of its change to the other side, but for a share of the
+        order of the difference.
+        """
+        steps = JAGGED * np.eye(self.count)
+        residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)
+        above, below = residuals[1 : self.count + 1], residuals[self.count + 1 :]
+        uneven = np.linalg.norm(above + below - 2 * residuals[0], axis=1)
+        changed = np.linalg.norm(above - below, axis=1)
+        rounding = 2 * JAGGED * ABOVE_FLOOR * self.floor(end) * np.sqrt(residuals.shape[1])
+        return bool(((uneven > UNEVEN * changed) & (changed > rounding)).any())
+
+    def spread(self, linear: Linear) -> NDArray[np.float64]:
+        """Return a matrix L with which θ is as uncertain as L times independent normal numbers are."""
+        weight = LOSSES[self.loss][1](linear.residuals**2)
+        _, sizes, directions = np.linalg.svd(np.sqrt(weight)[:, None] * linear.jacobian, full_matrices=False)
+        s = np.sqrt(self.cost(linear.residuals) / len(weight))
+        with np.errstate(divide="ignore"):
+            return directions.T * np.minimum(s / sizes, WIDE)
+
+    def smooth(self, theta: NDArray[np.float64], end: float, seed: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Return the best θ found in clouds of worlds about it, each smaller than the last.
+
+        And the trend there, as a Jacobian, and the covariance of θ that jumps about the trend make.
+
+        A plane laid through the residuals of a cloud tells where the sum of squares is least if jumps are
+        smoothed out. The world there and the best of the cloud contend for the centre of the next one.
+        """
+        p, random = self.count, np.random.default_rng(seed)
+        linear = self.linear(theta[None], end, WIDE)[0]
+        trial, best, jumps = theta, theta, np.zeros((p, p))
+        for factor in CLOUDS:
+            shape = self.spread(linear)
+            cloud = factor * random.normal(size=(CLOUD * p, p)) @ shape.T
+            cloud = best + np.clip(cloud, -WIDEST, WIDEST)
+            at = np.clip(np.concatenate([[best, trial], cloud]), self.low, self.high)
+            residuals = self.residuals(at, end)
+            costs = np.array([self.cost(one) for one in residuals])
+            centre = at.mean(axis=0)
+            plane, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(at)), at - centre]), residuals, rcond=None)
+            weight = LOSSES[self.loss][1](plane[0] ** 2)
+            step, *_ = np.linalg.lstsq(
+                np.sqrt(weight)[:, None] * plane[1:].T, -np.sqrt(weight) * plane[0], rcond=None
+            )
+            best = at[np.argmin(costs)]
+            trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
+            linear = Linear(residuals[np.argmin(costs)], plane[1:].T)
+            off = residuals - plane[0] - (at - centre) @ plane[1:]
+            moves = off @ np.linalg.pinv(plane[1:])  # what a jump is taken for
+            jumps = moves.T @ moves / len(moves)
+        return best, linear.jacobian, jumps
 
 
 def _worth_keeping(theta: NDArray[np.float64], costs: NDArray[np.float64]) -> list[int]:

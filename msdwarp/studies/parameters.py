@@ -84,7 +84,7 @@ def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
         low, high = checks.vector(f"bounds[{name!r}]", limits, 2)
     if not 0 < low < first < high:
         raise ValueError(
-            f"bounds[{name!r}] is ({low:g}, {high:g}); both must be above 0, and the start, {first:g}, between them"
+            f"bounds[{name!r}] is ({low:g}, {high:g}); both must be above 0, the start, {first:g}, between"
         )
     return Parameter(name, pattern, first, float(low), float(high), unit)
 
