@@ -107,6 +107,16 @@ def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "worlds.nc").exists()
 
 
+@pytest.mark.slow
+def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = run("docs/fitting.md")["found"]
+    assert "left over" in capsys.readouterr().out
+    # 1 mm of noise leaves the stiffness uncertain by some 1 %, and there are two integrators.
+    assert found.values["stiffness"] == pytest.approx(200.0, rel=0.05)
+    assert (tmp_path / "residuals.png").exists()
+
+
 def measured(name: str) -> list[dict[str, str]]:
     """Return the rows of a file that a benchmark has written on the CPU."""
     lines = (ROOT / "benchmarks" / "results" / "cpu" / name).read_text(encoding="utf-8").splitlines()

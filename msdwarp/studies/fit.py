@@ -27,6 +27,8 @@ LEAST_TIMES = 4
 """Instants that a horizon has at least."""
 STEPS = 6
 """Steps at most on each horizon but the last."""
+ROUNDS, WORTH = 4, 0.7
+"""Rounds of clouds at most, and the share of the sum of squares below which another one is worth it."""
 UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as one that cannot be seen."""
 SHARE = 0.3
@@ -163,12 +165,24 @@ def fit(
     report(f"up to {end:.4g} s, the last steps")
     best, converged = problem.finish(theta[0], end, tolerance)
     linear, jumps = problem.linear(best[None], end, DIFFERENCE[precision])[0], np.zeros((len(sought),) * 2)
-    exact = problem.cost(linear.residuals) <= problem.floor(end) ** 2 * len(linear.residuals)
-    if not exact and problem.is_jagged(best, end):
+    for k in range(ROUNDS):
+        cost, exact = problem.cost(linear.residuals), problem.floor(end) ** 2 * len(linear.residuals)
+        if cost <= exact or (k == 0 and not problem.is_jagged(best, end)):
+            break
         report("clouds of worlds, as contact makes jumps")
-        other, trend, jumps = problem.smooth(best, end, seed)
-        best, converged = problem.finish(other, end, tolerance)
-        linear = Linear(problem.residuals(best[None], end)[0], trend)
+        near, trend, spread = problem.smooth(best, end, seed + k)
+        near, done = problem.finish(near, end, tolerance)
+        residuals = problem.residuals(near[None], end)[0]
+        better = problem.cost(residuals)
+        if better <= cost:
+            best, converged = near, done
+            linear = problem.linear(best[None], end, DIFFERENCE[precision])[0]
+        if better > exact:
+            linear, jumps = Linear(linear.residuals, trend), spread
+        else:
+            jumps[:] = 0.0
+        if better > WORTH * cost:
+            break
     return _result(problem, best, linear, jumps, end, converged)
 
 

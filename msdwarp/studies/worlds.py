@@ -48,7 +48,7 @@ class Worlds:
         options: dict[str, Any],
     ) -> None:
         self._scene, self._parameters, self._channels, self.fps = scene, parameters, channels, fps
-        self._options = options | {"fps": fps}
+        self._options: dict[str, Any] = options | {"fps": fps}
         self.alone = ""
         """Why worlds are simulated one after the other; empty where they are not."""
         self.runs = 0
@@ -63,8 +63,8 @@ class Worlds:
             ensemble = self._ensemble(corners)
             self._seen(ensemble)
             self.substeps, self.on_gpu = ensemble.substeps, ensemble.model.device.is_cuda
-        except UnstableStep:
-            raise
+        except UnstableStep as error:
+            raise UnstableStep(f"at a corner of the bounds, {error}") from error
         except ValueError as error:
             # Not every scene can be an ensemble. What is wrong with the scene itself a simulation says too.
             several = [self._simulation(one) for one in corners]
@@ -92,7 +92,7 @@ class Worlds:
         return [one.at_times(own, self.fps) for one, own in zip(self._channels, told, strict=True)]
 
     def _ensemble(self, values: NDArray[np.float64]) -> Ensemble:
-        rows = {one.name: one.rows(values[:, k]) for k, one in enumerate(self._parameters)}
+        rows: dict[str, Any] = {one.name: one.rows(values[:, k]) for k, one in enumerate(self._parameters)}
         return Ensemble(self._scene, len(values), **rows, **self._options)
 
     def _simulation(self, values: NDArray[np.float64]) -> Simulation:
