@@ -1,7 +1,5 @@
 """Fits find the parameters that made a motion, say how certain they are, and which cannot be seen."""
 
-import warnings
-
 import numpy as np
 import pytest
 from measurements import BOUNDS, DAMPING, HOW, METHOD, STIFFNESS, SUBSTEPS, dropped, hung, tracked
@@ -38,17 +36,10 @@ def test_a_hung_block_tells_its_stiffness_and_damping():
 
 
 @pytest.mark.slow
-def test_a_dropped_block_tells_them_too():
-    assert_found(fit(dropped(*FAR), tracked(dropped()), BOTH, **HOW), EXACT)
-
-
-@pytest.mark.slow
-def test_all_at_once_a_dropped_block_leads_astray():
-    # What growing horizons are for. That it fails at all is chance, but it repeats.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtfulFit)
-        found = fit(dropped(*FAR), tracked(dropped()), BOTH, horizon="whole", **HOW)
-    assert abs(found.values["damping"] / DAMPING - 1) > 0.1
+@pytest.mark.parametrize("times", [(1.6, 0.5), (0.5, 1.6)])
+def test_a_dropped_block_tells_them_too(times):
+    start = dropped(times[0] * STIFFNESS, times[1] * DAMPING)
+    assert_found(fit(start, tracked(dropped()), BOTH, **HOW), EXACT)
 
 
 @pytest.mark.slow
@@ -169,16 +160,15 @@ def test_times_between_frames_are_told_by_a_spline():
 
 @pytest.mark.slow
 def test_bodies_that_touch_are_simulated_one_after_the_other():
-    def pair(*parameters):
-        lower = msd.box((2, 2, 2), 0.1, mass=0.05, stiffness=parameters[0], damping=parameters[1])
+    def pair(stiffness):
+        lower = msd.box((2, 2, 2), 0.1, mass=0.05, stiffness=stiffness, damping=DAMPING)
+        upper = lower.translate((0.03, 0.02, 0.2))
         lower = lower.pin(lower.position[:, 2] < lower.position[:, 2].min() + 1e-6)
-        return Scene(
-            system=msd.join([lower, lower.replace(mass=0.05).translate((0.03, 0.02, 0.2))]), touch=Touch()
-        )
+        return Scene(system=lower + upper, touch=Touch())
 
-    true = pair(STIFFNESS, DAMPING)
-    found = fit(pair(1.2 * STIFFNESS, DAMPING), tracked(true, 0.4), ["stiffness"], **_only("stiffness", HOW))
-    assert "touch" in found.alone or "loads" in found.alone
+    true = pair(STIFFNESS)
+    found = fit(pair(1.2 * STIFFNESS), tracked(true, 0.3), ["stiffness"], **_only("stiffness", HOW))
+    assert "the scene has loads, which worlds of an ensemble cannot have yet" in found.alone
     assert "one after the other" in repr(found)
     assert found.values["stiffness"] == pytest.approx(STIFFNESS, rel=EXACT)
 
