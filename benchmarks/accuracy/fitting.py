@@ -131,6 +131,8 @@ def draw(shape: list[dict], ends: list[dict]) -> None:
         off = [max(abs(row["stiffness"]), abs(row["damping"]), 1e-12) for row in own]
         word = "growing horizon" if horizon == "growing" else "1 s at once"
         right.loglog([row["factor"] for row in own], off, marker, color=colour, ms=8, mew=2, label=word)
+    right.set_xticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
+    right.minorticks_off()
     right.axhline(1e-6, color="#999999", lw=1, ls="--")
     right.set_xlabel("stiffness at the start / true stiffness")
     right.set_ylabel("largest relative error in the end")

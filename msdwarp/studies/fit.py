@@ -182,6 +182,7 @@ def fit(
         else:
             jumps[:] = 0.0
         if better > WORTH * cost:
+            converged = True  # among jumps steps do not end; that clouds find nothing better is an end
             break
     return _result(problem, best, linear, jumps, end, converged)
 
