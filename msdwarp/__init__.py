@@ -39,7 +39,7 @@ from .bodies import (
     Surface,
     System,
 )
-from .checks import ContactOverrun, DoubtfulStart
+from .checks import ContactOverrun, DoubtfulFit, DoubtfulStart
 from .engine import Measures
 from .files import Trajectory, TrajectoryWriter
 from .integrators import (
@@ -59,6 +59,7 @@ from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
+from .studies import Fitted, Tracked, fit
 from .world import (
     Actuator,
     Attachment,
@@ -96,10 +97,12 @@ __all__ = [
     "Cone",
     "ContactOverrun",
     "CoulombDamper",
+    "DoubtfulFit",
     "DoubtfulStart",
     "Drive",
     "Ensemble",
     "ExplicitEuler",
+    "Fitted",
     "Force",
     "Frame",
     "Gas",
@@ -124,6 +127,7 @@ __all__ = [
     "SymplecticEuler",
     "System",
     "Touch",
+    "Tracked",
     "Trajectory",
     "TrajectoryWriter",
     "UnstableStep",
@@ -137,6 +141,7 @@ __all__ = [
     "cloth",
     "cone",
     "cylinder",
+    "fit",
     "from_mesh",
     "icosphere",
     "join",

@@ -17,6 +17,10 @@ class ContactOverrun(UserWarning):
     """Bodies that touch come so fast, or press so hard, that one may come out of the other on the wrong side."""
 
 
+class DoubtfulFit(UserWarning):
+    """A fit has found values that what was measured does not bear out."""
+
+
 class DoubtfulStart(UserWarning):
     """What was asked for can be simulated, but as it starts it will hardly do what is meant."""
 

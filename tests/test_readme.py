@@ -13,6 +13,7 @@ from PIL import Image
 
 import msdwarp
 from msdwarp.cli.app import app
+from msdwarp.cli.fit import FitOptions
 from msdwarp.cli.options import Options
 from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.cli.tune import TuneOptions
@@ -22,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
-OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions}
+OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions, "fit": FitOptions}
 
 
 def snippets(page: str) -> list[str]:
@@ -93,6 +94,30 @@ def test_the_example_of_loads_runs(capsys):
     assert names["positions"].shape == (120, 3)
 
 
+@pytest.mark.slow
+def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    script = tmp_path / "worlds.py"  # Warp reads the source of functions from their file
+    script.write_text("\n".join(snippets("docs/ensembles.md")), encoding="utf-8")
+    names = runpy.run_path(str(script))
+    assert "world 2" in capsys.readouterr().out
+    assert names["position"].shape == (200, 27, 3)
+    assert names["results"].sizes["frame"] == 4
+    assert (tmp_path / "worlds.nc").exists()
+
+
+@pytest.mark.slow
+def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = run("docs/fitting.md")["found"]
+    assert "left over" in capsys.readouterr().out
+    # 1 mm of noise leaves the stiffness uncertain by some 1 %, and there are two integrators.
+    assert found.values["stiffness"] == pytest.approx(200.0, rel=0.05)
+    assert (tmp_path / "residuals.png").exists()
+
+
 def measured(name: str) -> list[dict[str, str]]:
     """Return the rows of a file that a benchmark has written on the CPU."""
     lines = (ROOT / "benchmarks" / "results" / "cpu" / name).read_text(encoding="utf-8").splitlines()
@@ -125,19 +150,6 @@ def test_tables_of_contact_say_what_was_measured():
 
 
 @pytest.mark.slow
-def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
-    monkeypatch.chdir(tmp_path)
-    script = tmp_path / "worlds.py"  # Warp reads the source of functions from their file
-    script.write_text("\n".join(snippets("docs/ensembles.md")), encoding="utf-8")
-    names = runpy.run_path(str(script))
-    assert "world 2" in capsys.readouterr().out
-    assert names["position"].shape == (200, 27, 3)
-    assert names["results"].sizes["frame"] == 4
-    assert (tmp_path / "worlds.nc").exists()
-
-
 def test_the_example_of_contact_rests(capsys):
     names = run("docs/contact.md")
     height = float(capsys.readouterr().out.rsplit(maxsplit=1)[-1])

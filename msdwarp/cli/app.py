@@ -21,6 +21,7 @@ from .file_commands import (
     resume_command,
     view_command,
 )
+from .fit import FitOptions, fit_scene
 from .options import Options
 from .process import finish, start_warp, understood
 from .run import run_scene
@@ -126,6 +127,29 @@ def tune_command(scene: Name, /, *flags: Words) -> None:
         The scene's parameters, and the flags of every tuning.
     """
     _with_scene("tune", scene, flags, TuneOptions, tune_scene)
+
+
+@app.command(name="fit", help_flags=())
+def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> None:
+    """Find the parameters with which a scene moves as was measured.
+
+    `msdwarp fit SCENE --help` shows the flags.
+
+    Parameters
+    ----------
+    scene
+        A name from `msdwarp list`, or the path of a scene script.
+    measured
+        A CSV file of tracked points with columns time, id, x, y, z; or of what the scene's probes told, as in a
+        run's probes.csv; or a trajectory.
+    flags
+        The scene's parameters, and the flags of every fit.
+    """
+    if measured.startswith("-"):
+        flags = (measured, *flags)
+        if not {"--help", "-h"} & set(flags):
+            raise ValueError("measured is missing; `msdwarp fit SCENE MEASURED` takes a CSV file or a trajectory")
+    _with_scene("fit", scene, flags, FitOptions, partial(fit_scene, measured))
 
 
 @app.command(name="view", help_flags=())

@@ -6,8 +6,17 @@ Divergence, checkpoints, frames on their way to the host.
 from .arguments import frame_count
 from .divergence import SimulationDiverged
 from .ensemble import Ensemble
-from .ensemble_results import Mean
+from .ensemble_results import ENERGIES, Mean, observations
 from .readback import Readback
 from .simulation import Simulation
 
-__all__ = ["Ensemble", "Mean", "Readback", "Simulation", "SimulationDiverged", "frame_count"]
+__all__ = [
+    "ENERGIES",
+    "Ensemble",
+    "Mean",
+    "Readback",
+    "Simulation",
+    "SimulationDiverged",
+    "frame_count",
+    "observations",
+]

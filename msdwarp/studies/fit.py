@@ -1,0 +1,286 @@
+"""fit: the parameters with which a scene moves as was measured."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..files import Trajectory
+from ..integrators import Integrator, Leapfrog
+from ..simulation import frame_count
+from ..world import Scene
+from .fitted import Fitted
+from .least_squares import ABOVE_FLOOR, CLOSE, DIFFERENCE, LOSSES, Linear, Problem
+from .measured import Tracked, channels_of, frame_rate
+from .parameters import parameters_of
+from .worlds import Worlds
+
+MISSING = "fitting needs SciPy: pip install 'msdwarp[fit]'"
+GROWING, WHOLE = "growing", "whole"
+SHORTEST = 1 / 32
+"""The first horizon, as a share of the time measured; each next one is twice as long."""
+LEAST_TIMES = 4
+"""Instants that a horizon has at least."""
+STEPS = 6
+"""Steps at most on each horizon but the last."""
+ROUNDS, WORTH = 4, 0.7
+"""Rounds of clouds at most, and the share of the sum of squares below which another one is worth it."""
+UNCERTAIN = 1.0
+"""A standard deviation of ln(value) above which a parameter counts as one that cannot be seen."""
+SHARE = 0.3
+"""A parameter is named as one that cannot be seen where it has this part of a direction that cannot."""
+
+
+def fit(
+    scene: Scene,
+    measured: str | Path | Tracked | Trajectory | Mapping[str, Any],
+    parameters: Sequence[str] | Mapping[str, float | None],
+    *,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    noise: float | Mapping[str, float] | None = None,
+    loss: str = "linear",
+    horizon: str | Sequence[float] = GROWING,
+    starts: int = 1,
+    seed: int = 0,
+    tolerance: float = 1e-9,
+    fps: float | None = None,
+    substeps: int | str = "auto",
+    integrator: Integrator | None = None,
+    precision: str = "float64",
+    device: str | None = None,
+    report: Callable[[str], None] = lambda line: None,
+) -> Fitted:
+    """Find the parameters with which a scene moves as was measured.
+
+    The sum of squared differences between simulated and measured is made small by Gauss-Newton steps of
+    `scipy.optimize.least_squares`. Unknowns are logarithms of the parameters. Derivatives are differences between
+    worlds: with p parameters one `Ensemble` run of p + 1 worlds is a step.
+
+    Over a long time that sum has many minima: where a period has passed, a stiffness that is too high fits again.
+    So what is measured is followed for a short time at first, and from there on for twice as long, and so on.
+
+    Parameters
+    ----------
+    scene
+        The scene as it is measured. Its parameters are where the search starts.
+    measured
+        What was measured, with times from the scene's start on:
+
+        - a `Tracked`, or the path of a CSV file with columns time, id, x, y, z: tracked points [s], [m];
+        - a `Trajectory`, or its path: all particles;
+        - a mapping from names of the scene's probes, or "energy", "kinetic energy", "elastic energy",
+          "gravitational energy" [J], to (times, values) of shapes [rows] and [rows, width]; or the path of a CSV
+          file that begins with time_s and has columns as in a run's probes.csv, or such as energy_J.
+
+        NaN, in a file an empty cell, stands where nothing was measured. What was measured at time 0 is left out:
+        the start is the scene's.
+    parameters
+        Names from stiffness, damping, rest_length, mass, friction, gravity; or where each is to start, None for
+        where the scene has it. Where all in the scene are alike (springs, particles that are not pinned,
+        obstacles), a parameter is their number; otherwise a factor on what each has.
+    bounds
+        (least, most) by the names of parameters. By default ten times below and above the start.
+    noise
+        Standard deviation of what was measured, in its unit; by name where there are several kinds ("points" are
+        those tracked). It weighs one kind against another. By default each counts in shares of its own variation.
+    loss
+        "linear": squares. "soft_l1", "huber" or "cauchy" count large differences less, where some of the points
+        are wrong; they need `noise`, which says what is large.
+    horizon
+        "growing", or "whole" for all times at once, or increasing times [s] up to which what is measured counts
+        one after the other; all of it counts in the end.
+    starts
+        From how many values the search starts, all in one run: the scene's, and others that fill the bounds.
+    seed
+        Of the other starts.
+    tolerance
+        The search ends where steps are below this share of the values.
+    fps
+        Frames a second. By default what was measured tells; where its times are those of no frames, 60. Between
+        frames a cubic spline tells what is simulated.
+    substeps
+        Of a frame, the same for all values. "auto" takes what is stable everywhere within the bounds.
+    integrator
+        Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
+    precision
+        "float64" or "float32-compensated". In "float32" rounding spoils derivatives over a long time.
+    device
+        Where to simulate. By default the first CUDA device, or the CPU if there is none.
+    report
+        Told in a line what is being done.
+
+    Returns
+    -------
+    Fitted
+        Values, covariance, residuals.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, what is measured does not belong to the scene, or SciPy is missing.
+    UnstableStep
+        If `substeps` is beyond the stability limit somewhere within the bounds.
+
+    Warns
+    -----
+    DoubtfulFit
+        Where a parameter cannot be seen in what was measured, ends at its bound, or the search does not end.
+
+    Notes
+    -----
+    The covariance is s² (JᵀJ)⁻¹ with s² the sum of squared residuals over rows − p, and J their derivatives: right
+    where residuals are independent, and the scene is right but for noise (Nocedal & Wright, Numerical
+    Optimization, 2006, chapter 10). With another loss J is weighted by its derivative.
+
+    With contact what is simulated jumps a little as parameters change, where a substep more or less is in contact.
+    Then J is the slope of a plane through the residuals of worlds all about, and what the jumps about that plane
+    add to the covariance is added.
+    """
+    checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
+    _check_scipy()
+    checks.one_of("loss", loss, LOSSES)
+    checks.one_of("precision", precision, DIFFERENCE)
+    checks.between("tolerance", tolerance, 1e-15, 1.0)
+    checks.count("starts", starts, 1)
+    if loss != "linear" and noise is None:
+        raise ValueError(f"loss is {loss!r}; noise must be given then, which says what is a large difference")
+    sought = parameters_of(scene, parameters, bounds)
+    channels = channels_of(measured, scene, noise)
+    rate = frame_rate(channels) if fps is None else checks.positive("fps", fps)
+    end = max(float(one.time[np.isfinite(one.values).any(axis=1)].max()) for one in channels)
+    frame_count(end, rate)
+    horizons = _horizons(horizon, channels, end)
+    method = Leapfrog(damper_extrapolation=0.5) if integrator is None else integrator
+    options = {"integrator": method, "precision": precision, "device": device}
+    worlds = Worlds(scene, sought, channels, rate, substeps, options)
+    problem = Problem(worlds, channels, sought, precision, loss)
+    theta = _starts(problem, starts, seed)
+    for one in horizons:
+        report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
+        theta = problem.approach(theta, one, STEPS)
+    report(f"up to {end:.4g} s, the last steps")
+    best, converged = problem.finish(theta[0], end, tolerance)
+    linear, jumps = problem.linear(best[None], end, DIFFERENCE[precision])[0], np.zeros((len(sought),) * 2)
+    for k in range(ROUNDS):
+        cost, exact = problem.cost(linear.residuals), problem.floor(end) ** 2 * len(linear.residuals)
+        if cost <= exact or (k == 0 and not problem.is_jagged(best, end)):
+            break
+        report("clouds of worlds, as contact makes jumps")
+        near, trend, spread = problem.smooth(best, end, seed + k)
+        near, done = problem.finish(near, end, tolerance)
+        residuals = problem.residuals(near[None], end)[0]
+        better = problem.cost(residuals)
+        if better <= cost:
+            best, converged = near, done
+            linear = problem.linear(best[None], end, DIFFERENCE[precision])[0]
+        if better > exact:
+            linear, jumps = Linear(linear.residuals, trend), spread
+        else:
+            jumps[:] = 0.0
+        if better > WORTH * cost:
+            converged = True  # among jumps steps do not end; that clouds find nothing better is an end
+            break
+    return _result(problem, best, linear, jumps, end, converged)
+
+
+def _check_scipy() -> None:
+    """Raise ValueError that says how to get SciPy, where it is not installed."""
+    try:
+        import scipy.optimize  # noqa: F401
+    except ImportError as error:
+        raise ValueError(MISSING) from error
+
+
+def _horizons(asked: Any, channels: Any, end: float) -> list[float]:
+    """Return the times [s] up to which what is measured counts, one after the other; the last is the end."""
+    times = np.unique(np.concatenate([one.time[one.time > 0] for one in channels]))
+    if isinstance(asked, str):
+        checks.one_of("horizon", asked, (GROWING, WHOLE))
+        if asked == WHOLE:
+            return [end]
+        shortest = max(SHORTEST * end, times[min(LEAST_TIMES, len(times)) - 1])
+        halved = [end]
+        while halved[-1] / 2 >= shortest:
+            halved.append(halved[-1] / 2)
+        return halved[::-1]
+    given = checks.finite("horizon", asked)
+    if given.ndim != 1 or not len(given) or (np.diff(given) <= 0).any() or given[0] < times[0]:
+        raise ValueError(
+            f"horizon is {checks.said(asked)}; it must be 'growing', 'whole', or increasing times from "
+            f"{times[0]:.4g} s on, where the first is measured"
+        )
+    return [*(float(one) for one in given if one < end), end]
+
+
+def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
+    """Return where the search starts, shape [count, parameters]: the scene's values, and a Latin hypercube."""
+    first = np.zeros((1, problem.count))
+    if count == 1:
+        return first
+    from scipy.stats import qmc
+
+    drawn = qmc.LatinHypercube(problem.count, seed=checks.count("seed", seed, 0)).random(count - 1)
+    return np.concatenate([first, problem.low + drawn * (problem.high - problem.low)])
+
+
+def _result(
+    problem: Problem, theta: NDArray, linear: Linear, jumps: NDArray, end: float, converged: bool
+) -> Fitted:
+    """Return what was found; warn of what is doubtful about it."""
+    values, names = problem.values(theta), [one.name for one in problem.parameters]
+    rows, p = linear.jacobian.shape
+    weight = LOSSES[problem.loss][1](linear.residuals**2)
+    s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))
+    _, sizes, directions = np.linalg.svd(np.sqrt(weight)[:, None] * linear.jacobian, full_matrices=False)
+    least = ABOVE_FLOOR * problem.floor(end) * np.sqrt(rows)
+    hidden = (sizes < least) | (s > UNCERTAIN * sizes) if rows >= p else np.ones(len(sizes), dtype=bool)
+    parts = np.abs(directions[hidden])
+    unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
+    of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
+    covariance = (of_theta + jumps) * np.outer(values, values)
+    for k, name in enumerate(names):
+        if name in unseen:
+            covariance[k, k] = np.inf
+    left, told = {}, problem.worlds.predict(values[None], end)
+    for one, simulated in zip(problem.channels, told, strict=True):
+        wanted = one.time > 0
+        left[one.name] = one.time[wanted], (simulated[0] - one.values)[wanted]
+    _warn(problem, theta, unseen, converged)
+    worlds = problem.worlds
+    return Fitted(
+        values=dict(zip(names, map(float, values), strict=True)),
+        units={one.name: one.unit for one in problem.parameters},
+        covariance=covariance,
+        residuals=left,
+        residual_units={one.name: one.unit for one in problem.channels},
+        scene=worlds.scene(values),
+        fps=worlds.fps,
+        substeps=worlds.substeps,
+        runs=worlds.runs,
+        batches=worlds.batches,
+        alone=worlds.alone,
+        unseen=tuple(unseen),
+        converged=converged,
+    )
+
+
+def _warn(problem: Problem, theta: NDArray, unseen: list[str], converged: bool) -> None:
+    """Warn of what is doubtful about a fit."""
+    doubts = []
+    if len(unseen) == 1:
+        doubts.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
+    elif unseen:
+        doubts.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
+    for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):
+        if one.name not in unseen and min(at - low, high - at) < CLOSE * 1e-2:
+            doubts.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
+    if problem.worlds.diverged:
+        doubts.append("the scene diverges with the values found")
+    if not converged:
+        doubts.append("the search has not come to an end")
+    for one in doubts:
+        warnings.warn(one, checks.DoubtfulFit, stacklevel=4)

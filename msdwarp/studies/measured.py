@@ -1,0 +1,251 @@
+"""Measured motion that a fit is to follow: tracked points, a trajectory, what probes have told."""
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..files import Trajectory
+from ..simulation import ENERGIES
+from ..world import FRAME, Probe, Scene
+
+AXES = ("x", "y", "z")
+ENERGY_WORDS = ("energy", *ENERGIES)
+POINTS = "points"
+"""What the series of tracked points is called."""
+HIGHEST_FPS = 1000.0
+"""Frames come no faster than this, however close together two measured times are."""
+ON_FRAME = 1e-4
+"""A time so many frames from a frame's is that of the frame: times in files are rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Points of a body that were tracked: a row says where a particle was at a time.
+
+    Parameters
+    ----------
+    time
+        [s] from the scene's start, shape [rows], in any order.
+    particle
+        Which particle it was, shape [rows].
+    position
+        Where it was [m], shape [rows, d]; NaN where a coordinate was not seen.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, a time is negative, or a number is none.
+    """
+
+    time: ArrayLike
+    particle: ArrayLike
+    position: ArrayLike
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        time, position = checks.array("time", self.time), checks.array("position", self.position)
+        particle = checks.array("particle", self.particle)
+        if time.ndim != 1 or particle.shape != time.shape or position.ndim != 2 or len(position) != len(time):
+            raise ValueError(
+                f"time, particle and position have shapes {time.shape}, {particle.shape} and {position.shape}; "
+                "they must be of shapes [rows], [rows] and [rows, d]"
+            )
+        checks.every("time", time, np.isfinite(time) & (time >= 0), "finite and at least 0")
+        checks.every("particle", particle, (particle >= 0) & (particle % 1 == 0), "the number of a particle")
+        checks.every("position", position, ~np.isinf(position), "finite, or NaN where it was not seen")
+        for name, value in (("time", time), ("particle", particle.astype(int)), ("position", position)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Self:
+        """Return all particles of a trajectory, in all its frames."""
+        position = np.asarray([frame.position for frame in trajectory], dtype=float)
+        frames, count, dim = position.shape
+        time, particle = np.repeat(trajectory.times, count), np.tile(np.arange(count), frames)
+        return cls(time, particle, position.reshape(-1, dim))
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One kind of measured data: when, what, and how it is read off a simulation."""
+
+    name: str
+    time: NDArray[np.float64]
+    """[s], shape [rows]."""
+    values: NDArray[np.float64]
+    """Shape [rows, width]; NaN where nothing was measured."""
+    what: Any
+    """A `Probe`, the word of an energy, or the numbers of the particles that were tracked."""
+    noise: float
+    """What a deviation counts in, in the unit of the values."""
+    entry: NDArray[np.int64] | None = None
+    """Which of the tracked particles a row is of, shape [rows]."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of the values."""
+        if isinstance(self.what, Probe):
+            return {"position": "m", "velocity": "m/s", "strain": ""}.get(self.what.what, "N")
+        return "J" if isinstance(self.what, str) else "m"
+
+    def until(self, end: float) -> NDArray[np.bool_]:
+        """Return which values were measured up to a time [s], shape [rows, width].
+
+        What is measured at time 0 is the scene's start, of which a fit knows no more than the scene says.
+        """
+        return np.isfinite(self.values) & ((self.time > 0) & (self.time <= end))[:, None]
+
+    def at_times(self, frames: NDArray[np.float64], fps: float) -> NDArray[np.float64]:
+        """Return what frames 0, 1 ... tell where and when it was measured, shape [worlds, rows, width].
+
+        `frames` is of shape [frame_count, worlds, ...]. Between frames a cubic spline tells. Times behind the
+        last frame are told as that is.
+        """
+        place = np.minimum(self.time * fps, len(frames) - 1)
+        if (np.abs(place - np.round(place)) < ON_FRAME).all():
+            told = frames[np.round(place).astype(int)]
+        else:
+            from scipy.interpolate import CubicSpline
+
+            told = CubicSpline(np.arange(len(frames)), frames, axis=0)(place)
+        if self.entry is not None:  # [rows, worlds, particles, d]
+            told = told[np.arange(len(told)), :, self.entry]
+        return np.moveaxis(told.reshape(len(told), frames.shape[1], -1), 0, 1)
+
+
+def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
+    """Return measured data as channels; raise ValueError that names what is wrong with it."""
+    if isinstance(measured, str | Path):
+        measured = read_measured(Path(measured), scene)
+    if isinstance(measured, Trajectory):
+        measured = Tracked.of(measured)
+    if not isinstance(measured, Tracked) and not isinstance(measured, Mapping):
+        raise ValueError(
+            f"measured is {checks.said(measured)}; it must be the path of a CSV file or trajectory, a Tracked, a "
+            "Trajectory, or a mapping from names of probes and energies to (times, values)"
+        )
+    found = [_tracked(measured, scene)] if isinstance(measured, Tracked) else _series(measured, scene)
+    given = noise if isinstance(noise, Mapping) else {one.name: noise for one in found}
+    for name in given:
+        checks.one_of("a name in noise", name, [one.name for one in found])
+    done = []
+    for one in found:
+        if not one.until(np.inf).any():
+            raise ValueError(f"measured has nothing of {one.name} after time 0; there must be something to follow")
+        sigma = given.get(one.name)
+        own = spread(one) if sigma is None else checks.positive(f"noise of {one.name}", sigma)
+        done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry))
+    return done
+
+
+def spread(channel: Channel) -> float:
+    """Return how much the values of a channel vary over time: their root mean square about their means."""
+    entry = np.zeros(len(channel.time), dtype=int) if channel.entry is None else channel.entry
+    sums = 0.0
+    for k in np.unique(entry):
+        own = channel.values[entry == k]
+        for column in own.T:
+            seen = column[np.isfinite(column)]
+            sums += float(((seen - seen.mean()) ** 2).sum()) if len(seen) else 0.0
+    varies = float(np.sqrt(sums / max(1, np.isfinite(channel.values).sum())))
+    return varies if varies > 0 else 1.0
+
+
+def _tracked(measured: Tracked, scene: Scene) -> Channel:
+    """Return tracked points as a channel."""
+    time, particle, position = (np.asarray(getattr(measured, n)) for n in ("time", "particle", "position"))
+    count, dim = scene.system.particle_count, scene.system.dim
+    if position.shape[1] != dim:
+        raise ValueError(f"measured has {position.shape[1]} coordinates; the scene has {dim}")
+    checks.every("particle of measured", particle, particle < count, f"below {count}, the number of particles")
+    numbers, entry = np.unique(particle, return_inverse=True)
+    return Channel(POINTS, time, position, numbers, 1.0, entry)
+
+
+def _series(measured: Mapping[str, Any], scene: Scene) -> list[Channel]:
+    """Return what probes and energies were measured to be as channels."""
+    found = []
+    if not measured:
+        raise ValueError("measured is empty; it must have a probe of the scene or an energy")
+    for name, pair in measured.items():
+        checks.one_of("a name in measured", name, [*scene.probes, *ENERGY_WORDS])
+        what: Any = scene.probes.get(name, name)
+        width = len(what.columns(scene.system.dim)) if isinstance(what, Probe) else 1
+        if isinstance(what, Probe) and what.every != FRAME:
+            raise ValueError(f"probe {name!r} of the scene is read by substep; to be fitted it must be by frame")
+        try:
+            times, values = pair
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"measured[{name!r}] is {checks.said(pair)}; it must be (times, values)") from error
+        times, values = checks.array(f"times of {name!r}", times), checks.array(f"values of {name!r}", values)
+        values = values[:, None] if values.ndim == 1 else values
+        if times.ndim != 1 or values.shape != (len(times), width):
+            raise ValueError(
+                f"measured[{name!r}] has times of shape {times.shape} and values of shape {values.shape}; they "
+                f"must be of shapes [rows] and [rows, {width}]"
+            )
+        checks.every(f"times of {name!r}", times, np.isfinite(times) & (times >= 0), "finite and at least 0")
+        found.append(Channel(name, times, values, what, 1.0))
+    return found
+
+
+def read_measured(path: Path, scene: Scene) -> Any:
+    """Return what a file has: tracked points (time, id, x, y, z), what probes told, or a trajectory.
+
+    Raises
+    ------
+    ValueError
+        If it is of another form, or something in it is no number.
+    """
+    if path.suffix == ".vtkhdf":
+        with Trajectory(path) as trajectory:
+            return Tracked.of(trajectory)
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        lines = [(n, row) for n, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
+    head = [word.strip() for word in lines[0][1]] if lines else []
+    own = AXES[: scene.system.dim]
+    columns = {f"{name}_{c}": name for name, one in scene.probes.items() for c in one.columns(scene.system.dim)}
+    columns |= {f"{word.replace(' ', '_')}_J": word for word in ENERGY_WORDS}
+    points = head == ["time", "id", *own]
+    if not points and (head[:1] != ["time_s"] or len(head) < 2 or not set(head[1:]) <= columns.keys()):
+        raise ValueError(
+            f"{path} begins with {', '.join(head) or 'nothing'}; its first line must be time,id,{','.join(own)}, "
+            f"or time_s and columns from {', '.join(columns)}"
+        )
+    table = np.full((len(lines) - 1, len(head)), np.nan)
+    for k, (n, row) in enumerate(lines[1:]):
+        if len(row) != len(head):
+            raise ValueError(f"line {n} of {path} has {len(row)} columns; its first line has {len(head)}")
+        for c, word in enumerate(row):
+            try:
+                table[k, c] = float(word) if word.strip() else np.nan
+            except ValueError as error:
+                raise ValueError(f"line {n} of {path} has {word!r}; it must be a number, or empty") from error
+    if points:
+        return Tracked(table[:, 0], table[:, 1], table[:, 2:])
+    measured: dict[str, Any] = {}
+    for name in dict.fromkeys(columns[one] for one in head[1:]):
+        wanted = [one for one, own_name in columns.items() if own_name == name]
+        values = [table[:, head.index(one)] if one in head else np.full(len(table), np.nan) for one in wanted]
+        measured[name] = (table[:, 0], np.column_stack(values))
+    return measured
+
+
+def frame_rate(channels: list[Channel]) -> float:
+    """Return frames a second at which all was measured at a frame's end; 60 where there is no such rate."""
+    times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
+    gaps = np.diff(times)
+    gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())
+    number = np.round(times / gap)
+    rate = float((number**2).sum() / (number * times).sum())
+    for fps in (round(rate), rate):
+        place = times * fps
+        if 0 < fps <= HIGHEST_FPS and (np.abs(place - np.round(place)) < ON_FRAME).all():
+            return float(fps)
+    return 60.0

@@ -1,0 +1,137 @@
+"""Parameters of a scene that a fit may change, each a positive number, and the scene that has others."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..bodies import System
+from ..world import Scene
+
+UNITS = {
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "rest_length": "m",
+    "mass": "kg",
+    "friction": "",
+    "gravity": "m/s²",
+}
+"""What may be fitted, and in what unit."""
+OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass")
+FACTOR = "times the scene's own"
+REACH = 10.0
+"""Bounds lie this many times below and above the start, where none are given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A number that a fit changes, and what it is multiplied by to be the scene's."""
+
+    name: str
+    pattern: NDArray[np.float64]
+    """What each connection, particle or obstacle has at the value 1; of gravity its direction."""
+    start: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def is_one_number(self) -> bool:
+        """Whether all have the value itself."""
+        return bool((self.pattern == 1.0).all())
+
+    def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what an `Ensemble` takes for values of shape [worlds]."""
+        if self.is_one_number and self.name != "gravity":
+            return values
+        return values[:, None] * self.pattern
+
+
+def parameters_of(scene: Scene, asked: Any, bounds: Any) -> list[Parameter]:
+    """Return the parameters asked for; raise ValueError that names what is wrong with one."""
+    if isinstance(asked, str):
+        asked = [asked]
+    if not isinstance(asked, Sequence | Mapping) or not len(asked):
+        raise ValueError(
+            f"parameters is {checks.said(asked)}; it must be names from {', '.join(UNITS)}, or where each starts"
+        )
+    starts = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked)
+    limits = dict(checks.mapping("bounds", bounds or {}))
+    for name in starts:
+        checks.one_of("a name in parameters", name, UNITS)
+    if len(starts) < len(asked):
+        raise ValueError(f"parameters is {checks.said(asked)}; each must be named once")
+    for name in limits:
+        checks.one_of("a name in bounds", name, starts)
+    return [_parameter(scene, name, start, limits.get(name)) for name, start in starts.items()]
+
+
+def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
+    """Return one parameter, which starts as the scene has it, or as is said."""
+    pattern, own, unit = _pattern(scene, name)
+    if start is None and not own > 0:
+        raise ValueError(
+            f"{name} is {own:g} in the scene; it must be above 0 to be fitted, or be told where to start: "
+            f"parameters={{'{name}': 1.0}}"
+        )
+    first = checks.positive(f"parameters[{name!r}]", own if start is None else start)
+    if limits is None:
+        low, high = first / REACH, first * REACH
+    else:
+        low, high = checks.vector(f"bounds[{name!r}]", limits, 2)
+    if not 0 < low < first < high:
+        raise ValueError(
+            f"bounds[{name!r}] is ({low:g}, {high:g}); both must be above 0, the start, {first:g}, between"
+        )
+    return Parameter(name, pattern, first, float(low), float(high), unit)
+
+
+def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
+    """Return the pattern of a parameter, its value in the scene, and its unit.
+
+    Where all are alike the value is theirs. Where they are not, it is a factor, 1 in the scene.
+    """
+    if name == "gravity":
+        if callable(scene.gravity):
+            raise ValueError("gravity is a function of time; it must be constant to be fitted")
+        vector = checks.gravity("gravity", scene.gravity, scene.system.dim)
+        size = float(np.linalg.norm(vector))
+        down = np.eye(scene.system.dim)[-1] * -1.0
+        return (vector / size if size else down), size, UNITS[name]
+    if name == "friction":
+        obstacles: Sequence[Any] = scene.colliders
+        if not len(obstacles):
+            raise ValueError("parameters has 'friction'; the scene must have colliders then")
+        own = np.array([one.friction for one in obstacles])
+        checks.every("friction of colliders", own, np.isfinite(own), "finite to be fitted")
+    else:
+        own = np.array(getattr(scene.system, name))
+        if not own.size:
+            raise ValueError(f"parameters has {name!r}; the scene must have connections then")
+    finite = np.isfinite(own)  # what is pinned stays so, whatever the mass
+    if not finite.any():
+        raise ValueError(f"parameters has {name!r}; some particle must be free then")
+    alike = own[finite] == own[finite][0]
+    if alike.all():
+        return np.where(finite, 1.0, own), float(own[finite][0]), UNITS[name]
+    return own, 1.0, FACTOR
+
+
+def scene_with(scene: Scene, parameters: Sequence[Parameter], values: NDArray[np.float64]) -> Scene:
+    """Return the scene with these values of its parameters."""
+    changes: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
+    for one, value in zip(parameters, values, strict=True):
+        each = float(value) * one.pattern
+        if one.name == "gravity":
+            changes["gravity"] = each
+        elif one.name == "friction":
+            obstacles: Sequence[Any] = scene.colliders
+            changes["colliders"] = [replace(c, friction=float(f)) for c, f in zip(obstacles, each, strict=True)]
+        else:
+            fields[one.name] = float(value) if one.is_one_number else each
+    system: System = scene.system
+    return replace(scene, system=system.replace(**fields), **changes)
