@@ -18,6 +18,8 @@ from .sources import Reading, Running, Source
 
 SLOWEST, FASTEST = 1 / 64, 64.0
 """Bounds of the speed of playing, over real time."""
+SENDS = ("auto", "triangles", "images")
+"""What a page can be sent."""
 
 
 class Commands:
@@ -32,6 +34,8 @@ class Commands:
     hand: Pull
     readings: deque[Reading]
     recording: Recording | None
+    sends: str
+    _is_slow: bool
     _rebuild: Callable[..., Source] | None
     _is_shown: bool
     _read: float
@@ -43,6 +47,11 @@ class Commands:
     @abstractmethod
     def _begin(self, source: Source) -> None:
         """Show another source from its start."""
+
+    @property
+    @abstractmethod
+    def images(self) -> bool:
+        """Whether pages are sent images."""
 
     @abstractmethod
     def _stage(self) -> None:
@@ -88,8 +97,7 @@ class Commands:
         self.readings.clear()
         self.hand = Pull()
         self._start_clock()
-        self._draw(self.shown.colour, wires=self.shown.wires)
-        self._stage()
+        self._redraw()
         self._say("starts anew")
 
     def _scene(self, number: int) -> None:
@@ -148,6 +156,24 @@ class Commands:
         self._draw(after, wires=False)
         self._stage()
         self._say(f"colours: {after}")
+
+    def _send(self, value: str) -> None:
+        """Have pages be sent triangles, or images that are drawn here, or what is faster."""
+        checks.one_of("value", value, SENDS)
+        self.sends = value
+        self._redraw()
+        self._say("pages are sent " + ("images" if self.images else "triangles"))
+
+    def _slow(self) -> None:
+        """Have pages be sent images where a link does not keep up with triangles."""
+        if self.sends == "auto" and not self.images:
+            self._is_slow = True
+            self._redraw()
+            self._say("the link is slow: pictures are drawn where the simulation runs")
+
+    def _redraw(self) -> None:
+        self._draw(self.shown.colour, wires=self.shown.wires)
+        self._stage()
 
     def _help(self) -> None:
         self.helps = not self.helps
@@ -236,7 +262,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     name: getattr(Commands, f"_{name}")
     for name in (
         *("pause", "step", "pace", "reset", "scene", "parameters", "scale", "freeze", "gravity", "wind", "wires"),
-        *("colour", "help", "seek", "quit", "grab", "pick", "drag", "let_go", "pin", "record", "screenshot"),
+        *("colour", "send", "slow", "help", "seek", "quit", "grab", "pick", "drag", "let_go", "pin", "record"),
+        "screenshot",
     )
 }
 """What can be asked of a view, by name."""

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .commands import SENDS
 from .handling import SCALED
 from .keys import KEYS, SCENES
 from .shown import COLOURS
@@ -46,6 +47,8 @@ class Panel:
         self._colour.on_update(self._if_asked(lambda: view.post("colour", value=self._colour.value)))
         self._wires = gui.add_checkbox("connections", initial_value=False)
         self._wires.on_update(self._if_asked(lambda: view.press("w")))
+        self._sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
+        self._sends.on_update(self._if_asked(lambda: view.post("send", value=self._sends.value)))
         self._legend = gui.add_html("", visible=False)
         self._open_keys()
 
@@ -174,6 +177,7 @@ class Panel:
             _set(self._time, source.index)
         _set(self._colour, view.shown.colour)
         _set(self._wires, view.shown.wires)
+        _set(self._sends, view.sends)
         self._tell_scale()
         if self._energies is not None and len(view.readings) > 1:
             rows = np.array(

@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
@@ -38,6 +39,8 @@ class Source(Protocol):
     """What it is called."""
     fps: float
     """Frames per second of simulated time."""
+    device: str
+    """Where its frames are drawn if they are drawn as images: cpu, cuda:0 ..."""
 
     @property
     def handling(self) -> Handling | None:
@@ -124,7 +127,7 @@ class Running:
         self.scene, self.title, self.fps = scene, title, simulation.fps
         self.parameters, self.attributes = dict(parameters or {}), dict(attributes or {})
         self.handling = Handling(scene, simulation)
-        self._simulation = simulation
+        self._simulation, self.device = simulation, simulation.device
         self.behind: list[Callable[[], None]] = []
         """What is called behind each frame."""
 
@@ -196,6 +199,7 @@ class Played:
             raise ValueError(f"{trajectory.path} has no frames to play")
         self.scene, self.title, self.fps = scene, title, trajectory.fps
         self._trajectory, self._k = trajectory, 0
+        self.device: str = wp.get_preferred_device().alias
         self.frame_count = len(trajectory)
 
     @property

@@ -24,6 +24,9 @@ READ_EVERY = 0.2
 """Seconds from one reading of energies to the next."""
 BEHIND = 0.25
 """How far simulated time may fall behind before it is not caught up with [s]."""
+MOST_TRIANGLES = 100_000
+"""The most triangles that a page is sent where a GPU draws: a million are 6 MB a frame, an image less than 0.1 MB.
+A CPU needs longer to draw them than most links to carry them."""
 
 
 class Screen(Protocol):
@@ -53,6 +56,9 @@ class Screen(Protocol):
     def watched(self) -> bool:
         """Whether anybody looks."""
         ...
+
+    takes_images: bool
+    """Whether it can be sent images that are drawn elsewhere."""
 
     def close(self) -> None:
         """End."""
@@ -84,6 +90,8 @@ class View(Commands):
         What is shown, and the drawing that follows it.
     paused, speed
         Whether it waits; how fast it plays, over real time.
+    sends
+        What pages are sent: "auto", "triangles" or "images".
     notice
         What was done last, for as long as it is to be seen; else empty.
     readings
@@ -102,6 +110,7 @@ class View(Commands):
         self.source, self.screens, self.scenes, self._rebuild = source, list(screens), dict(scenes or {}), rebuild
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.recording = None
+        self.sends, self._is_slow, self._images = "auto", False, False
         self._wanted: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
@@ -246,8 +255,19 @@ class View(Commands):
 
     def _draw(self, colour: str, *, wires: bool) -> None:
         """Draw what is shown in other colours, or as connections."""
-        self.shown = Shown(self.source.scene, colour, wires=wires)
+        scene, device = self.source.scene, self.source.device
+        self.shown = Shown(scene, colour, wires=wires)
+        large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
+        wanted = self.sends == "images" or (self.sends == "auto" and (large or self._is_slow))
+        self._images = wanted and any(screen.takes_images for screen in self.screens)
+        if self._images and device != "cpu":
+            self.shown = Shown(scene, colour, wires=wires, device=device)
         self.shown.follow(self.source.frame())
+
+    @property
+    def images(self) -> bool:
+        """Whether pages are sent images that are drawn here, and not triangles."""
+        return self._images
 
     def _stage(self) -> None:
         self._is_shown = False

@@ -54,6 +54,8 @@ class Window:
         Width and height of the window at first, in pixels.
     """
 
+    takes_images = False
+
     def __init__(self, size: tuple[int, int] = SIZE) -> None:
         self._first_size = size
         self._view: View | None = None

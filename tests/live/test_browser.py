@@ -1,6 +1,7 @@
 """The page of a view: a browser that opens it, clients that misbehave, and what is left behind."""
 
 import gc
+import io
 import os
 import socket
 import threading
@@ -10,12 +11,14 @@ from shutil import which
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Browser, Running, View, within_reach
 
 viser = pytest.importorskip("viser")
 import msgspec  # noqa: E402
+import zstandard  # noqa: E402
 from viser._messages import ViewerCameraMessage  # noqa: E402
 
 SETTLES = 60.0
@@ -98,6 +101,40 @@ def test_a_client_is_sent_the_body_as_it_moves(view):
         assert sum(received) > 1000
         view.post("scale", name="stiffness", factor=2.0)
         until(lambda: view.source.handling.factors["stiffness"] == 2.0)
+
+
+def pictures(socket_, count):
+    """Return that many of the images that a client is sent."""
+    found = []
+    end = time.monotonic() + SETTLES
+    while len(found) < count and time.monotonic() < end:
+        data = socket_.recv(timeout=SETTLES)
+        size = int.from_bytes(data[8:16], "little")
+        messages = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + size]))[
+            "messages"
+        ]
+        images = [one["rgb_data"] for one in messages if one["type"] == "BackgroundImageMessage"]
+        found += [one for one in images if one is not None]  # None: there is no image yet
+    return found
+
+
+def test_a_client_is_sent_images_one_at_a_time(view):
+    view.post("send", value="images")
+    until(lambda: view.screens[0]._images is not None)
+    with client(view) as quick, client(view, max_queue=1) as lazy:
+        images = view.screens[0]._images
+        shown = pictures(quick, 3)
+        assert len(set(shown)) == 3  # the body moves
+        assert all(Image.open(io.BytesIO(one)).size[1] >= 144 for one in shown)
+        # The lazy one reads nothing: a single image is on its way, and the other client gets more meanwhile.
+        until(lambda: len(images._sent) == 2)
+        number = max(images._sent)
+        before = images._sent[number]
+        pictures(quick, 3)
+        assert images._sent[number] == before
+        assert lazy
+    view.post("send", value="triangles")
+    until(lambda: not view.images)
 
 
 def test_nothing_of_the_disk_is_served(view):
