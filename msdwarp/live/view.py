@@ -83,6 +83,8 @@ class View(Commands):
         Builds the present scene with other parameters: a function of these that returns a `Source`.
     paused
         Whether it waits at first.
+    renderer
+        What draws snapshots and films: "auto", "opengl" or "raycast".
 
     Attributes
     ----------
@@ -106,10 +108,12 @@ class View(Commands):
         scenes: Mapping[str, Callable[[], Source]] | None = None,
         rebuild: Callable[..., Source] | None = None,
         paused: bool = False,
+        renderer: str = "auto",
     ) -> None:
         self.source, self.screens, self.scenes, self._rebuild = source, list(screens), dict(scenes or {}), rebuild
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.recording = None
+        self.renderer, self._kept, self._filming = renderer, None, None
         self.sends, self._is_slow, self._images = "auto", False, False
         self._wanted: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
@@ -248,6 +252,9 @@ class View(Commands):
         if not watched or now - self._read < READ_EVERY:
             return
         self._read = now
+        if self._filming is not None and (said := self._filming.ended()) is not None:
+            self._filming = None
+            self._say(said)
         if not self.paused and (reading := self.source.reading()) is not None:
             self.readings.append(reading)
         for screen in self.screens:
