@@ -176,10 +176,10 @@ class Changing(Present):
             check_loads(after, self.system)
             pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
             above = 0.0 if pulled is None else pulled.above(self.stepping)
-            self.stepping.exchange(others)
             try:
+                self.stepping.exchange(others)
                 self._choose_anew()
-            except UnstableStep:
+            except (UnstableStep, ValueError):  # what some effects have taken, all give back
                 self.stepping.exchange({new: old for old, new in others.items()})
                 raise
             if pulled is not None:  # what the springs of a hand store jumps as it moves

@@ -401,3 +401,21 @@ def test_a_film_is_drawn_of_what_was_kept(tmp_path):
     view.run(until=lambda: any("drew a film" in one for one in told))
     assert "no frames were kept" in told[0] or any("no frames were kept" in one for one in told)
     assert [one.suffix for one in folder.iterdir() if one.suffix == ".webp"] == [".webp"], told[-1]
+
+
+@pytest.mark.parametrize("name", ["stiffness", "damping", "to"])
+def test_a_hand_beyond_the_precision_is_refused_and_the_next_one_holds(name):
+    source, again = running(), running()
+    hold = {"particles": [3], "to": [[0.3, 0.1, 0.9]], "stiffness": [9.0], "damping": [0.1]}
+    source.handling.do("hold", **hold)
+    beyond = [[1e39, 0.0, 0.0]] if name == "to" else [1e39]  # above 3.4e38, the largest float32
+    with pytest.raises(ValueError, match=f"{name}.*float32"):
+        source.handling.do("hold", **hold | {name: beyond})
+    assert source.handling.holds.tolist() == [3]
+    again.handling.do("hold", **hold)
+    for one in (source, again):
+        for k in range(20):
+            if k == 10:
+                one.handling.do("hold", **hold | {"to": [[0.0, 0.0, 1.2]]})
+            one.advance()
+    np.testing.assert_array_equal(source.frame().position, again.frame().position)
