@@ -29,6 +29,8 @@ BOX = np.array(
     np.uint32,
 )
 """Triangles of a box whose corner k is at the high end of axis a if bit a of k is set."""
+SIZE = (1280, 720)
+"""Width and height that the camera is placed for."""
 WORTH = 10_000
 """Vertices from which on an image is smaller than what it shows."""
 LATE, OFTEN = 1.0, 3
@@ -104,11 +106,14 @@ class Browser:
         """Show another scene, or the same drawn in another way."""
         view, scene = self._view, self._server.scene
         drawing = view.shown.drawing
+        if view.source is not self._scene:
+            seen = view.source.seen()
+            self._stage = Stage(view.source.scene, view.source.frame().position if seen is None else seen, SIZE)
         with self._server.atomic():
             for node in [*self._fixed, *(node for node, _ in self._patches), *self._levels.values()]:
                 node.remove()
             self._fixed, self._patches, self._levels = [], [], {}
-            stage = Stage(view.source.scene, view.source.frame().position[np.newaxis], (1280, 720))
+            stage = self._stage
             self._set_camera(stage)
             self._clear_images()
             if view.images:

@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 
 from ..bodies import Frame
 from ..files import Trajectory
+from ..pictures import outermost
 from ..simulation import Simulation
 from ..world import Scene
 from .handling import Handling
+
+MOST_SEEN = 200
+"""The most frames of a trajectory that are read to find out where the camera must be."""
+ASPECT = 16 / 9
+"""Width over height of the picture that it is found for; others see nearly the same."""
 
 
 class Reading(NamedTuple):
@@ -65,6 +71,10 @@ class Source(Protocol):
     @property
     def time(self) -> float:
         """Simulated time [s]."""
+        ...
+
+    def seen(self) -> NDArray | None:
+        """Return what the camera must have in view [m], shape [any, d]; None where nobody knows where it goes."""
         ...
 
     def advance(self) -> bool:
@@ -141,6 +151,10 @@ class Running:
         """The number of the present frame."""
         return self._simulation.frame_index
 
+    def seen(self) -> None:
+        """Return nothing: where it goes is not known."""
+        return None
+
     def advance(self) -> bool:
         """Go on by a frame; raise SimulationDiverged if that cannot be."""
         self._simulation.step()
@@ -211,6 +225,14 @@ class Played:
     def index(self) -> int:
         """The number of the present frame."""
         return self._k
+
+    def seen(self) -> NDArray:
+        """Return the outermost particles of the frames [m], shape [any, d]; of many frames those of some."""
+        chosen = np.unique(
+            np.linspace(0, self.frame_count - 1, min(self.frame_count, MOST_SEEN)).round().astype(int)
+        )
+        positions, look = self._trajectory.positions, self.scene.look
+        return np.concatenate([outermost(positions[k], look, ASPECT) for k in chosen])
 
     def advance(self) -> bool:
         """Go on by a frame; return whether there was one."""

@@ -247,6 +247,10 @@ def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
         until(lambda: view.source.handling.factors["stiffness"] == 1.25)
         page.keyboard.press("Shift+S")
         until(lambda: view.source.handling.factors["stiffness"] == 1.0)
+        for _ in range(3):  # a key that is held
+            page.keyboard.down("d")
+        page.keyboard.up("d")
+        until(lambda: view.source.handling.factors["damping"] == 1.25**3)
         stiffness = page.locator("input[inputmode=decimal]").nth(1)  # of the sliders, beside mass
         stiffness.fill("3")
         stiffness.press("Enter")
@@ -269,6 +273,28 @@ def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
         until(lambda: view.source.frame().position[:, 2].min() > lowest + 0.02)
         page.mouse.up()
         until(lambda: view.hand.grip is None)
+
+        # The same by images: the middle of the picture has the body's colour, and a drag takes hold of it.
+        view.post("send", value="images")
+        until(lambda: view.screens[0]._images is not None and view.screens[0]._images._sent)
+        view.post("reset")
+        view.post("pause", value=True)
+        time.sleep(1.0)
+        across, down = seen_at(camera, view.source.frame().position.mean(axis=0), 900, 560)
+        page.mouse.move(across, down)
+        page.mouse.down()
+        for k in range(1, 6):
+            page.mouse.move(across, down - 8 * k)
+            time.sleep(0.05)
+        until(lambda: view.hand.grip is not None)
+        page.mouse.up()
+        until(lambda: view.hand.grip is None)
+
+        def at_the_body():
+            shown = Image.open(io.BytesIO(picture())).convert("RGB")
+            return shown.getpixel((round(across), round(down)))
+
+        until(lambda: at_the_body()[0] > at_the_body()[2] + 40)  # red jelly on a grey ground
         assert not said, said
         browser.close()
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from msdwarp import Force, Plane, Scene, Simulation, Touch, Trajectory, box
+from msdwarp.files import TrajectoryWriter
 from msdwarp.live import KEYS, Handling, Played, Repeat, Running, View, within_reach
+from msdwarp.pictures import Stage
 
 CUBE = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
 
@@ -419,3 +421,26 @@ def test_a_hand_beyond_the_precision_is_refused_and_the_next_one_holds(name):
                 one.handling.do("hold", **hold | {"to": [[0.0, 0.0, 1.2]]})
             one.advance()
     np.testing.assert_array_equal(source.frame().position, again.frame().position)
+
+
+def test_the_camera_of_a_trajectory_sees_all_frames(tmp_path):
+    path = tmp_path / "flies.vtkhdf"
+    simulation = Simulation(CUBE.replace(velocity=np.full(3, 5.0)), gravity=0.0, device="cpu")
+    with TrajectoryWriter(path, simulation.system, fps=simulation.fps) as writer:
+        for _ in range(30):
+            simulation.step()
+            writer.write(simulation.frame())
+    with Trajectory(path) as trajectory:
+        source = Played(trajectory, Scene(system=trajectory.system))
+        seen, positions = source.seen(), np.asarray(trajectory.positions)
+        camera = Stage(source.scene, seen, (1280, 720)).camera
+        rows, columns = camera.pixels(positions.reshape(-1, 3).astype(float), 720, 1280)
+        assert (rows >= 0).all()
+        assert (rows <= 720).all()
+        assert (columns >= 0).all()
+        assert (columns <= 1280).all()
+        assert len(seen) < positions[..., 0].size  # nothing that does not matter
+        first = Stage(source.scene, positions[:1], (1280, 720)).camera
+        rows, columns = first.pixels(positions[-1].astype(float), 720, 1280)
+        assert not ((rows >= 0) & (rows <= 720) & (columns >= 0) & (columns <= 1280)).all()
+    assert running().seen() is None
