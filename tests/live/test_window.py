@@ -71,6 +71,8 @@ def running(**changes):
 class Script:
     """A screen that shows nothing, and goes on with what a test does at each turn of the loop."""
 
+    takes_images = False
+
     watched = False
 
     def __init__(self, script):
