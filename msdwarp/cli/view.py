@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -11,7 +11,7 @@ from rich.console import Console
 from ..files import Trajectory
 from ..live import Browser, Played, Running, Screen, Source, View, has_display, screen_for, within_reach
 from ..world import Scene
-from .options import MethodName, Options, PrecisionName, RouteName
+from .options import MethodName, Options, Pictures, PrecisionName, RouteName
 from .process import stop_asked_for
 from .provenance import about
 from .run import simulation_by, used
@@ -51,6 +51,8 @@ class ViewOptions:
         Integrator steps per frame; auto picks them from the scene's stability limit.
     fps
         Frames per second of simulated time.
+    renderer
+        What draws snapshots and films: opengl, raycast, or auto. See `msdwarp run`.
     verbose
         Print messages from Warp and VTK too.
     """
@@ -66,6 +68,7 @@ class ViewOptions:
     integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     fps: float = 60.0
+    renderer: Literal["auto", "opengl", "raycast"] = "auto"
     verbose: Annotated[bool, Parameter(negative=())] = False
 
     @property
@@ -96,13 +99,15 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
         other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
         return _running(other, other.scene(), options)
 
-    view = View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, paused=options.paused)
-    _run(view)
+    how: Any = {"paused": options.paused, "renderer": options.renderer}
+    _run(View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how))
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
     """Play a trajectory, until the window is closed or Ctrl-C."""
-    _run(View(Played(trajectory, scene, name), [_screen(options)], paused=options.paused))
+    _run(
+        View(Played(trajectory, scene, name), [_screen(options)], paused=options.paused, renderer=options.renderer)
+    )
 
 
 def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
@@ -131,6 +136,7 @@ def _screen(options: ViewOptions) -> Screen:
     """Return a window where there is a display, else a page."""
     if options.browser and options.window:
         raise ValueError("browser and window are both asked for; choose one")
+    Pictures(renderer=options.renderer).check(1)
     page = options.browser or not (options.window or has_display())
     return screen_for(page, options.host, options.port)
 

@@ -84,7 +84,6 @@ class Attached(Effect):
             points.append(to)
         order, first = rows(np.concatenate(chosen), model.particle_count)
         member = np.unique(np.concatenate(chosen))
-        self._member_count = len(member)
         values = {
             "first": first,
             "member": member,
@@ -97,6 +96,7 @@ class Attached(Effect):
             numbers = np.concatenate([np.broadcast_to(getattr(one, name), count) for one, count in of_each])
             model.check_range(numbers, name)
             values[name] = numbers[order]
+        self._member_count = len(member)
         for name, numbers in values.items():
             if len(numbers):  # what is beyond is of nobody
                 array = getattr(data, name)
@@ -106,9 +106,14 @@ class Attached(Effect):
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Have hands hold others."""
         if any(one in others for one in self._hands):
+            before = self._named, self._hands
             self._named = exchanged(self._named, others)
             self._hands = [one for _, one in self._named if isinstance(one, Hand)]
-            self._fill_rows()
+            try:
+                self._fill_rows()
+            except ValueError:  # before any row was filled
+                self._named, self._hands = before
+                raise
             if self.done is not None:  # rows are of others now: what was done counts in all
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ from .. import checks
 from ..simulation import SimulationDiverged
 from .grip import Grip, Pull, hit, place
 from .handling import Handling
-from .recording import Recording, drawn
+from .recording import Filming, Recording, drawn
 from .shown import COLOURS, Shown
 from .sources import Reading, Running, Source
 
 SLOWEST, FASTEST = 1 / 64, 64.0
 """Bounds of the speed of playing, over real time."""
+SENDS = ("auto", "triangles", "images")
+"""What a page can be sent."""
 
 
 class Commands:
@@ -32,6 +35,11 @@ class Commands:
     hand: Pull
     readings: deque[Reading]
     recording: Recording | None
+    renderer: str
+    sends: str
+    _kept: Path | None
+    _filming: Filming | None
+    _is_slow: bool
     _rebuild: Callable[..., Source] | None
     _is_shown: bool
     _read: float
@@ -43,6 +51,11 @@ class Commands:
     @abstractmethod
     def _begin(self, source: Source) -> None:
         """Show another source from its start."""
+
+    @property
+    @abstractmethod
+    def images(self) -> bool:
+        """Whether pages are sent images."""
 
     @abstractmethod
     def _stage(self) -> None:
@@ -84,29 +97,33 @@ class Commands:
         self._say(f"{self.speed:g} times real time")
 
     def _reset(self) -> None:
+        ended = self._end_recording()
         self.source.reset()
         self.readings.clear()
         self.hand = Pull()
         self._start_clock()
-        self._draw(self.shown.colour, wires=self.shown.wires)
-        self._stage()
-        self._say("starts anew")
+        self._redraw()
+        self._say(f"starts anew{ended}")
 
     def _scene(self, number: int) -> None:
         names = list(self.scenes)
         if not 1 <= number <= len(names):
             raise ValueError(f"there is no scene {number}: there are {len(names)}")
         name = names[number - 1]
-        self._begin(self.scenes[name]())
+        other = self.scenes[name]()
+        ended = self._end_recording()
+        self._begin(other)
         self._stage()
-        self._say(name)
+        self._say(f"{name}{ended}")
 
     def _parameters(self, **parameters: Any) -> None:
         if self._rebuild is None:
             raise ValueError("this scene was not built by a function: it has no parameters")
-        self._begin(self._rebuild(**parameters))
+        other = self._rebuild(**parameters)
+        ended = self._end_recording()
+        self._begin(other)
         self._stage()
-        self._say(", ".join(f"{name} = {value}" for name, value in parameters.items()))
+        self._say(", ".join(f"{name} = {value}" for name, value in parameters.items()) + ended)
 
     def _done(self, deed: str, **values: Any) -> None:
         """Do something to the simulation by hand."""
@@ -138,6 +155,10 @@ class Commands:
         self._done("wind", velocity=list(velocity))
         self._say(f"wind {', '.join(f'{one:g}' for one in velocity)} m/s")
 
+    def _contact(self, side: str, name: str, value: float) -> None:
+        self._done("contact", side=side, name=name, value=value)
+        self._say(f"{name} of {side} {value:g}; {self.source.says()}")
+
     def _wires(self) -> None:
         self._draw(self.shown.colour, wires=not self.shown.wires)
         self._stage()
@@ -148,6 +169,24 @@ class Commands:
         self._draw(after, wires=False)
         self._stage()
         self._say(f"colours: {after}")
+
+    def _send(self, value: str) -> None:
+        """Have pages be sent triangles, or images that are drawn here, or what is faster."""
+        checks.one_of("value", value, SENDS)
+        self.sends = value
+        self._redraw()
+        self._say("pages are sent " + ("images" if self.images else "triangles"))
+
+    def _slow(self) -> None:
+        """Have pages be sent images where a link does not keep up with triangles."""
+        if self.sends == "auto" and not self.images:
+            self._is_slow = True
+            self._redraw()
+            self._say("the link is slow: pictures are drawn where the simulation runs")
+
+    def _redraw(self) -> None:
+        self._draw(self.shown.colour, wires=self.shown.wires)
+        self._stage()
 
     def _help(self) -> None:
         self.helps = not self.helps
@@ -219,24 +258,59 @@ class Commands:
     def _record(self, folder: Any = None) -> None:
         """Begin to keep frames in a file, or end."""
         if self.recording is not None:
-            ended, self.recording = self.recording, None
-            self._say(ended.close())
+            self._say(self._end_recording().removeprefix("; "))
             return
         if not isinstance(self.source, Running):
             raise ValueError("this is a recording already")
         self.recording = Recording(self.source, folder)
         self._say(f"keeps frames in {self.recording.path}")
 
+    def _end_recording(self) -> str:
+        """End to keep frames, if any are kept; return what to say, behind something else."""
+        if self.recording is None:
+            return ""
+        ended, self.recording = self.recording, None
+        said = ended.close()
+        self._kept = ended.folder
+        return f"; {said}"
+
+    def _film(self) -> None:
+        """Draw a film of the frames that were kept last, in a process of its own."""
+        if self.recording is not None:
+            self._record()
+        if self._kept is None:
+            raise ValueError("no frames were kept yet, which a film could show")
+        if self._filming is not None:
+            raise ValueError(f"a film is being drawn already: {self._filming.folder}")
+        self._filming = Filming(self._kept, self.renderer)
+        self._say(f"draws a film in {self._kept}")
+
     def _screenshot(self, path: Any = None) -> None:
         """Draw the present frame as pictures are drawn, into a PNG file."""
-        self._say(f"wrote {drawn(self.source, self.shown.scene, path)}")
+        self._say(f"wrote {drawn(self.source, self.shown.scene, path, self.renderer)}")
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name: getattr(Commands, f"_{name}")
     for name in (
-        *("pause", "step", "pace", "reset", "scene", "parameters", "scale", "freeze", "gravity", "wind", "wires"),
-        *("colour", "help", "seek", "quit", "grab", "pick", "drag", "let_go", "pin", "record", "screenshot"),
+        *("pause", "step", "pace", "reset", "scene", "parameters", "scale", "freeze", "gravity", "wind"),
+        *(
+            "contact",
+            "wires",
+            "colour",
+            "send",
+            "slow",
+            "help",
+            "seek",
+            "quit",
+            "grab",
+            "pick",
+            "drag",
+            "let_go",
+            "pin",
+            "record",
+        ),
+        *("film", "screenshot"),
     )
 }
 """What can be asked of a view, by name."""

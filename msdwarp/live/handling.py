@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import uniform_like
 from ..simulation import Simulation
-from ..world import Hand, Scene, Wind
+from ..world import Hand, Scene, Touch, Wind
 
 SCALED = ("mass", "stiffness", "damping", "rest_length")
 """What is handled as a multiple of what the scene has."""
+SIDES, ROUGH = ("obstacles", "bodies"), ("friction", "restitution")
+"""Between what there is contact: with obstacles, or of bodies with each other; and what can be set of it."""
 Deed = dict[str, Any]
 """Something done: in which frame, what, and with which numbers, as JSON has them."""
 
 
 def within_reach(scene: Scene) -> Scene:
     """Return a scene in which a hand can take hold of the body: as yet it holds nobody."""
-    return replace(scene, loads=(*scene.loads, Hand()), touch=None)  # which is among the loads by now
+    return replace(scene, loads=(*scene.loads, Hand()))
 
 
 class Handling:
@@ -63,7 +65,8 @@ class Handling:
         ----------
         deed
             "scale" (name, factor), "freeze", "gravity" (value [m/s²]), "wind" (velocity [m/s]), "hold" (particles,
-            to [m], stiffness [N/m], damping [N s/m]), "pin" (particles).
+            to [m], stiffness [N/m], damping [N s/m]), "pin" (particles), "contact" (side: "obstacles" or "bodies",
+            name: "friction" or "restitution", value).
         values
             Its numbers, which JSON can hold.
 
@@ -102,6 +105,30 @@ class Handling:
         """Have all steady winds blow so."""
         self._take({one: replace(one, velocity=tuple(velocity)) for one in self.winds})
 
+    def _contact(self, *, side: str, name: str, value: float) -> None:
+        """Have all obstacles, or all rules of how bodies touch, have another friction or restitution."""
+        checks.one_of("side", side, SIDES)
+        checks.one_of("name", name, ROUGH)
+        meant = self._sides(side)
+        if not meant:
+            raise ValueError(f"side is {side!r}, which there are none of that touch")
+        others = {one: replace(one, **{name: value}) for one in meant}
+        if side == "bodies":
+            self._take(others)
+        else:
+            self.simulation.change(colliders=[others[one] for one in meant])
+
+    def _sides(self, side: str) -> list[Any]:
+        """Return the obstacles, or the rules of how bodies touch each other."""
+        if side == "obstacles":
+            return list(self.simulation.colliders)
+        return [one for one in self.loads if isinstance(one, Touch) and one.between != "none"]
+
+    def contact(self, side: str, name: str) -> float | None:
+        """Return the friction or restitution that obstacles, or bodies, have; None where nothing touches."""
+        values = [float(getattr(one, name)) for one in self._sides(side)]
+        return values[0] if values else None
+
     @property
     def winds(self) -> list[Wind]:
         """The winds that blow steadily."""
@@ -137,6 +164,7 @@ DEEDS = {
     "wind": Handling._wind,
     "hold": Handling._hold,
     "pin": Handling._pin,
+    "contact": Handling._contact,
 }
 """What can be done, by name."""
 

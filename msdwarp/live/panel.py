@@ -1,11 +1,14 @@
 """Panel: the buttons, sliders and keys of a page, and what is written beside them."""
 
 import numbers
+from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .handling import SCALED
+from .commands import SENDS
+from .handling import ROUGH, SCALED, SIDES
 from .keys import KEYS, SCENES
 from .shown import COLOURS
 from .sources import Source
@@ -17,6 +20,8 @@ HOTKEYS = {"space": "space", "right": "arrowright", "up": "arrowup", "down": "ar
 """What viser calls the keys that are no letters."""
 LEAST, MOST = 0.1, 10.0
 """Ends of the sliders that multiply a parameter."""
+MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
+"""End of the sliders of friction; the least that bodies that touch may have, see `Touch`."""
 SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
 """Speeds of playing, over real time."""
 CURVES = (("kinetic", "#d9603b"), ("elastic", "#3b7dd9"), ("sum", "#444444"))
@@ -46,6 +51,8 @@ class Panel:
         self._colour.on_update(self._if_asked(lambda: view.post("colour", value=self._colour.value)))
         self._wires = gui.add_checkbox("connections", initial_value=False)
         self._wires.on_update(self._if_asked(lambda: view.press("w")))
+        self._sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
+        self._sends.on_update(self._if_asked(lambda: view.post("send", value=self._sends.value)))
         self._legend = gui.add_html("", visible=False)
         self._open_keys()
 
@@ -69,7 +76,7 @@ class Panel:
         self._built = view.source
         for part in self._parts:
             part.remove()
-        self._parts, self._sliders, self._time = [], {}, None
+        self._parts, self._sliders, self._contacts, self._time = [], {}, {}, None
         if view.source.frame_count is not None:
             slider = gui.add_slider("frame", 0, max(view.source.frame_count - 1, 1), 1, 0)
             slider.on_update(self._if_asked(lambda: view.post("seek", k=slider.value)))
@@ -128,14 +135,34 @@ class Panel:
             if handling.winds:
                 wind = gui.add_vector3("wind [m/s]", tuple(map(float, handling.winds[0].velocity)), step=0.1)
                 wind.on_update(self._if_asked(lambda: view.post("wind", velocity=list(wind.value))))
+            self._stage_contact()
             freeze = gui.add_button("freeze the form (f)")
             freeze.on_click(lambda event: view.press("f"))
             pin = gui.add_button("pin what was pulled (p)")
             pin.on_click(lambda event: view.press("p"))
             record = gui.add_button("keep frames: begin, end")
             record.on_click(lambda event: view.post("record"))
+            film = gui.add_button("film of the frames kept last")
+            film.on_click(lambda event: view.post("film"))
             shot = gui.add_button("picture")
             shot.on_click(lambda event: view.post("screenshot"))
+
+    def _stage_contact(self) -> None:
+        """Build the sliders of friction and restitution, with obstacles and between bodies."""
+        view, handling = self._view, self._view.source.handling
+        assert handling is not None
+        for side, name in product(SIDES, ROUGH):
+            value = handling.contact(side, name)
+            if value is None:
+                continue
+            least = LEAST_RESTITUTION if (side, name) == ("bodies", "restitution") else 0.0
+            most = 1.0 if name == "restitution" else MOST_FRICTION
+            slider = self._server.gui.add_slider(
+                f"{name}, {side}", least, most, 0.01, min(max(value, least), most)
+            )
+            asked = partial(view.post, "contact", side=side, name=name)
+            slider.on_update(self._if_asked(lambda s=slider, a=asked: a(value=float(s.value))))
+            self._contacts[side, name] = slider
 
     def _stage_scene(self) -> None:
         """Build fields for the numbers that the scene was built with."""
@@ -170,10 +197,15 @@ class Panel:
         if source.handling is not None:
             for name, factor in source.handling.factors.items():
                 _set(self._sliders[name], min(max(factor, self._sliders[name].min), self._sliders[name].max))
+            for (side, name), slider in self._contacts.items():
+                value = source.handling.contact(side, name)
+                if value is not None:
+                    _set(slider, min(max(value, slider.min), slider.max))
         if self._time is not None:
             _set(self._time, source.index)
         _set(self._colour, view.shown.colour)
         _set(self._wires, view.shown.wires)
+        _set(self._sends, view.sends)
         self._tell_scale()
         if self._energies is not None and len(view.readings) > 1:
             rows = np.array(

@@ -1,6 +1,8 @@
 """Recording: frames of a view kept in a file, with what was done by hand, so that `rerun` can do it again."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -85,14 +87,58 @@ def read_deeds(folder: Path) -> list[dict[str, Any]] | None:
     return deeds
 
 
-def drawn(source: Source, scene: Scene, path: str | Path | None = None) -> Path:
+class Filming:
+    """A film of a recording as it is drawn, in a process of its own: the view goes on meanwhile.
+
+    Parameters
+    ----------
+    folder
+        That of the recording.
+    renderer
+        What draws: "auto", "opengl" or "raycast".
+    """
+
+    def __init__(self, folder: Path, renderer: str = "auto") -> None:
+        self.folder = folder
+        command = [
+            "render",
+            str(folder),
+            "--out",
+            str(folder),
+            "--frames",
+            "none",
+            "--renderer",
+            renderer,
+            "--quiet",
+        ]
+        # Ctrl-C, which ends the view, is not meant for it.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "msdwarp", *command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def ended(self) -> str | None:
+        """Return what to say once it has ended; None while it is drawn."""
+        if self._process.poll() is None:
+            return None
+        _, error = self._process.communicate()
+        if self._process.returncode:
+            return f"no film was drawn: {error.strip().splitlines()[-1] if error.strip() else 'it broke off'}"
+        return f"drew a film in {self.folder}"
+
+
+def drawn(source: Source, scene: Scene, path: str | Path | None = None, renderer: str = "auto") -> Path:
     """Draw the present frame into a PNG file, by default the next free out/NAME.png; return its path."""
     if path is None:
         Path("out").mkdir(exist_ok=True)
         path = _free(Path("out"), source.title or "view", ".png")
     frame = source.frame()
-    renderer = Renderer(scene, frame.position[np.newaxis])
-    Image.fromarray(renderer.image(frame.position, frame.time)).save(path)
+    pictures = Renderer(scene, frame.position[np.newaxis], backend=renderer, device=source.device)
+    Image.fromarray(pictures.image(frame.position, frame.time)).save(path)
     return Path(path)
 
 

@@ -28,6 +28,8 @@ class Shown:
         "look", "speed" or "strain".
     wires
         Whether the connections are drawn, in the colours of their strain, and not the surface.
+    device
+        Where the triangles are.
 
     Attributes
     ----------
@@ -37,12 +39,14 @@ class Shown:
         The one that they follow.
     """
 
-    def __init__(self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False, device: str = "cpu"
+    ) -> None:
         checks.one_of("colour", colour, COLOURS)
         self.scene, self.colour, self.wires = scene, colour, wires
         labelled = colour in LABELS and not wires
         colouring = "strain" if wires else Scale(LABELS[colour], 1.0) if labelled else "texture"
-        self.drawing = Drawing(scene, colouring)
+        self.drawing = Drawing(scene, colouring, device)
         self.frame: Frame | None = None
         self._broken = 0
         self._largest = 0.0
@@ -56,7 +60,9 @@ class Shown:
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
         """Return the drawing of what is left when connections broke at these times [s]."""
         system = self.scene.system.replace(broken_at=broken_at)
-        other = Shown(replace(self.scene, system=system), self.colour, wires=self.wires)
+        other = Shown(
+            replace(self.scene, system=system), self.colour, wires=self.wires, device=self.drawing.device
+        )
         other.tears(broken_at, time)
         return other
 

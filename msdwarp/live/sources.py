@@ -5,13 +5,20 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
 from ..files import Trajectory
+from ..pictures import outermost
 from ..simulation import Simulation
 from ..world import Scene
 from .handling import Handling
+
+MOST_SEEN = 200
+"""The most frames of a trajectory that are read to find out where the camera must be."""
+ASPECT = 16 / 9
+"""Width over height of the picture that it is found for; others see nearly the same."""
 
 
 class Reading(NamedTuple):
@@ -38,6 +45,8 @@ class Source(Protocol):
     """What it is called."""
     fps: float
     """Frames per second of simulated time."""
+    device: str
+    """Where its frames are drawn if they are drawn as images: cpu, cuda:0 ..."""
 
     @property
     def handling(self) -> Handling | None:
@@ -62,6 +71,10 @@ class Source(Protocol):
     @property
     def time(self) -> float:
         """Simulated time [s]."""
+        ...
+
+    def seen(self) -> NDArray | None:
+        """Return what the camera must have in view [m], shape [any, d]; None where nobody knows where it goes."""
         ...
 
     def advance(self) -> bool:
@@ -124,7 +137,7 @@ class Running:
         self.scene, self.title, self.fps = scene, title, simulation.fps
         self.parameters, self.attributes = dict(parameters or {}), dict(attributes or {})
         self.handling = Handling(scene, simulation)
-        self._simulation = simulation
+        self._simulation, self.device = simulation, simulation.device
         self.behind: list[Callable[[], None]] = []
         """What is called behind each frame."""
 
@@ -137,6 +150,10 @@ class Running:
     def index(self) -> int:
         """The number of the present frame."""
         return self._simulation.frame_index
+
+    def seen(self) -> None:
+        """Return nothing: where it goes is not known."""
+        return None
 
     def advance(self) -> bool:
         """Go on by a frame; raise SimulationDiverged if that cannot be."""
@@ -196,6 +213,7 @@ class Played:
             raise ValueError(f"{trajectory.path} has no frames to play")
         self.scene, self.title, self.fps = scene, title, trajectory.fps
         self._trajectory, self._k = trajectory, 0
+        self.device: str = wp.get_preferred_device().alias
         self.frame_count = len(trajectory)
 
     @property
@@ -207,6 +225,14 @@ class Played:
     def index(self) -> int:
         """The number of the present frame."""
         return self._k
+
+    def seen(self) -> NDArray:
+        """Return the outermost particles of the frames [m], shape [any, d]; of many frames those of some."""
+        chosen = np.unique(
+            np.linspace(0, self.frame_count - 1, min(self.frame_count, MOST_SEEN)).round().astype(int)
+        )
+        positions, look = self._trajectory.positions, self.scene.look
+        return np.concatenate([outermost(positions[k], look, ASPECT) for k in chosen])
 
     def advance(self) -> bool:
         """Go on by a frame; return whether there was one."""

@@ -24,6 +24,9 @@ READ_EVERY = 0.2
 """Seconds from one reading of energies to the next."""
 BEHIND = 0.25
 """How far simulated time may fall behind before it is not caught up with [s]."""
+MOST_TRIANGLES = 100_000
+"""The most triangles that a page is sent where a GPU draws: a million are 6 MB a frame, an image less than 0.1 MB.
+A CPU needs longer to draw them than most links to carry them."""
 
 
 class Screen(Protocol):
@@ -54,6 +57,9 @@ class Screen(Protocol):
         """Whether anybody looks."""
         ...
 
+    takes_images: bool
+    """Whether it can be sent images that are drawn elsewhere."""
+
     def close(self) -> None:
         """End."""
         ...
@@ -77,6 +83,8 @@ class View(Commands):
         Builds the present scene with other parameters: a function of these that returns a `Source`.
     paused
         Whether it waits at first.
+    renderer
+        What draws snapshots and films: "auto", "opengl" or "raycast".
 
     Attributes
     ----------
@@ -84,6 +92,8 @@ class View(Commands):
         What is shown, and the drawing that follows it.
     paused, speed
         Whether it waits; how fast it plays, over real time.
+    sends
+        What pages are sent: "auto", "triangles" or "images".
     notice
         What was done last, for as long as it is to be seen; else empty.
     readings
@@ -98,10 +108,13 @@ class View(Commands):
         scenes: Mapping[str, Callable[[], Source]] | None = None,
         rebuild: Callable[..., Source] | None = None,
         paused: bool = False,
+        renderer: str = "auto",
     ) -> None:
         self.source, self.screens, self.scenes, self._rebuild = source, list(screens), dict(scenes or {}), rebuild
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.recording = None
+        self.renderer, self._kept, self._filming = renderer, None, None
+        self.sends, self._is_slow, self._images = "auto", False, False
         self._wanted: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
@@ -239,6 +252,9 @@ class View(Commands):
         if not watched or now - self._read < READ_EVERY:
             return
         self._read = now
+        if self._filming is not None and (said := self._filming.ended()) is not None:
+            self._filming = None
+            self._say(said)
         if not self.paused and (reading := self.source.reading()) is not None:
             self.readings.append(reading)
         for screen in self.screens:
@@ -246,8 +262,19 @@ class View(Commands):
 
     def _draw(self, colour: str, *, wires: bool) -> None:
         """Draw what is shown in other colours, or as connections."""
-        self.shown = Shown(self.source.scene, colour, wires=wires)
+        scene, device = self.source.scene, self.source.device
+        self.shown = Shown(scene, colour, wires=wires)
+        large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
+        wanted = self.sends == "images" or (self.sends == "auto" and (large or self._is_slow))
+        self._images = wanted and any(screen.takes_images for screen in self.screens)
+        if self._images and device != "cpu":
+            self.shown = Shown(scene, colour, wires=wires, device=device)
         self.shown.follow(self.source.frame())
+
+    @property
+    def images(self) -> bool:
+        """Whether pages are sent images that are drawn here, and not triangles."""
+        return self._images
 
     def _stage(self) -> None:
         self._is_shown = False

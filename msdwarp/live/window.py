@@ -54,6 +54,8 @@ class Window:
         Width and height of the window at first, in pixels.
     """
 
+    takes_images = False
+
     def __init__(self, size: tuple[int, int] = SIZE) -> None:
         self._first_size = size
         self._view: View | None = None
@@ -92,8 +94,9 @@ class Window:
         if not same:
             frame = view.shown.frame
             assert frame is not None
-            seen = surroundings(view.shown.scene, frame.position)
-            self._stage = Stage(view.shown.scene, seen, screen.size, zoom=ROOM)
+            seen = view.source.seen()
+            around = surroundings(view.shown.scene, frame.position) if seen is None else seen
+            self._stage = Stage(view.shown.scene, around, screen.size, zoom=ROOM)
             screen.entitle(f"msdwarp - {view.source.title}")
         screen.stage(view.shown.drawing, self._stage, keep_camera=same)
         self._is_stale = True

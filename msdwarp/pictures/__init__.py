@@ -5,17 +5,20 @@ from .film import FILM_FORMATS, check_formats, write_film
 from .legend import bar
 from .onscreen import OnScreen
 from .opengl_window import ADVICE, no_display
+from .raycast import RayCaster
 from .renderer import Renderer, no_opengl
-from .stage import VIEW_ANGLE, Stage, outermost
+from .stage import VIEW_ANGLE, Camera, Stage, outermost
 from .timelapse import timelapse
 
 __all__ = [
     "ADVICE",
     "FILM_FORMATS",
     "VIEW_ANGLE",
+    "Camera",
     "Drawing",
     "OnScreen",
     "PlacedPart",
+    "RayCaster",
     "Renderer",
     "Scale",
     "Stage",

@@ -12,7 +12,7 @@ from ..kernels.pictures import raycast, shading
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .light import HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
-from .stage import VIEW_ANGLE, Stage
+from .stage import VIEW_ANGLE, Camera, Stage
 
 POINTS = {"cpu": 4, "cuda": 16}
 """Points of the light that each of four rays a pixel looks at where a shadow fades, on a CPU and on a GPU."""
@@ -36,7 +36,6 @@ class RayCaster:
         self._arrows, self._over = arrows, shading.Body()
         self._over_mesh: wp.Mesh | None = None
         camera, ground = stage.camera, stage.ground
-        self._size = width, height = stage.width, stage.height
         self._mesh: wp.Mesh | None = None
         self._refits = 0
         self._triangles = wp.array(drawing.triangles.ravel(), dtype=int, device=device)
@@ -52,12 +51,6 @@ class RayCaster:
             self._body.first_shaded = sum(len(one.part.triangles) for one in drawing.body)
 
         view = self._view = shading.Surroundings()
-        view.eye = wp.vec3(*camera.eye)
-        pixel = 2 * math.tan(math.radians(VIEW_ANGLE) / 2) / height
-        view.across, view.down = wp.vec3(*(pixel * camera.right)), wp.vec3(*(-pixel * camera.up))
-        view.corner = wp.vec3(*(camera.forward + pixel * (height * camera.up - width * camera.right) / 2))
-        view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))
-        view.towards_viewer = wp.vec3(*-camera.forward)
         view.background = wp.vec3(*checks.colour("background", stage.look.background))
         view.ambient, view.key, view.head = drawing.ambient, drawing.diffuse * KEY, drawing.diffuse * HEAD
         view.has_ground, view.below = int(ground is not None), drawing.below
@@ -71,13 +64,28 @@ class RayCaster:
         self._points = POINTS["cuda" if on_gpu else "cpu"]
         self._lit_by(camera.light)
         self._threads = THREADS if on_gpu else 1
+        self._on_gpu, self._size = on_gpu, (0, 0)
+        self.look_from(camera, (stage.width, stage.height))
+
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Have the next pictures taken from another place, with another width and height; the lights stay."""
+        view, (width, height) = self._view, size
+        view.eye = wp.vec3(*camera.eye)
+        pixel = 2 * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+        view.across, view.down = wp.vec3(*(pixel * camera.right)), wp.vec3(*(-pixel * camera.up))
+        view.corner = wp.vec3(*(camera.forward + pixel * (height * camera.up - width * camera.right) / 2))
+        view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))
+        view.towards_viewer = wp.vec3(*-camera.forward)
+        if size == self._size:
+            return
+        self._size, device = size, self.drawing.device
         self._rays = wp.zeros((height, width), dtype=wp.vec4, device=device)
         self._chosen = wp.zeros((2, height * width), dtype=int, device=device)
         self._count = wp.zeros(2, dtype=int, device=device)
         self._pixels = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
         # From a GPU bytes go fastest into memory that is pinned.
         self._host = self._pixels
-        if on_gpu:
+        if self._on_gpu:
             self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
 
     def _lit_by(self, light: NDArray) -> None:

@@ -56,9 +56,10 @@ class Changing(Present):
         gravity: Gravity | None = None,
         loads: Sequence[Load] | None = None,
         touch: Touch | Sequence[Touch] | None = None,
+        colliders: Sequence[Collider] | None = None,
         **parameters: Any,
     ) -> None:
-        """Change gravity, loads, touch, velocity, mass, stiffness, damping or rest_length between frames.
+        """Change gravity, loads, touch, colliders, velocities, mass, stiffness, damping or rest_length.
 
         A mass of inf pins a particle where it is. A new velocity may add energy, which does not count as
         divergence. Automatic substeps and the automatic route are chosen anew.
@@ -76,6 +77,8 @@ class Changing(Present):
             checkpoint does not hold them.
         touch
             How bodies touch from now on; () ends contact between bodies. A checkpoint does not hold it.
+        colliders
+            All obstacles from now on, such as the same with another friction. A checkpoint does not hold them.
         group, freeze, release, gravity, parameters
             What changes, and to what; see `msdwarp.at`.
 
@@ -85,6 +88,15 @@ class Changing(Present):
             If a name is none of these, or a value is out of its range; nothing has changed then.
         """
         change = Change(self.time, group, freeze, parameters, release, gravity)
+        if colliders is not None:
+            others = (group, release, gravity, loads, touch)
+            if freeze or parameters or any(one is not None for one in others):
+                raise ValueError(
+                    "colliders takes the place of all obstacles; nothing else may change in that call"
+                )
+            given = checks.sequence("colliders", colliders, Collider, "Plane()")
+            self._go_on_with(self.snapshot(), {"colliders": given})
+            return
         if loads is None and touch is None:
             self._apply(change)
             return
@@ -164,10 +176,10 @@ class Changing(Present):
             check_loads(after, self.system)
             pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
             above = 0.0 if pulled is None else pulled.above(self.stepping)
-            self.stepping.exchange(others)
             try:
+                self.stepping.exchange(others)
                 self._choose_anew()
-            except UnstableStep:
+            except (UnstableStep, ValueError):  # what some effects have taken, all give back
                 self.stepping.exchange({new: old for old, new in others.items()})
                 raise
             if pulled is not None:  # what the springs of a hand store jumps as it moves

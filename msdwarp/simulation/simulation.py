@@ -173,6 +173,7 @@ class Simulation(Changing):
             "route": route,
             "contact_forces": contact_forces,
         }
+        self._colliders = self._surroundings["colliders"]
         self._blocks: Blocks = blocks
         self._initial = system
         self.reset()
@@ -201,7 +202,7 @@ class Simulation(Changing):
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
         self._due, self._overrun_told = list(self._schedule), False
-        self._surroundings |= {"loads": self._loads, "gravity": self._gravity}
+        self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
         self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
         self._pace = Pace() if watched else None

@@ -1,6 +1,7 @@
 """The page of a view: a browser that opens it, clients that misbehave, and what is left behind."""
 
 import gc
+import io
 import os
 import socket
 import threading
@@ -10,12 +11,14 @@ from shutil import which
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Browser, Running, View, within_reach
 
 viser = pytest.importorskip("viser")
 import msgspec  # noqa: E402
+import zstandard  # noqa: E402
 from viser._messages import ViewerCameraMessage  # noqa: E402
 
 SETTLES = 60.0
@@ -98,6 +101,40 @@ def test_a_client_is_sent_the_body_as_it_moves(view):
         assert sum(received) > 1000
         view.post("scale", name="stiffness", factor=2.0)
         until(lambda: view.source.handling.factors["stiffness"] == 2.0)
+
+
+def pictures(socket_, count):
+    """Return that many of the images that a client is sent."""
+    found = []
+    end = time.monotonic() + SETTLES
+    while len(found) < count and time.monotonic() < end:
+        data = socket_.recv(timeout=SETTLES)
+        size = int.from_bytes(data[8:16], "little")
+        messages = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + size]))[
+            "messages"
+        ]
+        images = [one["rgb_data"] for one in messages if one["type"] == "BackgroundImageMessage"]
+        found += [one for one in images if one is not None]  # None: there is no image yet
+    return found
+
+
+def test_a_client_is_sent_images_one_at_a_time(view):
+    view.post("send", value="images")
+    until(lambda: view.screens[0]._images is not None)
+    with client(view) as quick, client(view, max_queue=1) as lazy:
+        images = view.screens[0]._images
+        shown = pictures(quick, 3)
+        assert len(set(shown)) == 3  # the body moves
+        assert all(Image.open(io.BytesIO(one)).size[1] >= 144 for one in shown)
+        # The lazy one reads nothing: a single image is on its way, and the other client gets more meanwhile.
+        until(lambda: len(images._sent) == 2)
+        number = max(images._sent)
+        before = images._sent[number]
+        pictures(quick, 3)
+        assert images._sent[number] == before
+        assert lazy
+    view.post("send", value="triangles")
+    until(lambda: not view.images)
 
 
 def test_nothing_of_the_disk_is_served(view):
@@ -210,6 +247,10 @@ def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
         until(lambda: view.source.handling.factors["stiffness"] == 1.25)
         page.keyboard.press("Shift+S")
         until(lambda: view.source.handling.factors["stiffness"] == 1.0)
+        for _ in range(3):  # a key that is held
+            page.keyboard.down("d")
+        page.keyboard.up("d")
+        until(lambda: view.source.handling.factors["damping"] == 1.25**3)
         stiffness = page.locator("input[inputmode=decimal]").nth(1)  # of the sliders, beside mass
         stiffness.fill("3")
         stiffness.press("Enter")
@@ -232,6 +273,28 @@ def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
         until(lambda: view.source.frame().position[:, 2].min() > lowest + 0.02)
         page.mouse.up()
         until(lambda: view.hand.grip is None)
+
+        # The same by images: the middle of the picture has the body's colour, and a drag takes hold of it.
+        view.post("send", value="images")
+        until(lambda: view.screens[0]._images is not None and view.screens[0]._images._sent)
+        view.post("reset")
+        view.post("pause", value=True)
+        time.sleep(1.0)
+        across, down = seen_at(camera, view.source.frame().position.mean(axis=0), 900, 560)
+        page.mouse.move(across, down)
+        page.mouse.down()
+        for k in range(1, 6):
+            page.mouse.move(across, down - 8 * k)
+            time.sleep(0.05)
+        until(lambda: view.hand.grip is not None)
+        page.mouse.up()
+        until(lambda: view.hand.grip is None)
+
+        def at_the_body():
+            shown = Image.open(io.BytesIO(picture())).convert("RGB")
+            return shown.getpixel((round(across), round(down)))
+
+        until(lambda: at_the_body()[0] > at_the_body()[2] + 40)  # red jelly on a grey ground
         assert not said, said
         browser.close()
 

@@ -23,6 +23,8 @@ def running(**changes):
 class Listener:
     """A screen that notes what it is told, and does something before each turn of the loop."""
 
+    takes_images = False
+
     def __init__(self, *turns, watched=True):
         self.turns, self.watched = list(turns), watched
         self.shown, self.stages, self.told, self.closed, self.opened = [], 0, [], 0, 0

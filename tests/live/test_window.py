@@ -71,6 +71,8 @@ def running(**changes):
 class Script:
     """A screen that shows nothing, and goes on with what a test does at each turn of the loop."""
 
+    takes_images = False
+
     watched = False
 
     def __init__(self, script):
@@ -173,6 +175,9 @@ def test_a_person_sees_and_handles_a_body(person):
         assert view.source.handling.factors["stiffness"] == 1.25
         person("key", "shift+s")
         yield from until(lambda: view.source.handling.factors["stiffness"] < 1.25)
+        person("keydown", "d")  # a key that is held
+        yield from until(lambda: view.source.handling.factors["damping"] > 1.25**2)
+        person("keyup", "d")
         person("key", "h")
         yield from until(lambda: view.helps)
         person("key", "h", "key", "c")
