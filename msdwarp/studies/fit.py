@@ -221,9 +221,12 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
     first = np.zeros((1, problem.count))
     if count == 1:
         return first
-    from scipy.stats import qmc
-
-    drawn = qmc.LatinHypercube(problem.count, seed=checks.count("seed", seed, 0)).random(count - 1)
+    random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
+    # One in each of as many equal parts of each bound's range.
+    drawn = (
+        np.column_stack([random.permutation(others) + random.random(others) for _ in range(problem.count)])
+        / others
+    )
     return np.concatenate([first, problem.low + drawn * (problem.high - problem.low)])
 
 

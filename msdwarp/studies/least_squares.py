@@ -5,7 +5,7 @@ Unknowns are the logarithms of parameters, counted from where they start: θ = l
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,10 +185,11 @@ class Problem:
         rows = int(sum(one.until(end).sum() for one in self.channels))
         hold = floor * np.sqrt(rows)  # what cannot be seen stays where it is
 
+        slopes: Any = lambda at: np.concatenate([linear(at).jacobian, hold * np.eye(p)])  # noqa: E731
         found = least_squares(
             lambda at: np.concatenate([residuals(at), hold * (at - start)]),
             np.clip(start, self.low, self.high),
-            lambda at: np.concatenate([linear(at).jacobian, hold * np.eye(p)]),
+            jac=slopes,
             bounds=(self.low, self.high),
             loss=self.loss,
             xtol=tolerance,
@@ -246,7 +247,8 @@ class Problem:
             )
             best = at[np.argmin(costs)]
             trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
-            linear = Linear(residuals[np.argmin(costs)], plane[1:].T)
+            slopes: NDArray[np.float64] = np.asarray(plane[1:].T, dtype=np.float64)
+            linear = Linear(residuals[np.argmin(costs)], slopes)
             off = residuals - plane[0] - (at - centre) @ plane[1:]
             moves = off @ np.linalg.pinv(plane[1:])  # what a jump is taken for
             jumps = moves.T @ moves / len(moves)
