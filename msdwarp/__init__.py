@@ -59,6 +59,7 @@ from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
+from .studies import sweep
 from .world import (
     Actuator,
     Attachment,
@@ -144,6 +145,7 @@ __all__ = [
     "sheet",
     "shell",
     "stability_limit",
+    "sweep",
     "verbose",
     "view",
 ]

@@ -1,20 +1,36 @@
-"""What is asked of runs: errors against cost (`tune`), energies over time, whether two trajectories differ."""
+"""What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps of many."""
 
 from .accuracy import cheapest, tune
 from .comparison import compare
 from .energy_log import EnergyLog
 from .frames import particle_energies, system_in
+from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
+from .sweep import complete, sweep
+from .sweep_plot import plot_sweep
+from .sweep_points import Point, final_numbers
+from .sweep_results import RESULTS, import_xarray
 from .table import GrowingTable
 
 __all__ = [
+    "RESULTS",
     "EnergyLog",
     "GrowingTable",
+    "Point",
     "cheapest",
+    "check_size",
     "compare",
+    "complete",
+    "final_numbers",
+    "import_xarray",
     "particle_energies",
+    "plain",
     "plot_history",
+    "plot_sweep",
+    "points",
+    "sweep",
     "system_in",
     "tune",
+    "values_of",
     "write_history",
 ]
