@@ -15,6 +15,7 @@ import msdwarp
 from msdwarp.cli.app import app
 from msdwarp.cli.options import Options
 from msdwarp.cli.scene_files import find_scene, scene_names
+from msdwarp.cli.sweep import SweepOptions
 from msdwarp.cli.tune import TuneOptions
 from msdwarp.cli.view import ViewOptions
 
@@ -22,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
-OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions}
+OF_EVERY_SCENE = {"run": Options, "sweep": SweepOptions, "view": ViewOptions, "tune": TuneOptions}
 
 
 def snippets(page: str) -> list[str]:
@@ -104,6 +105,19 @@ def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
     assert names["position"].shape == (200, 27, 3)
     assert names["results"].sizes["frame"] == 4
     assert (tmp_path / "worlds.nc").exists()
+
+
+@pytest.mark.slow
+def test_the_examples_of_sweeps_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    first, second = snippets("docs/sweeps.md")[:2]
+    script = tmp_path / "throws.py"
+    script.write_text(first + second, encoding="utf-8")
+    names = runpy.run_path(str(script), run_name="__main__")
+    assert (names["results"]["status"] == "done").all()
+    assert "strain" in capsys.readouterr().out
 
 
 def measured(name: str) -> list[dict[str, str]]:

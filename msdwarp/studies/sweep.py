@@ -99,8 +99,8 @@ def sweep(
     -------
     xarray.Dataset
         Over the swept parameters: `status` ("done", "diverged", "failed", "lost" or "missing"), `message`, `run`
-        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last value of each
-        probe, and what was observed. It is in results.nc too, and in results.csv.
+        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last
+        value of each probe, and what was observed. It is in results.nc too, and in results.csv.
 
     Raises
     ------

@@ -132,7 +132,7 @@ def _map(figure: Any, axes: Any, across: NDArray, up: NDArray, mean: NDArray, en
 
 
 def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
-    """Return where values stand on an axis, which is made logarithmic for a decade or more; texts stand in order."""
+    """Return where values stand on an axis, logarithmic for a decade or more; texts stand in order."""
     if values.dtype.kind not in "iuf":
         axis.set_ticks(range(len(values)), [str(value) for value in values])
         return np.arange(len(values), dtype=float)
