@@ -79,11 +79,13 @@ def stop_asked_for(talk: Console) -> Iterator[list[int]]:
         yield asked
 
 
-def progress_on(console: Console) -> Progress:
-    """Return bars that show how far something is, on a terminal."""
+def progress_on(console: Console, *, over: float = 30.0) -> Progress:
+    """Return bars that show how far something is, on a terminal; the pace of the last `over` seconds counts."""
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     columns = [TextColumn(c) if isinstance(c, str) else c for c in columns]
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    return Progress(
+        *columns, console=console, transient=True, speed_estimate_period=over, disable=not console.is_terminal
+    )
 
 
 def start_warp(verbose: bool) -> None:

@@ -2,12 +2,14 @@
 
 import inspect
 import json
+import os
 import re
 import shlex
 import signal
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -26,6 +28,8 @@ from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, word
 from .whole import WholeOrAuto
 
+_LONG = 86400.0
+"""Seconds over which the pace of points is taken, of which each may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 """Flags that say how a sweep goes, and nothing of what is simulated."""
 
@@ -118,7 +122,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
     try:
-        with progress_on(talk) as progress:
+        with progress_on(talk, over=_LONG) as progress:
             task = progress.add_task("sweeping", total=None)
             results = complete(
                 values,
@@ -156,6 +160,12 @@ def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, fl
         if found.script != task.script:
             raise ValueError(f"{task.place} has changed since the sweep began")
         understood(flags_app(found, "msdwarp sweep", SweepOptions, act), task.words)
+    except Interrupted as error:
+        if parent_process() is not None:  # a worker that was told to end: lost, and the sweep knows what to do
+            os._exit(error.code)
+        if error.number == signal.SIGINT:
+            raise KeyboardInterrupt from None
+        raise Terminated(error.number) from None
     except Exception as error:
         said = told_by_line(error)
         if said is None:

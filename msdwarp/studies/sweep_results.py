@@ -1,6 +1,7 @@
 """The results of a sweep: one dataset over what was swept, as NetCDF and as a table."""
 
 import csv
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,10 @@ def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: S
         values = np.array([row.get(name, np.nan) for row in rows], dtype=np.float64)
         variables[name] = (names, values.reshape(shape))
     coordinates = {name: coordinate(values) for name, values in grid.items()}
-    return xarray.Dataset(variables, coordinates, {"scene": str(planned[0].parameters["scene"])})
+    said = planned[0].parameters
+    same = {key: value for key, value in (said["parameters"] | said["options"]).items() if key not in grid}
+    about = {"scene": str(said["scene"]), "parameters": json.dumps(same)}
+    return xarray.Dataset(variables, coordinates, about)
 
 
 def coordinate(values: Sequence[Any]) -> np.ndarray:
