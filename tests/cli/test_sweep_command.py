@@ -141,7 +141,9 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
     assert not any(map(is_alive, workers))
     there = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("out/runs/[0-9a-f]*")}
     assert 3 <= len(there) < 60
-    assert msdwarp("sweep", *words, "--jobs", "1")[1].startswith("60 points: 60 done\n")
+    code, out, err = msdwarp("sweep", *words, "--jobs", "1")
+    assert (code, err) == (0, "")
+    assert out.startswith("60 points: 60 done\n")
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").iterdir()}
     assert there.items() <= after.items()
     assert len(after) == 60
