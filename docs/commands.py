@@ -8,11 +8,18 @@ from cyclopts import App
 from msdwarp.cli.app import app
 from msdwarp.cli.fit import FitOptions
 from msdwarp.cli.options import Options
+from msdwarp.cli.sweep import SweepOptions
 from msdwarp.cli.tune import TuneOptions
 from msdwarp.cli.view import ViewOptions
 
 PAGE = "commands"
-OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions, "fit": FitOptions}
+OF_EVERY_SCENE = {
+    "run": Options,
+    "sweep": SweepOptions,
+    "view": ViewOptions,
+    "tune": TuneOptions,
+    "fit": FitOptions,
+}
 """The flags of commands that take a scene; the scene's own parameters come before them."""
 
 
@@ -24,7 +31,7 @@ def append(_: Any, page: str, source: list[str]) -> None:
 
 def reference() -> str:
     """Return every command and all its flags, as Markdown with headings of the second level."""
-    names = ("run", "view", "tune", "fit", "render", "info", "plot", "export", "resume", "rerun", "list")
+    names = ("run", "view", "tune", "fit", "sweep", "render", "info", "plot", "export", "resume", "rerun", "list")
     return "\n".join(_told(name) for name in names)
 
 

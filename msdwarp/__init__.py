@@ -59,7 +59,7 @@ from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
-from .studies import Fitted, Tracked, fit
+from .studies import Fitted, Tracked, fit, sweep
 from .world import (
     Actuator,
     Attachment,
@@ -150,6 +150,7 @@ __all__ = [
     "shell",
     "show",
     "stability_limit",
+    "sweep",
     "verbose",
     "view",
 ]

@@ -1,6 +1,7 @@
-"""Files that have their name only once they are whole."""
+"""Files that have their name only once they are whole; the lock on a folder."""
 
 import errno
+import importlib.util
 import os
 import shutil
 import tempfile
@@ -67,3 +68,33 @@ def reserve(number: int, start: int, size: int, folder: Path) -> None:
             raise
     if shutil.disk_usage(folder).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@contextmanager
+def alone_in(folder: Path | None) -> Iterator[None]:
+    """Keep other runs from writing in a folder meanwhile; raise ValueError if one does already.
+
+    The lock is on the folder, and goes with the process, however that ends. Where there are none it does nothing.
+    """
+    if folder is None or importlib.util.find_spec("fcntl") is None:
+        yield
+        return
+    import fcntl
+
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(f"another run is writing in {folder}; wait for it, or name another folder") from error
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(number)
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder and all in it, if it is there."""
+    if folder.exists():
+        shutil.rmtree(folder)

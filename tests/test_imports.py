@@ -43,7 +43,7 @@ ONE_PLACE = {
     "rich": {"cli"},
     "matplotlib": {"studies"},
     "viser": {"live"},
-    "xarray": {"simulation"},
+    "xarray": {"simulation", "studies"},
 }
 MOST_ROOMS, MOST_LEVELS, MOST_ARROWS = 19, 9, 75
 

@@ -16,6 +16,7 @@ from msdwarp.cli.app import app
 from msdwarp.cli.fit import FitOptions
 from msdwarp.cli.options import Options
 from msdwarp.cli.scene_files import find_scene, scene_names
+from msdwarp.cli.sweep import SweepOptions
 from msdwarp.cli.tune import TuneOptions
 from msdwarp.cli.view import ViewOptions
 
@@ -23,7 +24,13 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
-OF_EVERY_SCENE = {"run": Options, "view": ViewOptions, "tune": TuneOptions, "fit": FitOptions}
+OF_EVERY_SCENE = {
+    "run": Options,
+    "sweep": SweepOptions,
+    "view": ViewOptions,
+    "tune": TuneOptions,
+    "fit": FitOptions,
+}
 
 
 def snippets(page: str) -> list[str]:
@@ -116,6 +123,19 @@ def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch
     # 1 mm of noise leaves the stiffness uncertain by some 1 %, and there are two integrators.
     assert found.values["stiffness"] == pytest.approx(200.0, rel=0.05)
     assert (tmp_path / "residuals.png").exists()
+
+
+@pytest.mark.slow
+def test_the_examples_of_sweeps_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    first, second = snippets("docs/sweeps.md")[:2]
+    script = tmp_path / "throws.py"
+    script.write_text(first + second, encoding="utf-8")
+    names = runpy.run_path(str(script), run_name="__main__")
+    assert (names["results"]["status"] == "done").all()
+    assert "strain" in capsys.readouterr().out
 
 
 def measured(name: str) -> list[dict[str, str]]:

@@ -4,7 +4,6 @@ import ast
 import inspect
 import sys
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
@@ -26,6 +25,8 @@ from .options import Options
 from .process import finish, start_warp, understood
 from .run import run_scene
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
+from .scene_flags import flags_app
+from .sweep import sweep_scene
 from .tune import TuneOptions, tune_scene
 from .view import ViewOptions, view_scene
 from .whole import with_wholes
@@ -152,6 +153,26 @@ def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> No
     _with_scene("fit", scene, flags, FitOptions, partial(fit_scene, measured))
 
 
+@app.command(name="sweep", help_flags=())
+def sweep_command(scene: Name, /, *flags: Words) -> None:
+    """Simulate a scene for many values of its parameters.
+
+    A flag takes a list (--damping 1,2,5) or a range (--seed 0:100, --mass 1:3:5, --stiffness 1e3:1e5:log:20).
+    `msdwarp sweep SCENE --help` shows the flags. The same command goes on with a sweep that was ended.
+
+    Parameters
+    ----------
+    scene
+        A name from `msdwarp list`, or the path of a scene script.
+    flags
+        The scene's parameters, the flags of every run, and those of every sweep.
+    """
+    if scene in ("--help", "-h"):
+        app.help_print(["sweep"])
+        return
+    sweep_scene(find_scene(scene), f"msdwarp sweep {scene}", flags)
+
+
 @app.command(name="view", help_flags=())
 def view(scene: Name, /, *flags: Words) -> None:
     """Show a scene live in a window or a browser, or play a trajectory.
@@ -182,37 +203,10 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _scene_app(origin: Origin, command: str, options_type: type, action: Any) -> App:
-    """Return the command whose flags are the parameters of `build` and the fields of `options_type`."""
-    defaults = options_type()
+    """Return the command that builds a scene by its flags, and does something with it."""
 
-    def act(*, options: Any = defaults, **parameters: Any) -> None:
+    def act(chosen: Origin, options: Any) -> None:
         start_warp(options.verbose)
-        chosen = origin._replace(parameters=parameters)
         action(chosen, chosen.scene(), options)
 
-    own = inspect.signature(origin.build, eval_str=True).parameters.values()
-    own = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=with_wholes(parameter.annotation))
-        for parameter in own
-    ]
-    common = inspect.Parameter(
-        "options", inspect.Parameter.KEYWORD_ONLY, annotation=options_type, default=defaults
-    )
-    clash = {parameter.name for parameter in own} & _names(defaults)
-    if clash:
-        raise ValueError(f"build of scene {origin.name!r} has parameters that every run has: {sorted(clash)}")
-    act.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
-    act.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
-    act.__doc__ = origin.build.__doc__
-    scene_app = App(name=command, version_flags=(), suppress_keyboard_interrupt=False)
-    scene_app.default(act)
-    return scene_app
-
-
-def _names(options: Any) -> set[str]:
-    """Return the names of options, those within others among them."""
-    names = set()
-    for one in fields(options):
-        value = getattr(options, one.name)
-        names |= _names(value) if is_dataclass(value) else {one.name}
-    return names
+    return flags_app(origin, command, options_type, act)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from .. import checks, disk
 from ..files import Trajectory, export, probe
-from ..studies import plot_history, write_history
+from ..studies import RESULTS, plot_history, plot_sweep, write_history
 from ..world import Change, Scene, known_until, scene_from_stored
 from .draw import draw
 from .info import told
@@ -232,26 +232,35 @@ def plot_command(
     *,
     out: Path | None = None,
     gravity: float | None = None,
+    show: str | None = None,
     script: Script = UNTOLD,
     force: Flag = False,
     verbose: Flag = False,
 ) -> None:
-    """Plot energies, momentum and heights of a trajectory against time.
+    """Plot energies, momentum and heights of a trajectory against time, or the results of a sweep.
 
     Parameters
     ----------
     file
-        A trajectory (*.vtkhdf) or a run's folder.
+        A trajectory (*.vtkhdf), a run's folder, a sweep's folder or its results.nc.
     out
-        File to write: *.png for a plot, *.csv for a table. Default: the trajectory's name with .png.
+        File to write: *.png for a plot, *.csv for a table. Default: the file's name with .png.
     gravity
         Acceleration of free fall [m/s²]. Default: as stored in the file.
+    show
+        Of a sweep: plot this result only, such as elastic_J.
     force
         Overwrite an existing file.
     verbose
         Print Warp's messages too.
     """
     start_warp(verbose)
+    swept = file / RESULTS if (file / RESULTS).exists() else file
+    if swept.suffix == ".nc":
+        print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
+        return
+    if show is not None:
+        raise ValueError(f"show is {show!r}; it is for the results of a sweep, and {file} is none")
     path = trajectory_in(file)
     with Trajectory(path) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}

@@ -1,12 +1,10 @@
-"""The process: a quiet start, exit codes, the lock on a folder."""
+"""The process: a quiet start, exit codes, how far it is."""
 
-import importlib.util
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError
@@ -81,35 +79,13 @@ def stop_asked_for(talk: Console) -> Iterator[list[int]]:
         yield asked
 
 
-@contextmanager
-def alone_in(folder: Path | None) -> Iterator[None]:
-    """Keep other runs from writing in a folder meanwhile; raise ValueError if one does already.
-
-    The lock is on the folder, and goes with the process, however that ends. Where there are none it does nothing.
-    """
-    if folder is None or importlib.util.find_spec("fcntl") is None:
-        yield
-        return
-    import fcntl
-
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ValueError(f"another run is writing in {folder}; wait for it, or name another folder") from error
-        except OSError:
-            pass
-        yield
-    finally:
-        os.close(number)
-
-
-def progress_on(console: Console) -> Progress:
-    """Return bars that show how far something is, on a terminal."""
+def progress_on(console: Console, *, over: float = 30.0) -> Progress:
+    """Return bars that show how far something is, on a terminal; the pace of the last `over` seconds counts."""
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     columns = [TextColumn(c) if isinstance(c, str) else c for c in columns]
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    return Progress(
+        *columns, console=console, transient=True, speed_estimate_period=over, disable=not console.is_terminal
+    )
 
 
 def start_warp(verbose: bool) -> None:

@@ -42,7 +42,7 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
     parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
     return {
         "scene": origin.place,
-        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=_as_json)),
+        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=as_json)),
         "gravity": np.asarray(with_potential(scene.gravity)).tolist(),
         **({"gravity_of_time": gravity_in_words(scene.gravity)} if callable(scene.gravity) else {}),
         **({"loads": [repr(one) for one in scene.loads]} if scene.loads else {}),
@@ -94,7 +94,7 @@ def _as_declared(value: Any, annotation: Any) -> Any:
     return value
 
 
-def _as_json(value: Any) -> Any:
+def as_json(value: Any) -> Any:
     """Return what stands for a value that JSON cannot hold."""
     if isinstance(value, set | frozenset):
         return sorted(value)

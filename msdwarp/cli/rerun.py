@@ -10,12 +10,12 @@ import numpy as np
 from rich.console import Console
 
 from .. import checks
+from ..disk import alone_in
 from ..files import Trajectory
 from ..live import FIRST_FRAME, Handling, Repeat, read_deeds, within_reach
 from ..studies import compare
 from ..world import Scene
 from .options import Options, Pictures
-from .process import alone_in
 from .provenance import UNTOLD, about, built_again
 from .results import TRAJECTORY, result_folder
 from .run import Run, simulation_by, used

@@ -6,9 +6,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from .. import disk
-from ..disk import is_unfinished
+from ..disk import alone_in, is_unfinished
 from ..pictures import FILM_FORMATS
-from .process import alone_in
 
 TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
 PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"

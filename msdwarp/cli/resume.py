@@ -7,11 +7,11 @@ import numpy as np
 from rich.console import Console
 
 from .. import checks
+from ..disk import alone_in
 from ..files import Trajectory, probe, read_restart
 from ..simulation import Simulation
 from ..studies import EnergyLog
 from .options import Options
-from .process import alone_in
 from .provenance import UNTOLD, built_again, digest
 from .results import RESTART, TRAJECTORY, pictures_in
 from .run import Run, last_frame, simulation_by

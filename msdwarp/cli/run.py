@@ -41,8 +41,8 @@ MOST_CHANGES_SAID = 6
 """More changes of the number of substeps are summed up."""
 
 
-def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
-    """Simulate a scene, keep its frames, draw them, and say what was done.
+def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
+    """Simulate a scene, keep its frames, draw them, and say what was done; return the simulation at its end.
 
     Raises
     ------
@@ -78,6 +78,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> None:
             if options.force:
                 remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
+    return simulation
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:

@@ -1,7 +1,4 @@
-"""What is asked of runs: errors against cost (`tune`), energies over time, whether two trajectories differ.
-
-And which parameters have a scene move as was measured: `fit`.
-"""
+"""What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps; fits."""
 
 from .accuracy import cheapest, tune
 from .comparison import compare
@@ -9,21 +6,37 @@ from .energy_log import EnergyLog
 from .fit import fit
 from .fitted import Fitted
 from .frames import particle_energies, system_in
+from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
 from .measured import Tracked
+from .sweep import complete, sweep
+from .sweep_plot import plot_sweep
+from .sweep_points import Point, final_numbers
+from .sweep_results import RESULTS, import_xarray
 from .table import GrowingTable
 
 __all__ = [
+    "RESULTS",
     "EnergyLog",
     "Fitted",
     "GrowingTable",
+    "Point",
     "Tracked",
     "cheapest",
+    "check_size",
     "compare",
+    "complete",
+    "final_numbers",
     "fit",
+    "import_xarray",
     "particle_energies",
+    "plain",
     "plot_history",
+    "plot_sweep",
+    "points",
+    "sweep",
     "system_in",
     "tune",
+    "values_of",
     "write_history",
 ]

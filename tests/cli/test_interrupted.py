@@ -10,7 +10,7 @@ import pytest
 from runs import UNDRAWN, assert_same_run
 
 from msdwarp import Trajectory
-from msdwarp.cli.process import alone_in
+from msdwarp.disk import alone_in
 from msdwarp.files.restart import read_restart
 
 

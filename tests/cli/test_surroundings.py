@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from msdwarp.cli.process import alone_in
 from msdwarp.cli.results import own_folder
+from msdwarp.disk import alone_in
 
 ROOT = Path(__file__).parents[2]
 UNDRAWN = ["--frames", "none", "--video", "none", "--device", "cpu", "--duration", "0.05", "--size", "3"]

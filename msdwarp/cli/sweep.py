@@ -1,0 +1,246 @@
+"""Sweeping a scene from the command line: lists and ranges among its flags, a run for each of their points."""
+
+import inspect
+import json
+import os
+import re
+import shlex
+import signal
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from ..simulation import Simulation
+from ..studies import RESULTS, Point, check_size, complete, final_numbers, import_xarray, plain, points, values_of
+from .blame import told_by_line
+from .options import Options, Pictures
+from .process import progress_on, start_warp, understood
+from .provenance import as_json
+from .run import run_scene
+from .scene_files import Origin, find_scene
+from .scene_flags import flags_app
+from .signals import Interrupted, Terminated, word
+from .whole import WholeOrAuto
+
+_LONG = 86400.0
+"""Seconds over which the pace of points is taken, of which each may take minutes."""
+_ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
+"""Flags that say how a sweep goes, and nothing of what is simulated."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Undrawn(Pictures):
+    """What to draw of each point: nothing, if nothing is asked for."""
+
+    frames: Literal["png", "none"] = "none"
+    video: Literal["webp", "mp4", "gif", "none"] = "none"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(Options):
+    """The flags of every sweep, whatever the scene.
+
+    Parameters
+    ----------
+    out
+        Folder of the sweep, new or of an earlier one, which goes on. Default: out/SCENE_sweep.
+    jobs
+        Processes at a time; auto for one on each GPU, or on each core where there is no GPU.
+    keep
+        Keep of every point its run, as `msdwarp run` does, or only a summary.
+    """
+
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
+    pictures: Pictures = field(default_factory=Undrawn)
+    jobs: WholeOrAuto = "auto"
+    keep: Literal["run", "summary"] = "run"
+
+    def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
+        """Return the options of the run of a point in a folder."""
+        options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
+        options = replace(options, out=folder, quiet=True, force=False)
+        if not keeps_files:
+            options = replace(options, trajectory="none", pictures=Undrawn(), restart=0.0, log=None)
+        return options
+
+
+class Words(NamedTuple):
+    """What a worker is given of a point: its command line."""
+
+    place: str
+    script: str | None
+    words: tuple[str, ...]
+
+
+def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
+    """Simulate a scene at all points of the lists and ranges among some flags, and say what has become of them.
+
+    Raises
+    ------
+    ValueError
+        If a flag is wrong, or none is a list or a range, or xarray is missing: before any file is touched.
+    OSError
+        If the folder cannot be written to, or holds something else.
+    Interrupted
+        If a signal ends it; the same command goes on.
+    """
+    fixed, grid = _read(flags)
+    told: list[tuple[Origin, SweepOptions]] = []
+    app = flags_app(origin, command, SweepOptions, lambda *one: told.append(one))
+    understood(app, fixed)
+    if not told:  # help was asked for, and shown
+        return
+    base, (_, options) = _said(*told[0]), told[0]
+    import_xarray()
+    if options.log is not None and not options.logs_in_folder:
+        raise ValueError(
+            f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
+        )
+    values: dict[str, list[Any]] = {}
+    for name, texts in grid.items():  # each by itself: what is wrong is said by the flag's name
+        told.clear()
+        for text in texts:
+            understood(app, [*fixed, f"--{name}={text}"])
+        several = [_value(name, *one) for one in told]
+        if len(set(several)) < len(several):
+            raise ValueError(f"{name} has a value twice; its values must differ")
+        values[name.replace("-", "_")] = several
+    check_size(values)
+    planned = []
+    for given, texts in zip(points(values), points(grid), strict=True):
+        words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
+        planned.append(Point(given, _with(base, given), Words(origin.place, origin.script, words)))
+    folder = options.out or Path("out") / f"{origin.name}_sweep"
+    start_warp(options.verbose)
+    talk = Console(stderr=True, quiet=options.quiet)
+    try:
+        with progress_on(talk, over=_LONG) as progress:
+            task = progress.add_task("sweeping", total=None)
+            results = complete(
+                values,
+                planned,
+                folder,
+                simulate_words,
+                options.keep == "run",
+                jobs=options.jobs,
+                device=options.device,
+                report=lambda done, all_: progress.update(task, completed=done, total=all_),
+            )
+    except (KeyboardInterrupt, Terminated) as error:
+        number = error.args[0] if isinstance(error, Terminated) else signal.SIGINT
+        raise Interrupted(f"{word(number)}: what is done is kept, and the same command goes on", number) from None
+    if not options.quiet:
+        count = Counter(results["status"].values.ravel().tolist())
+        print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
+        wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
+        for said in sorted(wrong)[:3]:
+            print(f"  {said}")
+        print(f"wrote {folder / RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
+
+
+def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, float]:
+    """Run a scene by its command line in a folder, and return the numbers that are kept of it; for workers."""
+    ended: list[tuple[Simulation, Any]] = []
+
+    def act(origin: Origin, options: SweepOptions) -> None:
+        start_warp(options.verbose)
+        scene = origin.scene()
+        ended.append((run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene.probes))
+
+    try:
+        found = find_scene(task.place)
+        if found.script != task.script:
+            raise ValueError(f"{task.place} has changed since the sweep began")
+        understood(flags_app(found, "msdwarp sweep", SweepOptions, act), task.words)
+    except Interrupted as error:
+        if parent_process() is not None:  # a worker that was told to end: lost, and the sweep knows what to do
+            os._exit(error.code)
+        if error.number == signal.SIGINT:
+            raise KeyboardInterrupt from None
+        raise Terminated(error.number) from None
+    except Exception as error:
+        said = told_by_line(error)
+        if said is None:
+            raise
+        raise ValueError(said) from error
+    simulation, probes = ended[0]
+    return final_numbers(simulation, dict(probes))
+
+
+def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Return the flags without those that are lists or ranges, and the values of these by name."""
+    fixed, grid, k = list[str](), dict[str, list[str]](), 0
+    while k < len(flags):
+        match = re.fullmatch(r"--([A-Za-z][\w-]*)(?:=(.*))?", flags[k], re.DOTALL)
+        taken, text = 1, match and match.group(2)
+        if match and text is None and k + 1 < len(flags):
+            taken, text = 2, flags[k + 1]
+        name = match.group(1).replace("_", "-") if match else ""
+        several = values_of(name, text) if match and text is not None else None
+        if several is None:
+            fixed.append(flags[k])
+            k += 1
+            continue
+        if name in _ONCE:
+            raise ValueError(f"{name} is {text!r}; it is the same for the whole sweep, and must be a single value")
+        if name in grid:
+            raise ValueError(f"{name} is swept twice; it must be given once")
+        grid[name] = several
+        k += taken
+    return fixed, grid
+
+
+def _said(chosen: Origin, options: SweepOptions) -> dict[str, Any]:
+    """Return all that says what is simulated, as JSON has it: parameters in full, and the options of the run."""
+    defaults = inspect.signature(chosen.build).parameters.items()
+    parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
+    stored = json.loads(json.dumps({**parameters, **chosen.parameters}, default=as_json))
+    return {
+        "scene": chosen.name,
+        "script": chosen.script,
+        "parameters": {name: _whole(value) for name, value in stored.items()},
+        "options": _unusual(_flat(options)),
+    }
+
+
+def _flat(options: SweepOptions) -> dict[str, Any]:
+    """Return the options of a run by name, those of pictures among them."""
+    stored = options.as_stored()
+    flat = stored | stored["pictures"]
+    return {name: _whole(value) for name, value in flat.items() if name not in (*_ONCE, "pictures")}
+
+
+def _unusual(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that are not as they are by default: a later version may have others beside them."""
+    usual = _flat(SweepOptions())
+    return {name: value for name, value in sorted(options.items()) if value != usual[name]}
+
+
+def _with(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    """Return what says what is simulated at a point."""
+    usual = _flat(SweepOptions())
+    own = {name: value for name, value in given.items() if name not in usual}
+    others = {name: value for name, value in given.items() if name in usual}
+    return base | {"parameters": base["parameters"] | own, "options": _unusual(base["options"] | others)}
+
+
+def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
+    """Return the value that a flag has given, as JSON has it."""
+    name = name.replace("-", "_")
+    held = {**_flat(options), **chosen.parameters}
+    if name not in held:
+        raise ValueError(f"{name} is no parameter that could be swept")
+    return plain(name, json.loads(json.dumps(held[name], default=as_json)))
+
+
+def _whole(value: Any) -> Any:
+    """Return a number without a fraction as a whole one: 2 and 2.0 are the same point."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value

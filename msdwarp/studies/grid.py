@@ -1,0 +1,139 @@
+"""Grids: the values that a sweep gives to parameters, and the points that they make."""
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+
+MOST_POINTS = 1_000_000
+"""Points of the largest grid."""
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_FORMS = (
+    "a value, a list such as 1,2,5, whole numbers such as 0:100 (the last is not among them), or so many values "
+    "between two numbers such as 1:3:5, or 1e3:1e5:log:20 in equal ratios"
+)
+
+
+def values_of(name: str, text: str) -> list[str] | None:
+    """Return the values that a list or a range stands for, as texts; None if the text is a single value.
+
+    Numbers are rounded to twelve digits, so that two ranges that share a value share it to the last bit.
+
+    Raises
+    ------
+    ValueError
+        If it begins as a list or a range, and is none.
+    """
+    if "," not in text and not re.match(f"{_NUMBER}:", text):
+        return None
+    values = [value for piece in text.split(",") for value in _piece(name, text, piece)]
+    _check_distinct(name, values)
+    return values
+
+
+def _piece(name: str, text: str, piece: str) -> list[str]:
+    """Return the values of a part of a list."""
+    wrong = ValueError(f"{name} is {checks.said(text)}; it must be {_FORMS}")
+    if not piece:
+        raise wrong
+    if not re.match(f"{_NUMBER}:", piece):
+        return [piece]
+    match = re.fullmatch(rf"({_NUMBER}):({_NUMBER})(?::(log:)?(\d+))?", piece)
+    if match is None:
+        raise wrong
+    first, last, log, count = match.groups()
+    if count is None:
+        if not (_is_whole(first) and _is_whole(last)):
+            raise wrong
+        if int(last) <= int(first):
+            raise ValueError(f"{name} is {checks.said(text)}; {piece} holds no number: its end must be the larger")
+        _check_count(name, int(last) - int(first))
+        return [str(k) for k in range(int(first), int(last))]
+    a, b, n = float(first), float(last), int(count)
+    if n < 2 or a == b or not (math.isfinite(a) and math.isfinite(b)):
+        raise ValueError(f"{name} is {checks.said(text)}; {piece} must be at least 2 values between two numbers")
+    _check_count(name, n)
+    if log and not (a > 0 and b > 0):
+        raise ValueError(f"{name} is {checks.said(text)}; both ends of {piece} must be above 0, since it is log")
+    return [f"{value:.12g}" for value in (np.geomspace(a, b, n) if log else np.linspace(a, b, n))]
+
+
+def _is_whole(text: str) -> bool:
+    return re.fullmatch(r"[+-]?\d+", text) is not None
+
+
+def _check_count(name: str, count: int) -> None:
+    if count > MOST_POINTS:
+        raise ValueError(f"{name} has {count} values; a sweep has at most {MOST_POINTS} points")
+
+
+def _check_distinct(name: str, values: list[Any]) -> None:
+    seen = set()
+    for value in values:
+        if value in seen:
+            raise ValueError(f"{name} has the value {value} twice; its values must differ")
+        seen.add(value)
+
+
+def checked_grid(grid: object) -> dict[str, list[Any]]:
+    """Return the values of each parameter of a grid as lists of what JSON has.
+
+    Raises
+    ------
+    ValueError
+        If it is no mapping, or an entry is no list of different numbers, texts, truth values or None, nor a text
+        that `values_of` reads, or the points are too many.
+    """
+    checked = {}
+    for name, given in checks.mapping("grid", grid).items():
+        checks.instance("a name in grid", name, str, "'stiffness'")
+        label = f"grid[{name!r}]"
+        if isinstance(given, str):
+            texts = values_of(label, given)
+            values: list[Any] = [given] if texts is None else [_number_or_text(text) for text in texts]
+        elif isinstance(given, Iterable):
+            values = [plain(f"{label}[{k}]", value) for k, value in enumerate(given)]
+        else:
+            raise ValueError(f"{label} is {checks.said(given)}; it must be a sequence of values, or {_FORMS}")
+        if not values:
+            raise ValueError(f"{label} is empty; it must have a value")
+        _check_distinct(label, values)
+        checked[name] = values
+    check_size(checked)
+    return checked
+
+
+def check_size(grid: Mapping[str, list[Any]]) -> None:
+    """Raise ValueError if a grid has no parameter, or too many points."""
+    if not grid:
+        raise ValueError(f"nothing is swept; at least one parameter must be a list or a range: {_FORMS}")
+    count = math.prod(map(len, grid.values()))
+    if count > MOST_POINTS:
+        raise ValueError(f"grid has {count} points; it must have at most {MOST_POINTS}")
+
+
+def points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
+    """Return an iterator over the points of a grid, the last parameter changing fastest."""
+    for values in itertools.product(*grid.values()):
+        yield dict(zip(grid, values, strict=True))
+
+
+def plain(name: str, value: Any) -> Any:
+    """Return a value as JSON has it, 2.0 as 2; raise ValueError if it is no number, text, truth value or None."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and math.isfinite(value):
+        return int(value) if value.is_integer() else value
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    raise ValueError(f"{name} is {checks.said(value)}; it must be a finite number, a text, True, False or None")
+
+
+def _number_or_text(text: str) -> Any:
+    """Return the number that a text says, or the text."""
+    return plain("it", float(text)) if re.fullmatch(_NUMBER, text) else text

@@ -1,0 +1,375 @@
+"""Sweeps: a scene at all points of a grid, each point a run of its own, on as many machines as there are."""
+
+import hashlib
+import importlib
+import inspect
+import json
+import math
+import pickle
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import checks, disk
+from ..files import TrajectoryWriter
+from ..integrators import METHODS
+from ..simulation import Readback, Simulation, frame_count
+from ..world import Scene
+from .grid import checked_grid, plain, points
+from .sweep_points import (
+    LOST,
+    MISSING,
+    RUNS,
+    Point,
+    Row,
+    Simulate,
+    carry_out,
+    final_numbers,
+    remove_unfinished,
+    stored_row,
+)
+from .sweep_results import RESULTS, dataset, import_xarray, write_results
+from .workers import workers_for
+
+OPTIONS = (
+    "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
+    "route", "contact",
+)  # fmt: skip
+"""What may be swept or set beside the parameters of a scene."""
+_TRIES = 3
+"""How often a point is begun whose worker is lost."""
+_PAUSE = 0.05
+"""Seconds between two looks at what is under way."""
+
+Report = Callable[[int, int], None]
+"""Called with how many of the points that were to be simulated are, and how many there are."""
+
+
+def sweep(
+    scene: str | Callable[..., Scene],
+    grid: Mapping[str, Any],
+    folder: str | Path,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    observe: Mapping[str, Callable[[Simulation], float]] | None = None,
+    executor: Any = None,
+    jobs: int | str = "auto",
+    keep: str = "summary",
+    report: Report | None = None,
+    **options: Any,
+) -> Any:
+    """Simulate a scene at every point of a grid, and gather the results.
+
+    Each point has a folder, named by a digest of all its parameters, that appears once it is done. So a sweep that
+    was ended goes on where it was, and a larger grid simulates only what is new. A point whose simulation diverges
+    or fails is told as such, and the others go on.
+
+    Parameters
+    ----------
+    scene
+        The name of a scene that comes with msdwarp, or a function that returns a `Scene`, at the top of a module
+        that worker processes can import.
+    grid
+        Values by the names of parameters: those of the scene's function, or options of `Simulation`. A sequence
+        of numbers or texts, or a text such as "1,2,5", "0:100", "1:3:5" or "1e3:1e5:log:20".
+    folder
+        Where the runs and the results are. It may hold those of an earlier sweep.
+    parameters
+        Parameters of the scene that are the same at all points.
+    observe
+        Functions by name. Each is called with the `Simulation` at its end and returns a number.
+    executor
+        What carries out the points: anything with `submit` as `concurrent.futures` has it, Dask's `Client` and
+        submitit's executors among them. By default processes on this machine.
+    jobs
+        How many processes there are then; "auto" for one on each GPU, or on each core where there is no GPU. With
+        1, points are simulated in this process.
+    keep
+        "summary" keeps the parameters and the results of a point, "run" its trajectory too.
+    report
+        Called with how many points are done, and how many there are to do.
+    **options
+        Options of `Simulation` that are the same at all points, and the `duration` [s].
+
+    Returns
+    -------
+    xarray.Dataset
+        Over the swept parameters: `status` ("done", "diverged", "failed", "lost" or "missing"), `message`, `run`
+        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last
+        value of each probe, and what was observed. It is in results.nc too, and in results.csv.
+
+    Raises
+    ------
+    ValueError
+        If an argument is none of these, or xarray is missing: before any file is touched.
+    OSError
+        If the folder cannot be written to, or holds something else.
+    """
+    import_xarray()
+    build, name = _found(scene)
+    values = checked_grid(grid)
+    fixed = dict(checks.mapping("parameters", parameters or {}))
+    watched = dict(checks.mapping("observe", observe or {}))
+    _check_names(build, values, fixed, options)
+    checks.one_of("keep", keep, ("summary", "run"))
+    known = inspect.signature(build).parameters
+    defaults = {key: one.default for key, one in known.items() if one.default is not one.empty}
+    planned = []
+    for given in points(values):
+        built_with = fixed | {key: value for key, value in given.items() if key not in OPTIONS or key in known}
+        simulated = options | {key: value for key, value in given.items() if key not in built_with}
+        said = {
+            "scene": name,
+            "source": _source(build),
+            "parameters": _stored(defaults | built_with),
+            "options": _stored(simulated),
+            "observe": {key: _source(function) for key, function in watched.items()},
+        }
+        planned.append(Point(given, said, Task(build, built_with, simulated, watched)))
+    if executor is None and jobs != 1:
+        _check_travels(planned[0].task)
+    return complete(
+        values, planned, Path(folder), simulate_task, keep == "run", executor, jobs, options.get("device"), report
+    )
+
+
+class Task(NamedTuple):
+    """What a worker is given to simulate."""
+
+    build: Callable[..., Scene]
+    parameters: dict[str, Any]
+    options: dict[str, Any]
+    observe: dict[str, Callable[[Simulation], float]]
+
+
+def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
+    """Simulate a scene to its end, and return the numbers that are kept of it."""
+    scene = task.build(**task.parameters)
+    checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
+    options = dict(task.options)
+    duration, integrator = options.pop("duration", scene.duration), options.pop("integrator", None)
+    if isinstance(integrator, str):
+        checks.one_of("integrator", integrator, METHODS)
+        integrator = METHODS[integrator]
+    simulation = Simulation.of(scene, integrator=integrator, **options)
+    last = frame_count(duration, simulation.fps)
+    with ExitStack() as stack:
+        writer = readback = None
+        if keeps_files:
+            path, about = folder / "trajectory.vtkhdf", {"gravity": np.asarray(scene.gravity).tolist()}
+            about = {} if callable(scene.gravity) else about
+            writer = stack.enter_context(
+                TrajectoryWriter(path, scene.system, fps=simulation.fps, frame_count=last + 1, attributes=about)
+            )
+            readback = Readback(simulation)
+        for k in range(last + 1):
+            if k:
+                simulation.step()
+            if writer is not None and readback is not None:
+                writer.write_pending(readback.take(), {})
+    numbers = final_numbers(simulation, dict(scene.probes))
+    for name, function in task.observe.items():
+        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
+    return numbers
+
+
+def complete(
+    grid: Mapping[str, Sequence[Any]],
+    planned: Sequence[Point],
+    folder: Path,
+    simulate: Simulate,
+    keeps_files: bool,
+    executor: Any = None,
+    jobs: int | str = "auto",
+    device: str | None = None,
+    report: Report | None = None,
+) -> Any:
+    """Simulate those of the points that are not there yet, write the results of all, and return them.
+
+    Parameters
+    ----------
+    grid
+        The values of what is swept; the last name changes fastest from point to point.
+    planned
+        All points.
+    folder, keeps_files, executor, jobs, report
+        See `sweep`.
+    simulate
+        What a worker does for a point's task.
+    device
+        The device that is asked for; by default processes share out the GPUs.
+
+    Raises
+    ------
+    ValueError, OSError
+        As by `sweep`.
+    """
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ValueError(
+            f"executor is {checks.said(executor)}; it must have `submit`, as concurrent.futures has it"
+        )
+    _check_folder(folder)
+    runs = (folder / RUNS).absolute()
+    with ExitStack() as stack:
+        if executor is None and jobs != 1:
+            new = sum(stored_row(runs / point.digest) is None for point in planned)
+            executor = stack.enter_context(workers_for(jobs, device, new))
+        disk.writable_folder("folder", folder, runs)
+        stack.enter_context(disk.alone_in(folder))
+        remove_unfinished(runs)
+        rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
+        left = [k for k, row in enumerate(rows) if not row]
+        for k in left:  # what a power cut has left of a run
+            disk.remove_folder(runs / planned[k].digest)
+        calls = {
+            k: (simulate, planned[k].task, planned[k].parameters, planned[k].digest, runs, keeps_files)
+            for k in left
+        }
+        try:
+            for count, (k, row) in enumerate(_carried_out(calls, executor), 1):
+                rows[k] = row
+                if report is not None:
+                    report(count, len(left))
+        finally:
+            remove_unfinished(runs)
+            rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
+            results = dataset(grid, planned, rows)
+            write_results(results, folder)
+    return results
+
+
+def _carried_out(calls: Mapping[int, tuple[Any, ...]], executor: Any) -> Any:
+    """Yield (number, row) of points as they are done."""
+    if executor is None:
+        for k, call in calls.items():
+            yield k, carry_out(*call)
+        return
+    waiting: dict[Any, tuple[int, int]] = {}
+    try:
+        _submit(executor, [(k, call, 1) for k, call in calls.items()], waiting)
+        while waiting:
+            done, again = [future for future in waiting if future.done()], []
+            for future in done:
+                k, attempt = waiting.pop(future)
+                try:
+                    yield k, future.result()
+                except Exception as error:  # whatever an executor raises when it has lost a worker
+                    call = calls[k]
+                    if (row := stored_row(call[4] / call[3])) is not None:
+                        yield k, row
+                    elif attempt < _TRIES:
+                        again.append((k, call, attempt + 1))
+                    else:
+                        yield k, {"status": LOST, "message": f"its worker was lost {attempt} times: {error}"}
+            _submit(executor, again, waiting)
+            if not done:
+                time.sleep(_PAUSE)
+    finally:
+        for future in waiting:
+            if hasattr(future, "cancel"):
+                future.cancel()
+
+
+def _submit(
+    executor: Any, calls: list[tuple[int, tuple[Any, ...], int]], waiting: dict[Any, tuple[int, int]]
+) -> None:
+    """Hand calls to an executor; to submitit's all at once, which Slurm takes as one array of jobs."""
+    if calls and hasattr(executor, "map_array"):
+        columns = zip(*[(*call, attempt) for _, call, attempt in calls], strict=True)
+        futures = executor.map_array(carry_out, *columns)
+    else:
+        futures = [executor.submit(carry_out, *call, attempt) for _, call, attempt in calls]
+    waiting |= {future: (k, attempt) for future, (k, _, attempt) in zip(futures, calls, strict=True)}
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise OSError if a folder holds something that is no sweep."""
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"folder is {folder}, which is a file; it must be a folder, new or of a sweep")
+    there = [path for path in folder.iterdir() if not disk.is_unfinished(path)] if folder.exists() else []
+    if there and not (folder / RUNS).is_dir() and not (folder / RESULTS).exists():
+        raise FileExistsError(f"folder is {folder}, which holds something that is no sweep; name another")
+
+
+def _found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
+    """Return what builds a scene, and its name."""
+    if isinstance(scene, str):
+        try:
+            if not scene.isidentifier():
+                raise ModuleNotFoundError
+            return importlib.import_module(f"msdwarp.scenes.{scene}").build, scene
+        except (ModuleNotFoundError, AttributeError):
+            raise ValueError(
+                f"scene is {scene!r}; it must be a name that `msdwarp list` shows, or a function"
+            ) from None
+    if not callable(scene) or not hasattr(scene, "__qualname__"):
+        raise ValueError(f"scene is {checks.said(scene)}; it must be the name of a scene, or a function")
+    return scene, scene.__qualname__
+
+
+def _check_names(
+    build: Callable[..., Scene], grid: Mapping[str, Any], fixed: Mapping[str, Any], options: Mapping[str, Any]
+) -> None:
+    """Raise ValueError that names what neither the scene nor `Simulation` takes, or what is given twice."""
+    known = inspect.signature(build).parameters
+    anything = any(one.kind is one.VAR_KEYWORD for one in known.values())
+    own = [] if anything else list(known)
+    for given, label, allowed in ((grid, "grid", [*own, *OPTIONS]), (fixed, "parameters", own)):
+        for name in given:
+            if not anything:
+                checks.one_of(f"a name in {label}", name, allowed)
+    for name in options:
+        checks.one_of("an option", name, OPTIONS)
+    for name in grid:
+        if name in fixed or name in options:
+            raise ValueError(f"{name} is in grid, and given for all points too; it must be one of both")
+
+
+def _check_travels(task: Task) -> None:
+    """Raise ValueError if worker processes could not be given a task."""
+    where = "it must be at the top of a module that they can import, or jobs be 1"
+    main = importlib.import_module("__main__")
+    for label, function in (
+        ("scene", task.build),
+        *((f"observe[{key!r}]", one) for key, one in task.observe.items()),
+    ):
+        try:
+            pickle.dumps(function)
+        except Exception as error:
+            raise ValueError(f"{label} cannot be given to worker processes ({error}); {where}") from error
+        if function.__module__ == "__main__" and not hasattr(main, "__file__"):
+            raise ValueError(f"{label} was typed in, which worker processes do not see; {where}")
+
+
+def _source(function: Callable[..., Any]) -> str | None:
+    """Return a digest of the source of a function, None where there is none; of what it calls it knows nothing."""
+    try:
+        return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        return None
+
+
+def _stored(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as JSON has them: what it cannot hold by its text."""
+    return {name: _as_json(value) for name, value in values.items()}
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    try:
+        return plain("it", value)
+    except ValueError:
+        pass
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_as_json(one) for one in value]
+    try:
+        return json.loads(json.dumps(value, sort_keys=True))
+    except TypeError:
+        return repr(value)
