@@ -16,6 +16,9 @@ VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
 """How much wider the view is than what it must hold."""
+UNSEEN = 1e-3
+"""How far below the ground things may reach and still be drawn, over the extent of all that the camera sees: contact
+lets what lies on the ground sink in by as little, and it would vanish in spots."""
 
 
 def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
@@ -109,7 +112,12 @@ class Camera:
         return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
 
     def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
-        """Return (first row, first column, rows, columns) of the part of a picture that holds all points."""
+        """Return (first row, first column, rows, columns) of the part of a picture that holds all points.
+
+        Of no points it is the first pixel.
+        """
+        if len(points) == 0:
+            return 0, 0, 1, 1
         if ((points - self.eye) @ self.forward).min() <= 0:
             return 0, 0, height, width  # a point behind the camera appears nowhere
         bounds = []
@@ -137,9 +145,10 @@ class Ground:
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)
         self.u /= np.linalg.norm(self.u)
         self.v = np.cross(self.normal, self.u)
-        reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-        self.half = 6.0 * reach
-        self.tile = 10.0 ** math.floor(math.log10(0.5 * reach))
+        self.reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+        """Diagonal of the box around all that the camera sees [m]."""
+        self.half = 6.0 * self.reach
+        self.tile = 10.0 ** math.floor(math.log10(0.5 * self.reach))
         """Side of a square of the chequered pattern [m]: a power of ten."""
         self.texture = self._paint(look)
 
