@@ -139,9 +139,9 @@ class Actors:
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
         points = drawing.points.numpy()
-        if len(points[seen]) == 0:
-            return points
-        self._only_above_ground(points[seen])
+        shadows = shadows and len(points[seen]) > 0  # a stage may be bare
+        if len(points[seen]):
+            self._only_above_ground(points[seen])
         if shadows:
             self.shadow_map.follow(points[seen])
         self.shading.follow(shadows=shadows)

@@ -17,8 +17,8 @@ VIEW_ANGLE = 30.0
 MARGIN = 1.12
 """How much wider the view is than what it must hold."""
 UNSEEN = 1e-3
-"""How far below the ground things may reach and still be drawn, over the extent of all that the camera sees: contact
-lets what lies on the ground sink in by as little, and it would vanish in spots."""
+"""How far below the ground things may reach and still be drawn, over the extent of all that the camera sees.
+Contact lets what lies on the ground sink in by as little, and it would vanish in spots."""
 
 
 def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
@@ -112,11 +112,8 @@ class Camera:
         return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
 
     def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
-        """Return (first row, first column, rows, columns) of the part of a picture that holds all points.
-
-        Of no points it is the first pixel.
-        """
-        if len(points) == 0:
+        """Return (first row, first column, rows, columns) of the part of a picture that holds all points."""
+        if not len(points):
             return 0, 0, 1, 1
         if ((points - self.eye) @ self.forward).min() <= 0:
             return 0, 0, height, width  # a point behind the camera appears nowhere
