@@ -17,8 +17,13 @@ author = "The msdwarp developers"
 copyright = "The msdwarp developers, Apache-2.0"
 version = release = msdwarp.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
-source_suffix = {".md": "markdown", ".rst": "restructuredtext"}  # autosummary writes the latter
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
+source_suffix = {
+    ".md": "myst-nb",
+    ".ipynb": "myst-nb",
+    ".rst": "restructuredtext",
+}  # autosummary writes the latter
+nb_execution_mode = "off"  # notebooks are kept with what they showed; tests/test_notebooks.py executes them
 exclude_patterns = ["images", "templates"]
 templates_path = ["templates"]
 # Read as they stand, pages link to headings as GitHub names them.

@@ -95,6 +95,12 @@ def test_the_example_of_the_live_view_runs(capsys):
     assert "http://127.0.0.1:" in capsys.readouterr().out
 
 
+def test_the_examples_of_pictures_run(capsys):
+    names = run("docs/pictures.md")
+    assert capsys.readouterr().out == "(180, 320, 3)\n"
+    assert names["image"].std() > 5  # not blank
+
+
 def test_the_example_of_loads_runs(capsys):
     names = run("docs/loads.md")
     assert "work of the loads" in capsys.readouterr().out
@@ -215,6 +221,7 @@ def test_every_page_has_a_place_on_the_site():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     listed = set("\n".join(re.findall(r"```\{toctree\}\n(.*?)```", index, flags=re.DOTALL)).split())
     assert {page.stem for page in DOCS.glob("*.md")} - {"index"} <= listed
+    assert {f"notebooks/{book.stem}" for book in DOCS.glob("notebooks/*.ipynb")} <= listed
 
 
 def test_every_public_name_is_in_the_reference():

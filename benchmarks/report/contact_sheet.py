@@ -32,7 +32,7 @@ BEST = {
     "cookie": 0.36,
     "cradle": 1.0,
     "crawl": 4.4,
-    "cube": 0.95,
+    "cube": 0.62,
     "curtain": 2.0,
     "dice": 1.2,
     "flag": 3.6,

@@ -9,10 +9,8 @@ from .drawing import Drawing
 from .light import HEAD, KEY, SHININESS
 from .shading import Shading
 from .shadow_map import ShadowMap
-from .stage import Ground
+from .stage import UNSEEN, Ground
 
-UNSEEN = 1e-3
-"""How far below the ground things may reach before they are cut off, by the height of all that is drawn."""
 AROUND = 24
 """Corners of the piece of ground on which shadows are drawn."""
 
@@ -76,14 +74,15 @@ class Actors:
         if ground is None:
             return
         height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
-        cut = bool(height.min() < -self.drawing.below - UNSEEN * float(np.ptp(height)))
+        deep = self.drawing.below + UNSEEN * ground.reach
+        cut = bool(height.min() < -deep)
         if cut == self._cut:
             return
         self._cut = cut
         for actor in self._actors:
             actor.mapper.RemoveAllClippingPlanes()
             if cut:
-                origin = ground.centre - self.drawing.below * ground.normal
+                origin = ground.centre - deep * ground.normal
                 actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
 
     def _add_bodies(self) -> list[Any]:

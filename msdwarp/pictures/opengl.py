@@ -63,7 +63,8 @@ class OpenGL:
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
-        plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+        # In a notebook PyVista would show a still beside what is asked for.
+        plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none", notebook=False)
         plotter.render_window.SetMultiSamples(0)
         plotter.render_window.SetNumberOfLayers(FRONT + 1)
         plotter.renderer.SetLayer(SCENE)

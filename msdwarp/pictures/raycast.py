@@ -12,7 +12,7 @@ from ..kernels.pictures import raycast, shading
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .light import HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
-from .stage import VIEW_ANGLE, Camera, Stage
+from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
 
 POINTS = {"cpu": 4, "cuda": 16}
 """Points of the light that each of four rays a pixel looks at where a shadow fades, on a CPU and on a GPU."""
@@ -53,9 +53,10 @@ class RayCaster:
         view = self._view = shading.Surroundings()
         view.background = wp.vec3(*checks.colour("background", stage.look.background))
         view.ambient, view.key, view.head = drawing.ambient, drawing.diffuse * KEY, drawing.diffuse * HEAD
-        view.has_ground, view.below = int(ground is not None), drawing.below
+        view.has_ground = int(ground is not None)
         view.ground = _image(blank, device)
         if ground is not None:
+            view.below = drawing.below + UNSEEN * ground.reach
             view.ground = _image(ground.texture[::-1], device)
             view.ground_centre, view.ground_normal = wp.vec3(*ground.centre), wp.vec3(*ground.normal)
             span = 2 * ground.half

@@ -16,6 +16,9 @@ VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
 """How much wider the view is than what it must hold."""
+UNSEEN = 1e-3
+"""How far below the ground things may reach and still be drawn, over the extent of all that the camera sees.
+Contact lets what lies on the ground sink in by as little, and it would vanish in spots."""
 
 
 def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
@@ -139,9 +142,10 @@ class Ground:
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)
         self.u /= np.linalg.norm(self.u)
         self.v = np.cross(self.normal, self.u)
-        reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-        self.half = 6.0 * reach
-        self.tile = 10.0 ** math.floor(math.log10(0.5 * reach))
+        self.reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+        """Diagonal of the box around all that the camera sees [m]."""
+        self.half = 6.0 * self.reach
+        self.tile = 10.0 ** math.floor(math.log10(0.5 * self.reach))
         """Side of a square of the chequered pattern [m]: a power of ten."""
         self.texture = self._paint(look)
 

@@ -28,8 +28,8 @@ class Look:
         Image on the surface, placed by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
         Shade smoothly across the triangles of a face (True), or each triangle flat (False).
-    gloss, obstacle_gloss
-        Strength of highlights on the body and on solid colliders, 0 … 1.
+    gloss
+        Strength of highlights on the body, 0 … 1.
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     background, ground
@@ -62,7 +62,6 @@ class Look:
     texture: NDArray[np.uint8] | None = None
     smooth: bool = True
     gloss: float = 0.25
-    obstacle_gloss: float = 0.15
     azimuth: float = -60.0
     elevation: float = 16.0
     background: str = "#eef1f4"

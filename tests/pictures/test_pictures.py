@@ -14,7 +14,7 @@ from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.light import SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.parts import round_solid
-from msdwarp.pictures.stage import VIEW_ANGLE, Camera, Ground, outermost
+from msdwarp.pictures.stage import UNSEEN, VIEW_ANGLE, Camera, Ground, outermost
 
 BACKENDS = [
     pytest.param(
@@ -353,3 +353,17 @@ def test_memory_stays_flat_over_a_thousand_frames(scene, backend):
         renderer.image(positions[k % 10])
     # A picture is 173 kB: keeping as much as one in ten would show.
     assert resident() - before < 17e6
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_sheet_on_the_ground_hides_it_though_it_sinks_in(backend):
+    sheet = msd.sheet((9, 9), 0.1, mass=0.1)
+    # By half of what may be seen: UNSEEN times the extent, here 0.8 m times the square root of 2.
+    sheet = sheet.translate((0, 0, -0.5 * UNSEEN * 0.8 * 2**0.5))
+    look = msd.Look(colour="#c03020", gloss=0.0, azimuth=-90, elevation=40)
+    scene = msd.Scene(system=sheet, colliders=[msd.Plane()], look=look)
+    renderer = msd.Renderer(scene, sheet.position, resolution=SIZE, backend=backend)
+    image = renderer.image(sheet.position).astype(int)
+    for point in 0.9 * sheet.position:
+        red, green, _ = image[pixel_of(renderer, point)]
+        assert red > 2 * green  # the ground is grey

@@ -92,6 +92,18 @@ def test_moving_obstacles_are_where_they_are_at_the_last_pose():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_without_ground_and_obstacles_poses_lie_on_the_backdrop(backend):
+    scene = msd.Scene(system=msd.box((3, 3, 3), 0.25, mass=0.1), look=msd.Look(background="#eef1f4"))
+    positions = poses(scene)
+    renderer = msd.Renderer(scene, positions, resolution=SIZE, backend=backend)
+    assert (renderer.bare(None) == (0xEE, 0xF1, 0xF4)).all()
+    picture = timelapse(renderer, positions, [0.0, 0.5, 1.0])
+    assert (picture[0, 0] == (0xEE, 0xF1, 0xF4)).all()
+    for place in PLACES:
+        assert (picture[pixel_of(renderer, place)] != (0xEE, 0xF1, 0xF4)).any()
+
+
 def test_strain_colours_come_with_their_legend(scene):
     positions = poses(scene)
     renderer = msd.Renderer(scene, positions, resolution=(640, 360), colouring="strain", backend="raycast")

@@ -1,0 +1,48 @@
+"""The notebooks of the docs: executed, they end without an error and find what they say."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
+
+
+def executed(name: str, folder: Path) -> list:
+    """Return the outputs of all cells of a notebook, executed in a folder."""
+    nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
+    pytest.importorskip("ipykernel", reason="ipykernel is not installed")
+    import nbformat
+
+    notebook = nbformat.read(FOLDER / name, as_version=4)
+    nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
+    return [output for cell in notebook.cells for output in cell.get("outputs", [])]
+
+
+def text(outputs: list) -> str:
+    """Return what was printed."""
+    return "".join(output["text"] for output in outputs if output["output_type"] == "stream")
+
+
+def shown(outputs: list, kind: str) -> int:
+    """Return how many outputs of a kind there are, such as image/png."""
+    return sum(kind in output.get("data", {}) for output in outputs)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
+def test_methods_are_compared(tmp_path):
+    outputs = executed("methods.ipynb", tmp_path)
+    assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (1, 1)  # a plot, and a film alone
+    assert len(re.findall(r"[\d.]+ ms +\d+ +[\d.]+ ms", text(outputs))) == 5  # and one method without a limit
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_stiffness_is_found_again(tmp_path):
+    outputs = executed("fit.ipynb", tmp_path)
+    assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (1, 1)
+    found = re.findall(r"constant: ([\d.]+) ± ([\d.]+)", text(outputs))
+    for (value, error), true in zip(found, (520.0, 1.0), strict=True):
+        # Four standard errors, which the noise, always the same, stays within.
+        assert abs(float(value) - true) < 4 * float(error) < 0.2 * true
