@@ -1,5 +1,6 @@
 """Images that a page is sent: what they show, how many are on the way, and when triangles give way to them."""
 
+import importlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -142,7 +143,8 @@ def test_a_window_is_never_sent_images():
 def test_many_triangles_are_drawn_where_a_gpu_simulates(device, monkeypatch):
     if device == "cpu":
         pytest.skip("a CPU draws more slowly than triangles are sent")
-    monkeypatch.setattr("msdwarp.live.view.MOST_TRIANGLES", 10)
+    module = importlib.import_module("msdwarp.live.view")  # by its name it is a function
+    monkeypatch.setattr(module, "MOST_TRIANGLES", 10)
     source = running()
     source.device = device
     view = View(source, [Page()])
