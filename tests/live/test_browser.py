@@ -124,7 +124,8 @@ def test_a_client_is_sent_images_one_at_a_time(view):
     with client(view) as quick, client(view, max_queue=1) as lazy:
         images = view.screens[0]._images
         shown = pictures(quick, 3)
-        assert len(set(shown)) == 3  # the body moves
+        while len(set(shown)) < 3:  # the body moves, if not by a pixel each time
+            shown += pictures(quick, 1)
         assert all(Image.open(io.BytesIO(one)).size[1] >= 144 for one in shown)
         # The lazy one reads nothing: a single image is on its way, and the other client gets more meanwhile.
         until(lambda: len(images._sent) == 2)
