@@ -44,7 +44,7 @@ def refused(*words):
 
 
 @pytest.mark.slow
-def test_a_page_is_served_until_ctrl_c(tmp_path):
+def test_a_page_is_served_until_ctrl_c(tmp_path, heard):
     with command("chain", cwd=tmp_path) as process:
         timer = threading.Timer(WAITS, process.kill)
         timer.start()
