@@ -84,6 +84,7 @@ def show(
         display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
         return
     bar = display.display(display.HTML(""), display_id=True)
+    assert bar is not None  # a display that is named answers with its handle
 
     def progress(doing: str, done: int, count: int) -> None:
         if done % max(1, count // 50) == 0:
