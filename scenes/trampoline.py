@@ -31,7 +31,7 @@ def build(
         How many times longer each connection of the sheet is than it would be if the rim let go.
     """
     checks.count("size", size, 7)
-    high, radius, edge = 0.8, 0.25, 1.04
+    high, radius, edge = 0.8, 0.25, 1.02
     spacing = 2.0 / (size - 1)
     bed = sheet((size, size), spacing, mass=1.2 / size**2, stiffness=stiffness, damping=damping)
     bed = bed.replace(rest_length=bed.length / stretch)

@@ -5,7 +5,7 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import rings
 
 
-def build(*, length: int = 30, stiffness: float = 3000.0, damping: float = 3.0, mass: float = 0.03) -> Scene:
+def build(*, length: int = 20, stiffness: float = 1000.0, damping: float = 1.5, mass: float = 0.03) -> Scene:
     """Stand a worm of 2 × 2 particles across on the floor.
 
     Parameters
@@ -22,8 +22,8 @@ def build(*, length: int = 30, stiffness: float = 3000.0, damping: float = 3.0, 
     spacing = 0.1
     worm = box((2, 2, length), spacing, mass=mass, stiffness=stiffness, damping=damping)
     worm = worm.rotate(0.06, axis=(0.4, 1, 0)).translate((0, 0, spacing * length / 2))
-    look = Look(texture=rings("#c9687a", "#f0c4b8", length // 3), gloss=0.4, azimuth=-100, elevation=24)
-    return Scene(system=worm, colliders=[Plane(restitution=0.1, friction=0.7)], duration=3.0, look=look)
+    look = Look(texture=rings("#b8324c", "#f6cdbd", length // 2), gloss=0.4, azimuth=-130, elevation=16)
+    return Scene(system=worm, colliders=[Plane(restitution=0.1, friction=0.7)], duration=2.4, look=look)
 
 
 if __name__ == "__main__":

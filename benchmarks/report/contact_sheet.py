@@ -44,7 +44,7 @@ BEST = {
     "trampoline": 0.65,
     "waffle": 1.0,
     "walker": 3.6,
-    "worm": 1.6,
+    "worm": 1.25,
 }
 """When a scene looks its best [s], where that is not DEFAULT times its duration."""
 DEFAULT = 0.45
