@@ -42,8 +42,9 @@ class Surroundings:
     """Unit vector against the direction of view: towards the second light."""
     background: wp.vec3
     """Colour where nothing is met, in 0 … 1."""
-    # Strengths of what lights the body: from everywhere, from the key light and from the viewer.
+    # Strengths of what lights the body: from everywhere, from below, from the key light and from the viewer.
     ambient: float
+    bounce: float
     key: float
     head: float
     shininess: float
@@ -137,7 +138,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
         colour = texel(body.texture, at[0], at[1])
     gloss = body.gloss[hit.face]
-    diffuse = view.ambient
+    diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
     glint = float(0.0)
     facing = wp.dot(normal, view.towards_viewer)
     if facing > 0.0:

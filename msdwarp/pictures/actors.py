@@ -60,7 +60,7 @@ class Actors:
         self.drawing, self.ground = drawing, ground
         self._pv, self._plotter = pv, plotter
         self.shadow_map = ShadowMap(drawing, light)
-        self.shading = Shading(pv, self.shadow_map)
+        self.shading = Shading(pv, self.shadow_map, drawing.bounce)
         self._actors: list[Any] = []
         self._cut = False
         self._bodies = self._add_bodies()

@@ -22,7 +22,7 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import AMBIENT, EVEN_AMBIENT, EVEN_SHARE, towards_key
+from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, towards_key
 from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
 from .stage import axes_of
 
@@ -98,7 +98,9 @@ class Drawing:
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self._paints: dict[Part, Paint] = {}
         self.scale = self._scale_of(colouring)
-        self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if self.by_value else (AMBIENT, 1.0)
+        even = self.by_value
+        self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if even else (AMBIENT, 1.0)
+        self.bounce = 0.0 if even else BOUNCE
         self.device = device
         body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)

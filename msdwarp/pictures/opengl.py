@@ -86,7 +86,9 @@ class OpenGL:
         actor = pv.Actor(mapper=pv.DataSetMapper(mesh))
         actor.mapper.scalar_visibility = False
         actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
-        actor.prop.ambient, actor.prop.diffuse = self.drawing.ambient, self.drawing.diffuse
+        # VTK lights them, which knows no light from below: half of it is what an upright face has.
+        actor.prop.ambient = self.drawing.ambient + 0.5 * self.drawing.bounce
+        actor.prop.diffuse = self.drawing.diffuse
         front = self._layer(FRONT)
         front.AddActor(actor)
         return front, mesh

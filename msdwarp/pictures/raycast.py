@@ -52,7 +52,8 @@ class RayCaster:
 
         view = self._view = shading.Surroundings()
         view.background = wp.vec3(*checks.colour("background", stage.look.background))
-        view.ambient, view.key, view.head = drawing.ambient, drawing.diffuse * KEY, drawing.diffuse * HEAD
+        view.ambient, view.bounce = drawing.ambient, drawing.bounce
+        view.key, view.head = drawing.diffuse * KEY, drawing.diffuse * HEAD
         view.has_ground = int(ground is not None)
         view.ground = _image(blank, device)
         if ground is not None:

@@ -78,7 +78,8 @@ _ON_BODIES = f"""
   float share = keyLight(lampVSOutput, keyFacing);
   float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, share);
   float head = lightColor1.r * max(headFacing, 0.0);
-  gl_FragData[0] = vec4(ambientColor + (key + head) * diffuseColor, opacity);
+  float bounce = 0.5 * lampUnits.z * (1.0 - dot(normalVCVSOutput, upVSOutput));
+  gl_FragData[0] = vec4(ambientColor + (bounce + key + head) * diffuseColor, opacity);
   float glint = 0.0;
   if (specularColor.r > 0.0)
   {{
@@ -106,12 +107,14 @@ class Shading:
         PyVista.
     shadow_map
         What the light sees.
+    bounce
+        Strength of the light from below.
     """
 
-    def __init__(self, pv: Any, shadow_map: ShadowMap) -> None:
+    def __init__(self, pv: Any, shadow_map: ShadowMap, bounce: float) -> None:
         from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-        self._map, self._matrix = shadow_map, vtkMatrix4x4()
+        self._map, self._matrix, self._bounce = shadow_map, vtkMatrix4x4(), bounce
         self._textures = {
             "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
             "shadowAround": _of_numbers(pv, shadow_map.around, between=True),
@@ -143,6 +146,10 @@ class Shading:
         write("//VTK::Light::Impl", _ON_GROUND if ground else _ON_BODIES)
         if not ground:
             write("//VTK::TCoord::Impl", behind("//VTK::TCoord::Impl", _GLINT))
+            # What is up, as the camera sees it.
+            write("//VTK::Normal::Dec", behind("//VTK::Normal::Dec", "out vec3 upVSOutput;"), vertex=True)
+            write("//VTK::Normal::Impl", behind("//VTK::Normal::Impl", "  upVSOutput = normalMatrix[2];"), vertex=True)
+            write("//VTK::Normal::Dec", behind("//VTK::Normal::Dec", "in vec3 upVSOutput;"))
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
@@ -153,7 +160,7 @@ class Shading:
                 self._matrix.SetElement(column, row, to_lamp[row, column])  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
-            units = (1 / self._map.width, texel, 0.0, float(shadows and takes_shadows))
+            units = (1 / self._map.width, texel, self._bounce, float(shadows and takes_shadows))
             program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", units)
         for image, texture in self._textures.values():
             image.GetPointData().GetScalars().Modified()

@@ -9,7 +9,7 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
-from msdwarp.pictures.light import AMBIENT, HEAD, KEY, SHADOW
+from msdwarp.pictures.light import AMBIENT, BOUNCE, HEAD, KEY, SHADOW
 from msdwarp.pictures.opengl_window import opengl_window
 
 BACKENDS = [
@@ -211,7 +211,8 @@ def pixel_of(renderer, point):
 def shade(colour, normal, camera):
     """Return the colour of a matt surface with this normal, 0 … 255."""
     facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
-    return np.minimum(255 * np.array(colour) * (AMBIENT + facing), 255)
+    around = AMBIENT + BOUNCE * (1 - normal[2]) / 2
+    return np.minimum(255 * np.array(colour) * (around + facing), 255)
 
 
 @pytest.mark.slow
