@@ -158,7 +158,7 @@ def sweep_command(scene: Name, /, *flags: Words) -> None:
     """Simulate a scene for many values of its parameters.
 
     A flag takes a list (--damping 1,2,5) or a range (--seed 0:100, --mass 1:3:5, --stiffness 1e3:1e5:log:20).
-    `msdwarp sweep SCENE --help` shows the flags. The same command goes on with a sweep that was ended.
+    `msdwarp sweep SCENE --help` shows the flags. Give the same command again to continue an interrupted sweep.
 
     Parameters
     ----------

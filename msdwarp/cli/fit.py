@@ -26,19 +26,19 @@ class FitOptions:
     Parameters
     ----------
     parameters
-        What to fit, with commas between: stiffness, damping, rest_length, mass, friction, gravity. Each starts as
-        the scene has it, or as is said: stiffness=500,damping.
+        What to fit, separated by commas: stiffness, damping, rest_length, mass, friction, gravity. The search
+        starts from the scene's values, or from those given: stiffness=500,damping.
     bounds
-        Least and most of parameters: stiffness=100:2000,damping=0.1:5. Default: ten times below and above the
-        start.
+        Bounds of parameters: stiffness=100:2000,damping=0.1:5. Default: from a tenth of the start to ten times
+        it.
     noise
-        Standard deviation of what was measured, in its unit.
+        Standard deviation of the measurement's noise, in the unit of the data.
     loss
-        linear, or what counts large differences less; those need --noise.
+        Loss function. All but linear give large differences less weight, and need --noise.
     horizon
-        Follow what was measured for a short time first and then for longer, or all of it at once.
+        growing fits a short time first and then longer ones; whole fits all of it at once.
     starts
-        From how many values the search starts.
+        Number of starting points of the search.
     substeps
         Integrator steps per frame; auto picks what is stable within the bounds.
     fps
@@ -50,7 +50,7 @@ class FitOptions:
     device
         Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     plot
-        Draw what is left over to this picture, such as residuals.png.
+        Plot the residuals to this file, such as residuals.png.
     quiet
         Print the values only.
     verbose

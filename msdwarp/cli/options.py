@@ -48,12 +48,12 @@ class Pictures:
         What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
         the velocity, energy or contact force of particles. Default: set by the scene.
     full_strain
-        Strain at the ends of the colour scale. Default: fits what happens, unless the scene sets it.
+        Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run.
     arrows
         Draw contact forces as arrows, in front of the bodies.
     renderer
-        What draws: opengl, raycast (which needs no OpenGL and draws on a GPU where there is one), or auto:
-        raycast for what is simulated on a GPU, else opengl where it is found.
+        Renderer: opengl, raycast (needs no OpenGL, and draws on a GPU if there is one), or auto: raycast if the
+        simulation runs on a GPU, else opengl if it is found.
     """
 
     frames: Literal["png", "none"] = "png"

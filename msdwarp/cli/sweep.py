@@ -51,11 +51,11 @@ class SweepOptions(Options):
     Parameters
     ----------
     out
-        Folder of the sweep, new or of an earlier one, which goes on. Default: out/SCENE_sweep.
+        Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep.
     jobs
-        Processes at a time; auto for one on each GPU, or on each core where there is no GPU.
+        Number of processes; auto takes one for each GPU, or one for each core if there is no GPU.
     keep
-        Keep of every point its run, as `msdwarp run` does, or only a summary.
+        What to keep of each point: the whole run, as `msdwarp run` does, or only a summary.
     """
 
     out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None

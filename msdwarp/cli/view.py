@@ -52,7 +52,7 @@ class ViewOptions:
     fps
         Frames per second of simulated time.
     renderer
-        What draws snapshots and films: opengl, raycast, or auto. See `msdwarp run`.
+        Renderer of snapshots and films: opengl, raycast, or auto. See `msdwarp run`.
     verbose
         Print messages from Warp and VTK too.
     """

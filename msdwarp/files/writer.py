@@ -54,8 +54,8 @@ class Pending(Protocol):
 class TrajectoryWriter:
     """Writes frames beside the simulation: a thread takes them from a queue and flushes each to disk.
 
-    The file appears, whole, with the first frame, and can be opened at any moment from then on, also after the
-    process was killed: every frame that was flushed is in it.
+    The file appears with the first frame. From then on it can be opened at any moment, even after the process
+    was killed, and has every frame that was flushed.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class TrajectoryWriter:
     fps
         Frames per second of simulated time that are handed to `write`.
     frame_count
-        How many there will be, if that is known: the file is then laid out for it.
+        Number of frames to come, if it is known; the file is then laid out for it.
     compress
         Compress losslessly (gzip 1 after shuffling bytes): smaller, and several times slower.
     every
@@ -74,21 +74,20 @@ class TrajectoryWriter:
     strain
         Write the strain of every connection: one number each, of which a lattice has many more than positions.
     contact_forces
-        Write what contacts push each particle with, a vector each, which comes with every frame then.
+        Write the contact force on each particle; every frame must then come with it.
     attributes
         What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
     readings
-        What probes tell, by their names: how often ("frame" or "substep"), and what the numbers are called; those
-        of the first frame are written with it, as of each later one, kept or not. `Trajectory.readings` gives them
-        back.
+        Of each probe, by its name: how often it is read ("frame" or "substep"), and what its numbers are called.
+        Readings of all frames are written, also of frames that are not kept. `Trajectory.readings` returns them.
     scene
         What pictures need of the surroundings: what JSON can hold, and arrays by name. `Trajectory.scene` gives it
         back.
     force
         Replace a file that is there.
     behind
-        Go on with the file that is there, behind so many frames that were handed to `write` in their time; what it
-        has beyond them is dropped. How it is laid out, and what made the run, is the file's then.
+        Continue the existing file after this many of the frames that were handed to `write`; later frames in it
+        are dropped. Its layout and attributes stay as they are.
 
     Raises
     ------

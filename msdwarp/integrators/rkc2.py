@@ -103,8 +103,8 @@ class Work(NamedTuple):
 class RKC2(Integrator):
     """Runge-Kutta-Chebyshev of order 2, for systems that creep rather than oscillate.
 
-    With s stages it is stable along the negative real axis to 0.653 (s² − 1), so that the work to cover a
-    given time falls as 1/s. It wants a damper beside every spring: an undamped oscillation is never stable.
+    With s stages it is stable along the negative real axis to 0.653 (s² − 1). So the work for a given time falls
+    as 1/s. Every spring needs a damper beside it: an undamped oscillation is never stable.
     Reference: Sommeijer, Shampine & Verwer, J. Comput. Appl. Math. 88 (1997) 315-326.
 
     Parameters

@@ -68,8 +68,8 @@ class Screen(Protocol):
 class View(Commands):
     """A simulation, or a trajectory, that people look at and handle while it runs.
 
-    Its loop does what was asked for since the last time, simulates the frames that are due, and shows the last
-    one. What comes from other threads goes through `post`: nothing else of a view may be called there.
+    Its loop carries out commands, simulates the frames that are due, and shows the last one. From other threads
+    call only `post`, `press` and `close`.
 
     Parameters
     ----------
@@ -84,18 +84,18 @@ class View(Commands):
     paused
         Whether it waits at first.
     renderer
-        What draws snapshots and films: "auto", "opengl" or "raycast".
+        Renderer of snapshots and films: "auto", "opengl" or "raycast".
 
     Attributes
     ----------
     source, shown
         What is shown, and the drawing that follows it.
     paused, speed
-        Whether it waits; how fast it plays, over real time.
+        Whether it is paused; its speed over real time.
     sends
         What pages are sent: "auto", "triangles" or "images".
     notice
-        What was done last, for as long as it is to be seen; else empty.
+        A message about the last command, while it is shown; else empty.
     readings
         Energies of the last seconds.
     """
@@ -290,7 +290,7 @@ class View(Commands):
 
     @property
     def notice(self) -> str:
-        """What was done last, while it is to be seen."""
+        """A message about the last command, while it is shown."""
         return self._notice if time.perf_counter() - self._told < TOLD_FOR * (1 + len(self._notice) / 40) else ""
 
     def _say(self, text: str) -> None:

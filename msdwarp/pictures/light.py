@@ -5,10 +5,10 @@ A surface of colour c, unit normal n and gloss g that is seen from the direction
     c (AMBIENT + BOUNCE (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0))
         + g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e),
 
-where the unit vector z points up, l to the key light, h back along the camera's view, p and q are these, mirrored at n, and e
-is SHININESS. A share s of the key light is seen from there, 0 in full shadow; k = SHADED + (1 - SHADED) s of it
-arrives, since what is around scatters the rest. The ground is painted, and keeps SHADOW + (1 - SHADOW) s of its
-colour.
+where the unit vector z points up, l to the key light, h back along the camera's view, p and q are these two,
+mirrored at n, and e is SHININESS. A share s of the key light is seen from there, 0 in full shadow; k = SHADED +
+(1 - SHADED) s of it arrives, since what is around scatters the rest. The ground is painted, and keeps SHADOW +
+(1 - SHADOW) s of its colour.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ BOUNCE = 0.18
 """Light from below, as a bright floor sends it up: without it faces that look down are dark. A face sees the share
 (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""The light from all around, and the share left of the two lights, where colours tell values: even light, with none
+"""The light from all around, and the share left of the two lights, where colours tell values: even light, and none
 from below, so that they look on all sides as they do in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow over that in light."""

@@ -146,10 +146,11 @@ class Shading:
         write("//VTK::Light::Impl", _ON_GROUND if ground else _ON_BODIES)
         if not ground:
             write("//VTK::TCoord::Impl", behind("//VTK::TCoord::Impl", _GLINT))
+            declared, written = "//VTK::Normal::Dec", "//VTK::Normal::Impl"
             # What is up, as the camera sees it.
-            write("//VTK::Normal::Dec", behind("//VTK::Normal::Dec", "out vec3 upVSOutput;"), vertex=True)
-            write("//VTK::Normal::Impl", behind("//VTK::Normal::Impl", "  upVSOutput = normalMatrix[2];"), vertex=True)
-            write("//VTK::Normal::Dec", behind("//VTK::Normal::Dec", "in vec3 upVSOutput;"))
+            write(declared, behind(declared, "out vec3 upVSOutput;"), vertex=True)
+            write(written, behind(written, "  upVSOutput = normalMatrix[2];"), vertex=True)
+            write(declared, behind(declared, "in vec3 upVSOutput;"))
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:

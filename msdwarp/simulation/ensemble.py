@@ -47,8 +47,9 @@ class Ensemble:
     """Simulates many worlds at once: one scene, in each world with other parameters or another start.
 
     World w is what `Simulation` makes of the scene with the w-th entry of each parameter in place of the scene's
-    own. It moves as that does with as many substeps: to the last bit by gather, and on the CPU by every route; by
-    the stencil on a GPU to rounding. An entry is what `System.replace` takes: of stiffness, damping, rest_length,
+    own. It moves as that simulation does with the same number of substeps: to the last bit by gather, and on the
+    CPU by every route; to rounding by the stencil on a GPU.
+    An entry is what `System.replace` takes: of stiffness, damping, rest_length,
     mass a number for all, or one for each connection or particle. To scale what a scene has, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
     divides that of worlds: then w reads entry w mod (number of entries).
@@ -68,7 +69,7 @@ class Ensemble:
     position
         Where particles start [m], shape [entries, particle_count, d].
     velocity
-        How they start to move [m/s], shape [entries, d] (all that are not pinned) or [entries, particle_count, d].
+        Velocities at the start [m/s], shape [entries, d] (all free particles) or [entries, particle_count, d].
     gravity
         [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a number for all.
     friction

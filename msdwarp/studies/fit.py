@@ -56,12 +56,12 @@ def fit(
 ) -> Fitted:
     """Find the parameters with which a scene moves as was measured.
 
-    The sum of squared differences between simulated and measured is made small by Gauss-Newton steps of
-    `scipy.optimize.least_squares`. Unknowns are logarithms of the parameters. Derivatives are differences between
-    worlds: with p parameters one `Ensemble` run of p + 1 worlds is a step.
+    Gauss-Newton steps of `scipy.optimize.least_squares` minimise the sum of squared differences between
+    simulation and measurement. Unknowns are logarithms of the parameters. Derivatives are differences between
+    worlds: with p parameters each step is one `Ensemble` run of p + 1 worlds.
 
-    Over a long time that sum has many minima: where a period has passed, a stiffness that is too high fits again.
-    So what is measured is followed for a short time at first, and from there on for twice as long, and so on.
+    Over a long time that sum has many minima: after a period a stiffness that is too high fits again. So a short
+    time is fitted first, then twice that time, and so on.
 
     Parameters
     ----------
@@ -76,34 +76,36 @@ def fit(
           "gravitational energy" [J], to (times, values) of shapes [rows] and [rows, width]; or the path of a CSV
           file that begins with time_s and has columns as in a run's probes.csv, or such as energy_J.
 
-        NaN, in a file an empty cell, stands where nothing was measured. What was measured at time 0 is left out:
-        the start is the scene's.
+        Where nothing was measured, there is NaN, or an empty cell of a file. What was measured at time 0 is
+        ignored, because the scene sets the start.
     parameters
-        Names from stiffness, damping, rest_length, mass, friction, gravity; or where each is to start, None for
-        where the scene has it. Where all in the scene are alike (springs, particles that are not pinned,
-        obstacles), a parameter is their number; otherwise a factor on what each has.
+        Names from stiffness, damping, rest_length, mass, friction, gravity; or a mapping from names to starting
+        values, None for the scene's. If all springs (or free particles, or obstacles) of the scene have the same
+        value, the parameter is this value; otherwise it is a factor on the value of each.
     bounds
-        (least, most) by the names of parameters. By default ten times below and above the start.
+        (lower, upper) by the names of parameters. By default from a tenth of the start to ten times it.
     noise
-        Standard deviation of what was measured, in its unit; by name where there are several kinds ("points" are
-        those tracked). It weighs one kind against another. By default each counts in shares of its own variation.
+        Standard deviation of the measurement's noise, in the unit of the data; by name if there are several
+        kinds ("points" are tracked points). It weighs one kind against another. By default each kind is divided
+        by its own variation.
     loss
-        "linear": squares. "soft_l1", "huber" or "cauchy" count large differences less, where some of the points
-        are wrong; they need `noise`, which says what is large.
+        "linear": squares. "soft_l1", "huber" or "cauchy" give large differences less weight, for data in which
+        some points are wrong; they need `noise`, which says what is large.
     horizon
-        "growing", or "whole" for all times at once, or increasing times [s] up to which what is measured counts
-        one after the other; all of it counts in the end.
+        "growing", "whole" for all times at once, or increasing times [s]: the fit uses the data up to each of
+        them in turn, and all data in the end.
     starts
-        From how many values the search starts, all in one run: the scene's, and others that fill the bounds.
+        Number of starting points, all in one run: the scene's values, and others spread over the bounds.
     seed
-        Of the other starts.
+        Seed of the other starting points.
     tolerance
-        The search ends where steps are below this share of the values.
+        The search ends when steps are below this fraction of the values.
     fps
-        Frames a second. By default what was measured tells; where its times are those of no frames, 60. Between
-        frames a cubic spline tells what is simulated.
+        Frames a second. By default that of the data, or 60 if their times fit no frame rate. Between frames the
+        simulation is interpolated by a cubic spline.
     substeps
-        Of a frame, the same for all values. "auto" takes what is stable everywhere within the bounds.
+        Substeps of a frame, the same for all values. "auto" takes a number that is stable everywhere within the
+        bounds.
     integrator
         Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
     precision
@@ -111,7 +113,7 @@ def fit(
     device
         Where to simulate. By default the first CUDA device, or the CPU if there is none.
     report
-        Told in a line what is being done.
+        A function that is called with a line of text about the progress.
 
     Returns
     -------

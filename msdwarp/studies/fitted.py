@@ -1,4 +1,4 @@
-"""What a fit has found: values, how certain they are, what is left over."""
+"""What a fit has found: values, their standard deviations, residuals."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,9 +38,9 @@ class Fitted:
     batches: int
     """How many runs these were: worlds of one `Ensemble` run side by side."""
     alone: str
-    """Why worlds were simulated one after the other, where an `Ensemble` cannot have the scene; else empty."""
+    """Why worlds were simulated one after the other: what an `Ensemble` does not support. Else empty."""
     unseen: tuple[str, ...]
-    """Parameters that cannot be told from what was measured."""
+    """Parameters that the measurement does not determine."""
     converged: bool
     """Whether the last steps were below the tolerance."""
 
@@ -69,7 +69,7 @@ class Fitted:
         return "\n  ".join(lines)
 
     def plot(self, path: str | Path) -> None:
-        """Draw what is left over, against time and by how often, to a picture such as residuals.png."""
+        """Plot the residuals against time, and their histogram, to a picture such as residuals.png."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 

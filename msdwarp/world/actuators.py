@@ -15,13 +15,13 @@ from .loads import Load, values_at
 class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
-    At time t a connection has the rest length l0 (1 + s(t − delay)) in place of its own, l0. Where several
-    actuators have a connection, their strains add up. They cost a table of their own: the body keeps its route to
-    the forces, and other connections cost what they did.
+    At time t a connection has the rest length l0 (1 + s(t − delay)) in place of its own, l0. If several
+    actuators act on a connection, their strains add up. Their connections are stored in a table of their own, so
+    the body keeps its route to the forces, and other connections cost no more than before.
 
     `Measures.external_work` counts what muscles do on the body, −∮ F dl over a cycle, for their tension F and
-    length l; `elastic_energy` stays that of the rest lengths l0, as if there were no muscle. So in a held muscle
-    both are there, with opposite signs.
+    length l; `elastic_energy` stays that of the rest lengths l0, as if there were no muscle. So for a muscle
+    that is held at both ends the two have opposite signs.
 
     Parameters
     ----------
@@ -30,14 +30,13 @@ class Actuator(Load):
         a muscle that contracts: a number, or a function of time [s] that returns one; above −1 and below 1. The
         stability bound counts with the least of its first ten seconds, where it can be asked for those.
     on
-        The particles between which they are, both ends of each; see `Load`.
+        The particles that both ends of its connections belong to; see `Load`.
     along
-        A lattice direction or several, such as "x" or ("x", "y"), to which it is confined; names are those in
-        `System.directions`. By default all connections.
+        One or several lattice directions in which its connections lie, such as "x" or ("x", "y"), by their names
+        in `System.directions`. By default all connections.
     delay
-        By how much later each particle does what the first do [s], a number or of shape [particle_count]; a
-        connection has the mean of its two ends. A wave that travels at c has x/c. The strain is then asked for
-        times before 0 too.
+        Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its
+        two ends. For a wave that travels at c it is x/c. The strain is then evaluated at times before 0 too.
 
     Raises
     ------

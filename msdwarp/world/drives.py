@@ -15,7 +15,7 @@ from .motion import Motion, pose
 
 @dataclass(frozen=True, eq=False)
 class Drive(Load):
-    """Moves particles as a function of time says, whatever pulls at them; what is attached feels place and speed.
+    """Moves particles along a given path, whatever pulls at them; their connections feel position and speed.
 
     A drive that stands still is a pin. `at(t, release=...)` lets particles go, with the velocity that they have.
 

@@ -29,26 +29,28 @@ class Probe:
     on
         The group: its name (see `System.named`), indices, or a mask.
     what
-        What it tells:
+        What it measures:
 
         - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
           particles count only where the group has no others, all alike then.
         - "force" [N]: the sum of the forces that connections, loads, other bodies and gravity exert on the group
-          where the frame ends. What the group's particles exert on each other cancels. On a support (a group that
-          is pinned or driven, and has no weight) it is what pulls at it: what a load cell under the support reads.
-          On a free group it is the mass times the acceleration that it has without obstacles.
-        - "contact force" [N]: what obstacles and other bodies push the group with, the mean over the frame: the
-          sum of all impulses of contact in it, over its length. That of an obstacle is m (v' − v), and pinned and
-          driven particles feel none of it; that of another body is ∫ f dt as the method takes it.
-        - "touch force" [N]: the share of other bodies in that. What two bodies exert on each other cancels.
+          where the frame ends. What the group's particles exert on each other cancels. On a support (a group
+          that is pinned or driven, and has no weight) it is what a load cell under the support reads. On a free
+          group it is the mass times the acceleration that the group would have without obstacles.
+        - "contact force" [N]: the force of obstacles and other bodies on the group, the mean over the frame: the
+          sum of all impulses of contact in the frame, divided by its length. The impulse of an obstacle is m (v'
+          − v), and 0 for pinned and driven particles. The impulse of another body is ∫ f dt as the integrator
+          computes it.
+        - "touch force" [N]: the part of the contact force that other bodies exert. Forces between two bodies of
+          the group cancel.
         - "strain": the mean of length / rest length − 1 over the connections within the group that are not broken,
           and the largest of its absolute values.
     every
         When it is read: "frame", where each frame ends, or "substep", where each substep does. By substep the
         contact force is the mean over the substep, and a force is that of the places and the time at which the
-        substep ends. Where a substep ends on the way, `Leapfrog` knows the velocity of what is driven to first
-        order only. Sums are launched behind each substep: for small bodies, whose frames are one launch
-        otherwise, that takes longer than the substeps.
+        substep ends. At the substeps within a frame `Leapfrog` knows the velocity of driven particles to first
+        order only. Each substep needs a launch for the sums: for small bodies, which otherwise need one launch a
+        frame, these launches take longer than the substeps.
 
     Raises
     ------

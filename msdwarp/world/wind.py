@@ -13,14 +13,14 @@ from .loads import Load, is_device_function, values_at
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Wind(Load):
-    """The force of air that moves, or rests, on what moves in it.
+    """The force of air, moving or at rest, on bodies in it.
 
     A triangle of the surface with the area vector a (n = a/|a|) that moves at u against the air feels
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    on both sides. A closed surface has air outside alone: its triangles feel that where they face the wind, so
-    that a convex body of drag C_d falls at the speed where ½ ρ C_d A v² = m g, A being the area that it shows.
+    on both sides. A closed surface has air on its outside only, and only triangles that face the wind feel it.
+    So a convex body of frontal area A falls at the speed at which ½ ρ C_d A v² = m g.
     Vertices may be particles or, in balls, cylinders, cones and meshes, mixtures of them, which then take a force
     by their shares. See `msdwarp.kernels.loads.wind`. Air at rest is `Wind((0, 0, 0))`: it slows what falls.
 
