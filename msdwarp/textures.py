@@ -62,9 +62,17 @@ def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> N
 
 
 def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a long upright box, faces with `count` rings around it."""
+    """Return `count` rings around a round body, such as a ball: v runs along it."""
     _, v = _grid(size)
-    return _on_box(_mix(0.5 - 0.5 * np.cos(2 * np.pi * count * v), colour, light))
+    return _mix(0.5 - 0.5 * np.cos(2 * np.pi * count * v), colour, light)
+
+
+def rings_box(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
+    """Return, for a long upright box, `count` rings around its sides, and plain ends."""
+    upright = rings(colour, light, count, size=size)
+    lying, end = upright[::-1].transpose(1, 0, 2), np.broadcast_to(upright[:1, :1], upright.shape)
+    # Upwards is u on the faces −x and +y, and v on +x and −y.
+    return _faces([lying, upright, upright, lying, end, end])
 
 
 PIPS = {

@@ -46,7 +46,7 @@ def build(
         touch=Touch(friction=0.5, restitution=0.5),
         duration=4.5,
         look=Look(texture=ticking("#f3efe4", "#5b7ea6"), gloss=0.05, azimuth=-55, elevation=18),
-        looks={"ball": Look(texture=rings("#c8403a", "#f4efe6", 4), gloss=0.5)},
+        looks={"ball": Look(texture=rings("#c8403a", "#f4efe6", 8), gloss=0.5)},
     )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+import msdwarp as msd
 from msdwarp import checks, textures
 from msdwarp.pictures.atlas import atlas, plain
 
@@ -11,6 +12,7 @@ ALL = {
     "tiles": lambda: textures.tiles("#e4633f", "#f2b591"),
     "gingham": lambda: textures.gingham("#2f6f9f", "#f4f1e8"),
     "rings": lambda: textures.rings("#c9687a", "#f0c4b8", 7),
+    "rings_box": lambda: textures.rings_box("#c9687a", "#f0c4b8", 7),
     "pips": lambda: textures.pips("#f3ece0", "#1d2530"),
     "waffle": lambda: textures.waffle("#dca350", "#b9742a"),
     "waffle, diagonal": lambda: textures.waffle("#dca350", "#b9742a", diagonal=True),
@@ -70,6 +72,23 @@ def test_a_flat_box_has_a_waffle_above_and_below():
         dark = face(image, k).max(axis=2) < 128
         assert ndimage.label(dark[dark.shape[0] // (2 * up)])[1] == across
         assert ndimage.label(dark[:, dark.shape[1] // (2 * across)])[1] == up
+
+
+def test_rings_close_around_an_upright_box():
+    image, body = textures.rings_box("#000000", "#ffffff", 3, size=120), msd.box((2, 2, 13))
+    surface = body.surface
+    # The ends of the faces, half a texel inside: neighbours in the texture are other faces.
+    places = surface.uv * (3, 2)
+    side = np.isin(np.arange(len(places)), np.unique(surface.triangles[: 4 * 12 * 2]))
+    tile = np.repeat(np.arange(6), [26, 26, 26, 26, 4, 4])
+    inside = np.clip(places - np.stack([tile % 3, tile // 3], axis=1), 0.5 / 120, 1 - 0.5 / 120)
+    column = ((tile % 3 + inside[:, 0]) * 120).astype(int)
+    row = image.shape[0] - 1 - ((tile // 3 + inside[:, 1]) * 120).astype(int)
+    height = body.position[surface.particle, 2]
+    height = (height - height.min()) / 12
+    # A texel is 1/120 of the height; brightness changes by up to 3 pi times as much, and is rounded to 1/255.
+    wanted = 0.5 - 0.5 * np.cos(2 * np.pi * 3 * height)
+    np.testing.assert_allclose(image[row, column, 0][side] / 255, wanted[side], atol=3 * np.pi / 120 + 1 / 255)
 
 
 @pytest.mark.slow
