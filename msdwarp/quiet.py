@@ -24,7 +24,7 @@ _lock, _started = threading.Lock(), False
 
 
 def verbose(on: bool = True) -> None:
-    """Let Warp speak: what it starts with, and each module that it compiles or loads. `verbose(False)` undoes it.
+    """Print Warp's messages: its devices, and each module that it compiles or loads. `verbose(False)` ends this.
 
     It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
     """

@@ -132,7 +132,7 @@ def tune_command(scene: Name, /, *flags: Words) -> None:
 
 @app.command(name="fit", help_flags=())
 def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> None:
-    """Find the parameters with which a scene moves as was measured.
+    """Fit parameters of a scene to a measured motion.
 
     `msdwarp fit SCENE --help` shows the flags.
 

@@ -136,7 +136,7 @@ class RKC2(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """When its stages take their forces: c_j, where the recurrence of changes has taken x' = 1."""
+        """Times of its stages, as shares of a substep: the c_j that the recurrence gives for x' = 1."""
         c = coefficients(self.evaluations)
         changes = [0.0, c.first]
         for mu, nu, reach, reach0 in list(zip(c.mu, c.nu, c.reach, c.reach0, strict=True))[:-1]:

@@ -33,7 +33,7 @@ def view(
         What is shown: a scene, a simulation, a trajectory or its file. Until the view is closed nobody else may
         use a simulation that is shown.
     browser
-        Whether a page is served; by default where there is no display for a window.
+        Whether a page is served, and no window opened; by default if there is no display.
     block
         Wait until the window is closed, or Ctrl-C; otherwise return at once, and `View.close` ends it. A window
         can only be waited for.

@@ -41,8 +41,8 @@ def join(
     a, b
         The bodies; without `b` particles of `a` are joined with each other, as along a seam.
     within
-        Join each particle of one with the nearest of the other, where that is within this distance [m]. Of several
-        that are equally near it is the first.
+        Join each particle of one with the nearest of the other, where that is within this distance [m]. If
+        several are equally near, it is the first.
     pairs
         Join these: numbers of particles of a and of b (or of a and of a), shape [any, 2]; in place of `within`.
     on

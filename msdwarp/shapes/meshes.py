@@ -31,7 +31,7 @@ def from_mesh(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return a closed mesh filled with particles, where it is.
+    """Return a body that fills a closed mesh with particles; it lies where the mesh lies.
 
     The particles are the corners of the lattice cells whose centre is inside the mesh. Where the mesh is thinner
     than a cell, the cells that it passes through are filled as well, so that thin parts hold, as thick as a cell.

@@ -99,8 +99,8 @@ class Simulation(Changing):
         How forces are summed: "scatter", "gather", "stencil" (lattices only) or "auto"; see
         `msdwarp.kernels.forces`. This affects speed only. On a GPU scatter does not repeat bit for bit.
     blocks
-        How many blocks of threads, and how many threads in each, compute all substeps of a frame in one launch. A
-        pair; None for a launch for each stage of each substep; or "auto". This affects speed only.
+        How many blocks of threads, and threads in each, compute all substeps of a frame in one launch: a pair,
+        or "auto". None: each stage of each substep is a launch. This affects speed only.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes

@@ -1,4 +1,4 @@
-"""fit: the parameters with which a scene moves as was measured."""
+"""fit: parameters of a scene from a measured motion."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -54,7 +54,7 @@ def fit(
     device: str | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> Fitted:
-    """Find the parameters with which a scene moves as was measured.
+    """Fit parameters of a scene to a measured motion.
 
     Gauss-Newton steps of `scipy.optimize.least_squares` minimise the sum of squared differences between
     simulation and measurement. Unknowns are logarithms of the parameters. Derivatives are differences between

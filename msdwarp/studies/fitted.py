@@ -12,7 +12,7 @@ from .plots import BLUE, DARK, RED
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The parameters with which a scene moves as was measured; made by `fit`."""
+    """Parameters of a scene, fitted to a measured motion; made by `fit`."""
 
     values: dict[str, float]
     """The parameters by name, in the units of `units`."""
