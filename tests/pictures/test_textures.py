@@ -77,6 +77,7 @@ def test_a_flat_box_has_a_waffle_above_and_below():
 def test_rings_close_around_an_upright_box():
     image, body = textures.rings_box("#000000", "#ffffff", 3, size=120), msd.box((2, 2, 13))
     surface = body.surface
+    assert surface is not None
     # The ends of the faces, half a texel inside: neighbours in the texture are other faces.
     places = surface.uv * (3, 2)
     side = np.isin(np.arange(len(places)), np.unique(surface.triangles[: 4 * 12 * 2]))
