@@ -31,6 +31,8 @@ SOFTNESS = 0.05
 this."""
 SHININESS = 30.0
 """Phong's exponent of highlights."""
+GOLDEN = np.pi * (3 - np.sqrt(5))
+"""The golden angle [rad]."""
 
 
 def towards_key(right: NDArray, forward: NDArray) -> NDArray[np.float64]:
@@ -49,7 +51,7 @@ def spread(count: int) -> NDArray[np.float64]:
     "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order
     of the van der Corput sequence.
     """
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    angle = GOLDEN * np.arange(count)
     radius = np.sqrt(_van_der_corput(count) + 0.5 / count)
     return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 

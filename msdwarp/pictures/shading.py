@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .light import SHADED, SHADOW, SOFTNESS, spread
+from .light import GOLDEN, SHADED, SHADOW, SOFTNESS, spread
 from .shadow_map import SIZE, ShadowMap
 
 TAPS = 4
@@ -19,20 +19,20 @@ STEEPEST = 6.0
 """Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
 
 
-def _taps() -> str:
-    """Return the code that sums up how many texels around a fragment do not hide the light."""
-    points = spread(4 * TAPS).reshape(4, TAPS, 2)
-    lines = []
-    for k in range(TAPS):
-        # A choice between constants: to look them up in an array costs processors more than all the rest.
-        chosen = ", ".join(f"vec2({u:.4f}, {v:.4f})" for u, v in points[:, k])
-        lines.append(f"  lit += clearAt(at, slope, margin, radius * oneOf(fragment, {chosen}));")
-    return "\n".join(lines)
+def _of_fragments(numbers: np.ndarray) -> str:
+    """Return the code that takes one of four vectors, shape [4, n], by where a fragment lies in its 2 x 2."""
+    # A choice between constants: to look them up in an array costs processors more than all the rest.
+    return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 
+
+_POINTS = spread(4 * TAPS).reshape(4, TAPS, 2)
+_RINGS = np.linalg.norm(_POINTS, axis=-1)
+_START = np.pad(_POINTS[:, 0] / _RINGS[:, :1], ((0, 0), (0, 2)))
+_COS, _SIN = np.cos(GOLDEN), np.sin(GOLDEN)
 
 _DECLARED = f"""
 in vec3 lampVSOutput;
-vec2 oneOf(ivec2 fragment, vec2 a, vec2 b, vec2 c, vec2 d)
+vec4 oneOf(ivec2 fragment, vec4 a, vec4 b, vec4 c, vec4 d)
 {{
   return fragment.y == 0 ? (fragment.x == 0 ? a : b) : (fragment.x == 0 ? c : d);
 }}
@@ -51,22 +51,26 @@ float clearAt(vec3 at, vec2 slope, float margin, vec2 aside)
 float keyLight(vec3 at, float facing)
 {{
   vec3 normal = cross(dFdx(at), dFdy(at));
+  vec2 inMap = abs(at.xy * lampUnits.x - 0.5);
+  float above = texture(shadowAround, at.xy * lampUnits.x).r - at.z;
   vec2 slope = -normal.xy / (abs(normal.z) < 1e-20 ? 1e-20 : normal.z);
   slope *= min(1.0, {STEEPEST} / max(length(slope), 1e-6));
-  vec2 inMap = abs(at.xy * lampUnits.x - 0.5);
-  if (lampUnits.w == 0.0)
-    return 1.0;
-  float above = texture(shadowAround, at.xy * lampUnits.x).r - at.z;
   // A texel holds the distance at its middle, half a texel aside.
   float margin = lampUnits.y * (0.3 + 0.6 * (abs(slope.x) + abs(slope.y)));
-  if (above <= margin || max(inMap.x, inMap.y) > 0.5)
-    return 1.0;
-  if (facing <= 0.0)
-    return 0.0;
+  bool inLight = lampUnits.w == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5;
   float radius = clamp({SOFTNESS} * above, {LEAST} * lampUnits.y, {MOST} * lampUnits.y);
   ivec2 fragment = ivec2(gl_FragCoord.xy) & 1;
-  float lit = 0.0;
-{_taps()}
+  vec2 aside = oneOf(fragment, {_of_fragments(_START)}).xy;
+  vec4 rings = oneOf(fragment, {_of_fragments(_RINGS)});
+  float lit = inLight ? 1.0 : 0.0;
+  // Processors skip loops, while they go both ways at an if.
+  int taps = inLight || facing <= 0.0 ? 0 : {TAPS};
+  for (int k = 0; k < taps; ++k)
+  {{
+    lit += clearAt(at, slope, margin, radius * rings.x * aside);
+    rings = rings.yzwx;
+    aside = mat2({_COS:.7f}, {_SIN:.7f}, {-_SIN:.7f}, {_COS:.7f}) * aside;
+  }}
   return lit;
 }}
 """
