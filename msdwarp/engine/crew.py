@@ -45,18 +45,27 @@ class _Crew:
 
     def _lead(self) -> None:
         while True:
-            frame = self.frames.get()
-            others = range(1, len(frame.graphs))
-            while len(self._graphs) < len(others):
-                self._graphs.append(SimpleQueue())
-                _begin(self._follow, self._graphs[-1])
-            for k in others:
-                self._graphs[k - 1].put((frame, k))
-            frame.replay(0)
-            errors = [frame.replayed.get() for _ in frame.graphs]
-            frame.done.put(next((one for one in errors if one is not None), None))
+            frame, error = self.frames.get(), None
+            try:
+                self._replay(frame)
+            except BaseException as caught:
+                error = caught
+            frame.done.put(error)
 
-    def _follow(self, graphs: "SimpleQueue[tuple[_Frame, int]]") -> None:
+    def _replay(self, frame: _Frame) -> None:
+        others = range(1, len(frame.graphs))
+        while len(self._graphs) < len(others):  # before any graph waits for one that no thread can take
+            graphs = SimpleQueue[tuple[_Frame, int]]()
+            _begin(self._follow, graphs)
+            self._graphs.append(graphs)
+        for k in others:
+            self._graphs[k - 1].put((frame, k))
+        frame.replay(0)
+        for error in [frame.replayed.get() for _ in frame.graphs]:
+            if error is not None:
+                raise error
+
+    def _follow(self, graphs: SimpleQueue[tuple[_Frame, int]]) -> None:
         while True:
             frame, k = graphs.get()
             frame.replay(k)

@@ -9,7 +9,6 @@ import time
 
 import numpy as np
 import pytest
-import warp as wp
 
 from msdwarp import (
     RK4,
@@ -20,26 +19,21 @@ from msdwarp import (
     Probe,
     Simulation,
     Sphere,
-    SymplecticEuler,
     Touch,
     Wind,
     ball,
     box,
-    join,
     sheet,
 )
-from msdwarp.engine.crew import replay_together
 from msdwarp.engine.model import Model
 from msdwarp.engine.shares import LEAST_SHARE, THREADS, divided, ending_in, threads_for
 
-BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0)
-FLOOR = Plane((0, 0, -0.5))
-LIFT = Sphere((0, 0, -1.2), 1.0, motion=lambda t: (0 * t, 0 * t, 0.5 * t))
+BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
+FLOOR = Plane()
+LIFT = Sphere((0, 0, -1.0), 1.0, motion=lambda t: (0 * t, 0 * t, 0.5 * t))
 CLOTH = sheet((9, 7), stiffness=900.0, damping=1.0)
-PAIR = join(
-    ball(0.5, 0.25, stiffness=500.0, damping=1.0),
-    ball(0.5, 0.25, stiffness=500.0, damping=1.0).translate((0, 0, 0.9)),
-)
+LOW = ball(0.5, 0.25, stiffness=500.0, damping=1.0).translate((0, 0, 0.5))
+PAIR = LOW + LOW.translate((0, 0, 0.9))
 
 
 def outcome(system, threads, frames=4, **options):
@@ -49,7 +43,7 @@ def outcome(system, threads, frames=4, **options):
     for _ in range(frames):
         simulation.step()
     frame, changed = simulation.frame(), simulation.stepping.changed_fields()
-    return [frame.position, frame.velocity, *changed.values(), np.array(simulation.stepping.balance())]
+    return [frame.position, frame.velocity, *changed.values()]
 
 
 def assert_same(system, **options):
@@ -90,7 +84,7 @@ EFFECTS = {
     "yielding": (BODY.replace(yield_strain=0.001, relaxation_time=0.01), {"colliders": [FLOOR]}),
     "tearing": (CLOTH.pin([0, 8]).replace(break_strain=0.001), {}),
     "by a moving sphere": (BODY, {"colliders": [LIFT], "contact_forces": True}),
-    "looked at in each substep": (BODY, {"probes": {"top": Probe("height", every="substep")}}),
+    "looked at in each substep": (BODY, {"probes": {"top": Probe([0, 7], "velocity", every="substep")}}),
     "in another gravity each frame": (BODY, {"gravity": lambda t: 9.82 + np.sin(60 * t)}),
 }
 
@@ -106,7 +100,7 @@ def test_effects_do_not_matter(route, name):
 
 
 def test_more_threads_than_particles():
-    assert_same(box((2, 1, 1), stiffness=100.0, damping=1.0), colliders=[FLOOR])
+    assert_same(box((2, 1, 1), stiffness=100.0, damping=1.0).translate((0, 0, 0.001)), colliders=[FLOOR])
 
 
 def test_particles_are_divided_by_their_ends():
@@ -183,7 +177,7 @@ def test_what_a_thread_raises_is_raised_and_nobody_waits():
 
 def test_ctrl_c_leaves_a_whole_frame(heard):
     def run(frames):
-        simulation = Simulation(BODY, device="cpu", threads=2, substeps=4000, energy_limit=float("inf"))
+        simulation = Simulation(BODY, device="cpu", threads=2, substeps=1000, energy_limit=float("inf"))
         while simulation.frame_index < frames:
             try:
                 simulation.step()
@@ -241,8 +235,3 @@ else:
     os._exit(0)
 """
     subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, timeout=60)
-
-
-def test_nothing_to_replay_is_nothing_done():
-    wp.init()
-    replay_together([], lambda: None)
