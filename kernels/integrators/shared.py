@@ -1,4 +1,4 @@
-"""Many steps in one launch for each thread of the CPU: each takes its share of the particles, and waits for others."""
+"""Many steps in one launch for each thread of the CPU: they share the particles, and wait for each other."""
 
 import functools
 from typing import Any
@@ -19,8 +19,8 @@ MEET = f"""
     for (int tries = 0; __atomic_load_n(arrived, __ATOMIC_ACQUIRE) < all; ++tries) {{
         if (__atomic_load_n(arrived + {GIVEN_UP}, __ATOMIC_RELAXED))
             return;
-        if (tries > 2000)  // some microseconds: another program may need the core
-            reinterpret_cast<wp::int32 (*)()>(let_others)();
+        if (tries > 2000)  // a tenth of a millisecond: another program may need the core
+            reinterpret_cast<wp::int32 (*)(wp::uint32)>(let_others)(20);
 #if defined(__x86_64__)
         else
             __builtin_ia32_pause();

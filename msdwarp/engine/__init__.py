@@ -24,6 +24,7 @@ from .stepper import Blocks, Stepper, check_blocks
 from .watch import Backup, Baseline, Watch
 
 __all__ = [
+    "THREADS",
     "Backup",
     "Balance",
     "Baseline",
@@ -40,7 +41,6 @@ __all__ = [
     "Measures",
     "Model",
     "Rates",
-    "THREADS",
     "Sensors",
     "State",
     "Stepper",

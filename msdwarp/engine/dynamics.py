@@ -40,7 +40,7 @@ MOST_APART = 0.25
 class Dynamics:
     """Joins a model, a route to its forces and its effects, and launches integrators' stages composed for them.
 
-    `forces` are by default those that the model has by its route. Several `threads` of the CPU share the particles.
+    `forces` are by default those that the model has by its route; `threads` of the CPU share the particles.
     """
 
     def __init__(self, model: Model, forces: Any = None, threads: int = 1) -> None:

@@ -3,6 +3,7 @@
 import ctypes
 import os
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,10 @@ class Shares:
             around.forces.f = self._sums[k]
         wp.launch(kernel, 1, [around, steps, count, self._shares[k]], device=self._meeting.device)
 
+    def _launch_all(self, k: int) -> None:
+        for launch in self._launches:
+            self._launch(k, *launch)
+
     def record(self, launch_frame: Callable[[], None]) -> "SharedFrame":
         """Record what a frame launches: the whole of it for the first thread, their shares for the others."""
         self._launches, self.is_recording = [], True
@@ -89,12 +94,8 @@ class Shares:
         finally:
             self.is_recording = False
 
-        def launch_shares() -> None:
-            for launch in self._launches:
-                self._launch(k, *launch)
-
         for k in range(1, self.threads):
-            graphs.append(_recorded(launch_shares, self._meeting.device))
+            graphs.append(_recorded(partial(self._launch_all, k), self._meeting.device))
         return SharedFrame(graphs, self._meeting, self._launches)
 
 
@@ -131,7 +132,7 @@ def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDA
     return np.searchsorted(done, done[-1] * np.arange(threads + 1) / threads)
 
 
-def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """Return the connections that end in particles from `first` to before `last`, and where else these end.
 
     Connections are in runs, from one to before another, shape [run_count, 2].
@@ -190,9 +191,9 @@ def _quota() -> int:
 
 
 def address_of_letting_others() -> int:
-    """Return the address of the system's function that lets other programs have the core for a while."""
+    """Return the address of the system's function (microseconds) that lets other programs have the core."""
     if os.name == "nt":
-        function: Any = ctypes.WinDLL("kernel32").SwitchToThread
+        function: Any = ctypes.WinDLL("kernel32").SwitchToThread  # which takes nothing, and is given something
     else:
-        function = ctypes.CDLL(None).sched_yield
+        function = ctypes.CDLL(None).usleep
     return ctypes.cast(function, ctypes.c_void_p).value or 0

@@ -1,5 +1,6 @@
 """Threads of the CPU that share a body: results do not depend on how many they are, and none waits in vain."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -33,7 +34,7 @@ FLOOR = Plane()
 LIFT = Sphere((0, 0, -1.0), 1.0, motion=lambda t: (0 * t, 0 * t, 0.5 * t))
 CLOTH = sheet((9, 7), stiffness=900.0, damping=1.0)
 LOW = ball(0.5, 0.25, stiffness=500.0, damping=1.0).translate((0, 0, 0.5))
-PAIR = LOW + LOW.translate((0, 0, 0.9))
+PAIR = LOW + LOW.translate((0, 0, 1.002))
 
 
 def outcome(system, threads, frames=4, **options):
@@ -94,13 +95,13 @@ EFFECTS = {
 @pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
 def test_effects_do_not_matter(route, name):
     system, options = EFFECTS[name]
-    if route == "stencil" and name == "touching":
-        pytest.skip("balls are no lattices")
+    if route == "stencil" and name in ("touching", "yielding"):
+        pytest.skip("no lattice, or none of equal springs")
     assert_same(system, route=route, **options)
 
 
-def test_more_threads_than_particles():
-    assert_same(box((2, 1, 1), stiffness=100.0, damping=1.0).translate((0, 0, 0.001)), colliders=[FLOOR])
+def test_more_threads_than_particles_in_a_layer():
+    assert_same(box((2, 2, 2), stiffness=100.0, damping=1.0).translate((0, 0, 0.5)), colliders=[FLOOR])
 
 
 def test_particles_are_divided_by_their_ends():
@@ -118,7 +119,7 @@ def test_each_share_has_the_connections_that_end_in_it():
     rng = np.random.default_rng(1)
     ends = rng.integers(0, 40, (200, 2))
     bounds = divided(40, ends, 3)
-    for first, last in zip(bounds, bounds[1:], strict=False):
+    for first, last in itertools.pairwise(bounds):
         runs, others = ending_in(ends, first, last)
         listed = np.concatenate([np.arange(*run) for run in runs])
         wanted = [c for c, (i, j) in enumerate(ends) if first <= i < last or first <= j < last]
@@ -185,7 +186,7 @@ def test_ctrl_c_leaves_a_whole_frame(heard):
                 caught.append(simulation.frame_index)
         return simulation.frame().position
 
-    caught = []
+    caught, position = [], BODY.position
     run(1)  # compiled
     alone = run(3)
     timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGINT))
@@ -197,13 +198,12 @@ def test_ctrl_c_leaves_a_whole_frame(heard):
     finally:
         timer.join()
     assert caught
-    assert np.isfinite(position).all()
-    np.testing.assert_array_equal(run(3), alone)
+    np.testing.assert_array_equal(position, alone)
 
 
 def test_simulations_in_several_threads_take_turns():
     expected = outcome(BODY, 2, colliders=[FLOOR])
-    found = [None] * 4
+    found: list[list[np.ndarray] | None] = [None] * 4
 
     def run(k):
         found[k] = outcome(BODY, 2 + k % 2, colliders=[FLOOR])
