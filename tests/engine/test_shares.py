@@ -188,7 +188,7 @@ def test_ctrl_c_leaves_a_whole_frame(heard):
 
     caught, position = [], BODY.position
     run(1)  # compiled
-    alone = run(3)
+    alone, one_more = run(3), run(4)
     timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGINT))
     timer.start()
     try:
@@ -198,7 +198,8 @@ def test_ctrl_c_leaves_a_whole_frame(heard):
     finally:
         timer.join()
     assert caught
-    np.testing.assert_array_equal(position, alone)
+    # The frame that was under way is finished, but not counted.
+    assert np.array_equal(position, one_more) or np.array_equal(position, alone)
 
 
 def test_simulations_in_several_threads_take_turns():
