@@ -1,8 +1,8 @@
 """Several threads of a CPU: how much faster are they than one, and than Numba's.
 
 The same bodies by each route and number of threads, and by loops over particles that Numba compiles (`prange`), if
-it is installed. All are measured in turn, in many short rounds, so that what else the machine does meets all alike:
-of the rounds the CSV has the fastest and the median.
+it is installed. All are measured in turn, in many short rounds, so that what else the machine does meets them
+alike: of the rounds the CSV has the fastest and the median.
 
     python -m benchmarks.speed.cores --threads 1,2,4,8
 """
