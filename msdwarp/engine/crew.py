@@ -16,8 +16,8 @@ import warp as wp
 class _Frame:
     """Graphs to be replayed at once, each by one thread."""
 
-    def __init__(self, graphs: list[Any], give_up: Callable[[], None]) -> None:
-        self.graphs, self._give_up = graphs, give_up
+    def __init__(self, graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
+        self.graphs, self.begin, self._give_up = graphs, begin, give_up
         self.replayed, self.done = SimpleQueue[BaseException | None](), SimpleQueue[BaseException | None]()
 
     def replay(self, k: int) -> None:
@@ -58,6 +58,7 @@ class _Crew:
             graphs = SimpleQueue[tuple[_Frame, int]]()
             _begin(self._follow, graphs)
             self._graphs.append(graphs)
+        frame.begin()
         for k in others:
             self._graphs[k - 1].put((frame, k))
         frame.replay(0)
@@ -79,15 +80,16 @@ _crew: list[_Crew] = []
 _choosing = threading.Lock()
 
 
-def replay_together(graphs: list[Any], give_up: Callable[[], None]) -> None:
+def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
     """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
 
-    `give_up` is called where one cannot be: it must make the others end. What has been raised is raised here.
+    `begin` is called before, and `give_up` where one cannot be replayed: it must make the others end. What has
+    been raised is raised here.
     """
     with _choosing:
         if not _crew:
             _crew.append(_Crew())
-    frame = _Frame(graphs, give_up)
+    frame = _Frame(graphs, begin, give_up)
     _crew[0].frames.put(frame)
     error = _awaited(frame)
     if error is not None:

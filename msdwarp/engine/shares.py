@@ -45,7 +45,6 @@ class Shares:
         """Whether stages are to be launched by shares."""
         self._meeting = wp.zeros(2 * GIVEN_UP, dtype=int, device=model.device)
         self._launches: list[tuple[Any, Any, wp.array, int]] = []
-        self._graphs: list[Any] = []
         ends = np.asarray(model.system.connections).reshape(-1, 2)
         bounds = divided(model.particle_count, ends, threads)
         begun = np.linspace(0, len(ends), threads + 1).astype(int)
@@ -93,7 +92,6 @@ class Shares:
             graphs = [_recorded(launch_frame, self._meeting.device)]
         finally:
             self.is_recording = False
-
         for k in range(1, self.threads):
             graphs.append(_recorded(partial(self._launch_all, k), self._meeting.device))
         return SharedFrame(graphs, self._meeting, self._launches)
@@ -107,8 +105,11 @@ class SharedFrame:
 
     def replay(self) -> None:
         """Replay it: the graph of each thread on a thread of its own; return when all are done."""
+        replay_together(self._graphs, self._begin, self._give_up)
+
+    def _begin(self) -> None:
+        """Count meetings from the first one on."""
         self._meeting[:] = 0
-        replay_together(self._graphs, self._give_up)
 
     def _give_up(self) -> None:
         """Have threads wait for nobody: one of them will never come."""
