@@ -1,8 +1,10 @@
 """msdwarp: elastic bodies as particles joined by springs and dampers, on the GPU."""
 
+import importlib as _importlib
 import os as _os
 import signal as _signal
 import sys as _sys
+import typing as _typing
 
 
 def _is_the_command() -> bool:
@@ -54,12 +56,9 @@ from .integrators import (
     as_stiff_as,
     stability_limit,
 )
-from .live import View, show, view
-from .pictures import Renderer, Scale
 from .quiet import verbose
 from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
 from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
-from .studies import Fitted, Tracked, fit, sweep
 from .world import (
     Actuator,
     Attachment,
@@ -80,7 +79,33 @@ from .world import (
     at,
 )
 
+if _typing.TYPE_CHECKING:
+    from .live import View, show, view
+    from .pictures import Renderer, Scale
+    from .studies import Fitted, Tracked, fit, sweep
+
 __version__ = "0.1.0"
+
+# What many scripts never ask for is imported when it is first asked for.
+_LATER = {
+    "live": ("View", "show", "view"),
+    "pictures": ("Renderer", "Scale"),
+    "studies": ("Fitted", "Tracked", "fit", "sweep"),
+}
+
+
+def __getattr__(name: str) -> object:
+    for room, names in _LATER.items():
+        if name == room or name in names:
+            module = _importlib.import_module(f".{room}", __name__)
+            globals().update({one: getattr(module, one) for one in names})
+            return module if name == room else globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER, *__all__})
+
 
 __all__ = [
     "COTTON",

@@ -14,6 +14,9 @@ if sys.dont_write_bytecode:
     del os.environ["PYTHONDONTWRITEBYTECODE"]
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
+# Tests run side by side already: several for each core would wait for each other.
+os.environ.setdefault("MSDWARP_THREADS", "1")
+
 import pytest
 import warp as wp
 

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 
 import pytest
@@ -190,13 +191,29 @@ def test_heavy_packages_are_imported_late():
     assert not early
 
 
+@pytest.mark.slow
+def test_importing_the_package_brings_in_neither_pictures_nor_views():
+    code = """
+import sys
+import msdwarp
+rooms = {name.split(".")[1] for name in sys.modules if name.startswith("msdwarp.")}
+print(*sorted(rooms & {"live", "pictures", "studies", "cli"} | sys.modules.keys() & set(sys.argv)))
+for name in msdwarp.__all__:
+    assert getattr(msdwarp, name).__class__ and name in dir(msdwarp)
+assert msdwarp.live.View is msdwarp.View
+"""
+    command = [sys.executable, "-c", code, *LAZY, "PIL", "cyclopts", "rich"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == []
+
+
 @pytest.mark.parametrize("name", [name for name in MODULES if MODULES[name].path.name == "__init__.py"])
 def test_faces_say_what_they_show(name):
     tree = ast.parse(MODULES[name].path.read_text(encoding="utf-8"))
     assert ast.get_docstring(tree)
     shown = {
         alias.asname or alias.name
-        for node in tree.body
+        for node in ast.walk(tree)  # what is imported when it is asked for stands under a condition
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }

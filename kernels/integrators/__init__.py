@@ -6,6 +6,7 @@ from .euler import explicit_euler, extrapolated_leapfrog, kick, symplectic_euler
 from .implicit import block_inverses, implicit_finish, impulse, mass_product
 from .persistent import MOST_THREADS, persistent
 from .runge_kutta import chebyshev, rk4
+from .shared import GIVEN_UP, Share, in_shares
 from .stages import (
     begin_each_connection,
     each_column,
@@ -18,8 +19,10 @@ from .stages import (
 )
 
 __all__ = [
+    "GIVEN_UP",
     "MOST_THREADS",
     "Composition",
+    "Share",
     "Stage",
     "Tools",
     "begin_each_connection",
@@ -37,6 +40,7 @@ __all__ = [
     "force_on_each",
     "implicit_finish",
     "impulse",
+    "in_shares",
     "kick",
     "loads",
     "mass_product",

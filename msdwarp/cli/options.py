@@ -134,6 +134,9 @@ class Options:
     route
         How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil
         repeat a run bit for bit; scatter does not.
+    threads
+        Threads of the CPU that share the work; this affects speed only. auto: one for each core, fewer for small
+        bodies.
     integrator
         Time-stepping method. Default: symplectic-euler.
     substeps
@@ -175,6 +178,7 @@ class Options:
     device: str | None = None
     precision: PrecisionName | None = None
     route: RouteName = "auto"
+    threads: WholeOrAuto = "auto"
     integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     allow_unstable: Annotated[bool, Parameter(negative=())] = False

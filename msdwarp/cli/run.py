@@ -112,6 +112,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
         device=options.device,
         precision=options.precision or "float32",
         route=options.route,
+        threads=options.threads,
         contact_forces=options.sums_contact,
     )
 

@@ -17,12 +17,14 @@ from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
 from .rates import Rates, rate_bounds, resists
 from .sensing import Sensors, sensors_of
+from .shares import THREADS, cores, threads_for
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
 from .watch import Backup, Baseline, Watch
 
 __all__ = [
+    "THREADS",
     "Backup",
     "Balance",
     "Baseline",
@@ -47,6 +49,7 @@ __all__ = [
     "WorldEnergies",
     "add_linearised",
     "check_blocks",
+    "cores",
     "doubt_start",
     "felt_by",
     "measure",
@@ -57,6 +60,7 @@ __all__ = [
     "sensors_of",
     "size",
     "starting_state",
+    "threads_for",
     "weight",
     "world_rates",
     "write_diagonal_blocks",

@@ -25,6 +25,7 @@ from ..kernels.integrators import (
 from .effect import Effect, Steps
 from .forces import ROUTE_CLASSES
 from .model import Model
+from .shares import Shares
 from .state import State
 from .tearing import Tearing
 
@@ -39,10 +40,10 @@ MOST_APART = 0.25
 class Dynamics:
     """Joins a model, a route to its forces and its effects, and launches integrators' stages composed for them.
 
-    `forces` are by default those that the model has by its route.
+    `forces` are by default those that the model has by its route; `threads` of the CPU share the particles.
     """
 
-    def __init__(self, model: Model, forces: Any = None) -> None:
+    def __init__(self, model: Model, forces: Any = None, threads: int = 1) -> None:
         self.model = model
         forces = forces or ROUTE_CLASSES[model.route](model)
         pieces = [effect.piece for effect in model.effects]
@@ -87,12 +88,11 @@ class Dynamics:
         self._due: list[Effect] = []
         self._stage = 0
         self._recorded: list[tuple[Any, Any]] | None = None
-        self._by_one_thread = (
-            not model.device.is_cuda
-            and bool(self._preceding)
-            and beginning(self.composition) is None
-            and not self.composition.route.tears
-        )
+        self.threads = threads
+        self.shares = Shares(model, self.composition, threads) if threads > 1 else None
+        """What has threads share the stages of a frame that is recorded; None where one thread takes them."""
+        self._in_stages = beginning(self.composition) is None and not self.composition.route.tears
+        self._by_one_thread = not model.device.is_cuda and bool(self._preceding) and self._in_stages
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
     def _place(self, effect: Effect) -> None:
@@ -218,7 +218,7 @@ class Dynamics:
         if forced and self._preceding:
             with self._beside():
                 self._precede(step)
-        if forced and self._by_one_thread:
+        if forced and (self._by_one_thread or self._is_shared):
             self._take_stage(method, step)
         else:
             self.launch_stage(method, step, forced)
@@ -240,6 +240,11 @@ class Dynamics:
                 effect.add_up(self._steps.dt * self._steps.weights[self._stage])
         self._begins = self._begins and self._looking
 
+    @property
+    def _is_shared(self) -> bool:
+        """Whether threads share the stage that is launched."""
+        return self.shares is not None and self.shares.is_recording and self._in_stages and not self._looking
+
     @contextmanager
     def _beside(self) -> Iterator[None]:
         """Have what is launched meanwhile run beside what is launched next, up to `each_marked`, if it may."""
@@ -255,7 +260,8 @@ class Dynamics:
 
         With a thread for each particle and connection, each would begin with a copy of its arguments.
         """
-        kernel: Any = persistent(self.composition, method, 1)
+        shares = self.shares if self._is_shared else None
+        kernel: Any = persistent(self.composition, method, 1) if shares is None else shares.kernel(method)
         # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
         # composition, with the same fields.
         Step: Any = kernel.adj.args[1].type.dtype
@@ -263,6 +269,9 @@ class Dynamics:
         if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
         steps = wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
+        if shares is not None:
+            shares.launch(method, self.world, steps, 1)
+            return
         inputs = [self.world, steps, 1, self.model.connection_count, 1]
         wp.launch(kernel, 1, inputs, device=self.model.device)
 

@@ -64,7 +64,7 @@ class Stepper:
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
         (method, _), device = stages[0], dynamics.model.device
         self._per_substep = len(stages) // 2
-        self._kernel = persistent(dynamics.composition, method, self.blocks[0])
+        self._method, self._kernel = method, persistent(dynamics.composition, method, self.blocks[0])
         self._kept = [step for _, step in stages]
         self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=device)
 
@@ -86,13 +86,12 @@ class Stepper:
     def _persist(self, blocks: int, threads: int, stages: int, first: int) -> None:
         model, everyone = self._dynamics.model, blocks * threads
         self._dynamics.go_to(first)
-        wp.launch(
-            self._kernel,
-            dim=everyone,
-            inputs=[self._dynamics.world, self._steps, stages, model.connection_count, everyone],
-            device=model.device,
-            block_dim=threads,
-        )
+        shares = self._dynamics.shares
+        if shares is not None and shares.is_recording:
+            shares.launch(self._method, self._dynamics.world, self._steps, stages)
+        else:
+            inputs = [self._dynamics.world, self._steps, stages, model.connection_count, everyone]
+            wp.launch(self._kernel, everyone, inputs, device=model.device, block_dim=threads)
         self._dynamics.have_begun()
 
 

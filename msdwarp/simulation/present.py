@@ -75,6 +75,11 @@ class Present:
         """The device that simulates, by Warp's name for it."""
         return self.model.device.alias
 
+    @property
+    def threads(self) -> int:
+        """How many threads of the CPU share the body's particles; 1 on a GPU."""
+        return self.stepping.dynamics.threads
+
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the present state."""
         return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)

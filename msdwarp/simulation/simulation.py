@@ -19,6 +19,7 @@ from ..engine import (
     doubt_start,
     rate_bounds,
     starting_state,
+    threads_for,
 )
 from ..integrators import (
     SAFETY,
@@ -101,6 +102,10 @@ class Simulation(Changing):
     blocks
         How many blocks of threads, and threads in each, compute all substeps of a frame in one launch: a pair,
         or "auto". None: each stage of each substep is a launch. This affects speed only.
+    threads
+        How many threads of the CPU share a body's particles; "auto" takes one for each core, and a single one for
+        small bodies. The environment variable MSDWARP_THREADS says how many that are at most. This affects speed
+        only: results are the same to the last bit.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
@@ -141,6 +146,7 @@ class Simulation(Changing):
         precision: str = "float32",
         route: str = "auto",
         blocks: Blocks = "auto",
+        threads: int | str = "auto",
         schedule: Sequence[Change] = (),
         probes: Mapping[str, Probe] | None = None,
         contact_forces: bool = False,
@@ -175,6 +181,7 @@ class Simulation(Changing):
         }
         self._colliders = self._surroundings["colliders"]
         self._blocks: Blocks = blocks
+        self._threads = threads
         self._initial = system
         self.reset()
         self._inside = doubt_start(self.model, self._surroundings["colliders"])
@@ -221,7 +228,7 @@ class Simulation(Changing):
         if self._pace is not None and self._pace.scale > 0:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
-        how: Any = (Dynamics(model), state, self._method, choice)
+        how: Any = (Dynamics(model, threads=threads_for(model, self._threads)), state, self._method, choice)
         self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks, time=self.time)
         if self._pace is not None:
             self._pace.begin(self.stepping, above)

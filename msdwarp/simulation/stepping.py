@@ -207,12 +207,15 @@ class Stepping:
 
     def _take_frame(self, time: float) -> None:
         """Launch the frame that begins at `time` [s]."""
-        if self.graph is None and not self._unrecorded:
+        shares = self.dynamics.shares
+        if self.graph is None and (shares is not None or not self._unrecorded):
             self.graph = self._recorded_frame()
         self.dynamics.begin_frame(time)
         if self.graph is None:
             self._unrecorded -= 1
             self._launch_frame()
+        elif shares is not None:
+            self.graph.replay()
         else:
             wp.capture_launch(self.graph)
         fps = self.choice.fps
@@ -238,8 +241,12 @@ class Stepping:
 
     def _recorded_frame(self) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
-        with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-            self._launch_frame()
+        shares = self.dynamics.shares
+        with RECORDING:
+            if shares is not None:
+                return shares.record(self._launch_frame)
+            with wp.ScopedCapture(device=self.model.device) as capture:
+                self._launch_frame()
         return capture.graph
 
     def _launch_frame(self) -> None:

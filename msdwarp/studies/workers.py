@@ -13,6 +13,7 @@ from typing import Any, Self
 import warp as wp
 
 from .. import checks
+from ..engine import THREADS, cores
 from ..quiet import start_warp
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
@@ -40,7 +41,8 @@ class Workers:
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
         checks.count("jobs", count, 1)
-        self._slots = [_Slot(gpus[k % len(gpus)] if gpus else None) for k in range(count)]
+        threads = max(1, cores() // count)  # of each process: together they have a core each
+        self._slots = [_Slot(gpus[k % len(gpus)] if gpus else None, threads) for k in range(count)]
         self._free: SimpleQueue[_Slot] = SimpleQueue()
         for slot in self._slots:
             self._free.put(slot)
@@ -71,8 +73,8 @@ class Workers:
 class _Slot:
     """A process, and the next one where that has ended."""
 
-    def __init__(self, gpu: str | None) -> None:
-        self._gpu, self._lock, self._ended = gpu, threading.Lock(), False
+    def __init__(self, gpu: str | None, threads: int) -> None:
+        self._gpu, self._threads, self._lock, self._ended = gpu, threads, threading.Lock(), False
         self._pool: ProcessPoolExecutor | None = None
         self._held: Connection | None = None
 
@@ -94,7 +96,8 @@ class _Slot:
     def _start(self) -> None:
         context = get_context("spawn")
         watched, self._held = context.Pipe(duplex=False)
-        self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(watched, self._gpu))
+        how = (watched, self._gpu, self._threads)
+        self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=how)
 
     def _let_go(self) -> None:
         if self._held is not None and self._pool is not None:
@@ -108,11 +111,12 @@ class _Slot:
             self._let_go()
 
 
-def _begin(watched: Connection, gpu: str | None) -> None:
+def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
     """Prepare a process: it sees its GPU, leaves Ctrl-C to the one that began it, and ends with that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if gpu is not None:
         os.environ[VISIBLE] = gpu  # before Warp starts, which looks for GPUs then
+    os.environ.setdefault(THREADS, str(threads))
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
     start_warp()
 
@@ -143,9 +147,8 @@ def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
     """
     gpus = gpus_here() if device is None else []
     if jobs == "auto":
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         on_gpu = device is not None and device.startswith("cuda")
-        jobs = len(gpus) or (1 if on_gpu else cores)
+        jobs = len(gpus) or (1 if on_gpu else cores())
     elif isinstance(jobs, str):
         raise ValueError(f"jobs is {jobs!r}; it must be a whole number of at least 1, or 'auto'")
     return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus)

@@ -11,6 +11,7 @@ import pytest
 import swept
 
 import msdwarp as msd
+from msdwarp.engine import THREADS
 from msdwarp.studies.workers import Workers
 
 pytest.importorskip("h5netcdf")
@@ -166,6 +167,14 @@ def test_two_workers_of_which_one_is_killed_end_complete_and_equal(tmp_path):
 
 def always_lost():
     os._exit(3)
+
+
+@pytest.mark.slow  # processes are started
+def test_workers_leave_each_other_their_cores(monkeypatch):
+    monkeypatch.delenv(THREADS, raising=False)
+    monkeypatch.setattr("msdwarp.studies.workers.cores", lambda: 7)
+    with Workers(2) as workers:
+        assert workers.submit(os.getenv, THREADS).result(60) == "3"
 
 
 @pytest.mark.slow

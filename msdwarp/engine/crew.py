@@ -1,0 +1,116 @@
+"""A crew of threads that replay graphs at once, one frame after the other.
+
+Graphs that wait for each other must all be under way: so there is one crew, and it takes one frame at a time,
+whichever simulation and thread that comes from.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any
+
+import warp as wp
+
+
+class _Frame:
+    """Graphs to be replayed at once, each by one thread."""
+
+    def __init__(self, graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
+        self.graphs, self.begin, self._give_up = graphs, begin, give_up
+        self.replayed, self.done = SimpleQueue[BaseException | None](), SimpleQueue[BaseException | None]()
+
+    def replay(self, k: int) -> None:
+        """Replay graph k. Warp's native code does it, and Python's lock is free meanwhile."""
+        error = None
+        try:
+            wp.capture_launch(self.graphs[k])
+        except BaseException as caught:
+            error = caught
+            self._give_up()
+        self.replayed.put(error)
+
+
+class _Crew:
+    """Threads that wait for frames: the first begins them, and has the others replay their graphs beside its own.
+
+    A signal such as Ctrl-C reaches Python's main thread alone, which is none of them: a frame that has begun is
+    finished.
+    """
+
+    def __init__(self) -> None:
+        self.frames = SimpleQueue[_Frame]()
+        self._graphs: list[SimpleQueue[tuple[_Frame, int]]] = []
+        _begin(self._lead)
+
+    def _lead(self) -> None:
+        while True:
+            frame, error = self.frames.get(), None
+            try:
+                self._replay(frame)
+            except BaseException as caught:
+                error = caught
+            frame.done.put(error)
+
+    def _replay(self, frame: _Frame) -> None:
+        others = range(1, len(frame.graphs))
+        while len(self._graphs) < len(others):  # before any graph waits for one that no thread can take
+            graphs = SimpleQueue[tuple[_Frame, int]]()
+            _begin(self._follow, graphs)
+            self._graphs.append(graphs)
+        frame.begin()
+        for k in others:
+            self._graphs[k - 1].put((frame, k))
+        frame.replay(0)
+        for error in [frame.replayed.get() for _ in frame.graphs]:
+            if error is not None:
+                raise error
+
+    def _follow(self, graphs: SimpleQueue[tuple[_Frame, int]]) -> None:
+        while True:
+            frame, k = graphs.get()
+            frame.replay(k)
+
+
+def _begin(function: Callable[..., None], *arguments: Any) -> None:
+    threading.Thread(target=function, args=arguments, name="msdwarp", daemon=True).start()
+
+
+_crew: list[_Crew] = []
+_choosing = threading.Lock()
+
+
+def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
+    """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
+
+    `begin` is called before, and `give_up` where one cannot be replayed: it must make the others end. What has
+    been raised is raised here.
+    """
+    with _choosing:
+        if not _crew:
+            _crew.append(_Crew())
+    frame = _Frame(graphs, begin, give_up)
+    _crew[0].frames.put(frame)
+    error = _awaited(frame)
+    if error is not None:
+        raise error
+
+
+def _awaited(frame: _Frame) -> BaseException | None:
+    """Wait for a frame, through Ctrl-C too, which is raised when it is done."""
+    try:
+        return frame.done.get()
+    except BaseException:
+        _awaited(frame)
+        raise
+
+
+def _forget() -> None:
+    """Begin anew in a process that was forked, which has none of the threads."""
+    global _choosing
+    _crew.clear()
+    _choosing = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)

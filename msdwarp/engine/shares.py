@@ -1,0 +1,200 @@
+"""Shares: a body's particles divided among threads of the CPU, each of which has launches of its own."""
+
+import ctypes
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..kernels.integrators import GIVEN_UP, Composition, Share, in_shares, world
+from .crew import replay_together
+from .model import Model
+
+LEAST_SHARE = 5_000
+"""Connections for each thread, at least: some 50 µs of work, of which meeting the others is then a small part."""
+MOST_BY_ITSELF = 16
+"""More threads are taken only where they are asked for."""
+THREADS = "MSDWARP_THREADS"
+"""Environment variable: how many threads "auto" takes at most."""
+
+
+class Shares:
+    """A body's particles divided among threads, and the launches of a frame as each thread has them.
+
+    The first thread takes the frame as one thread does, but for its stages: of these it takes its share, and the
+    others theirs. All of it is recorded, and then replayed at once; threads wait for each other inside kernels.
+
+    Parameters
+    ----------
+    model
+        The body.
+    composition
+        What its kernels are composed from.
+    threads
+        How many there are, at least 2.
+    """
+
+    def __init__(self, model: Model, composition: Composition, threads: int) -> None:
+        self._composition, self.threads = composition, threads
+        self.is_recording = False
+        """Whether stages are to be launched by shares."""
+        self._meeting = wp.zeros(2 * GIVEN_UP, dtype=int, device=model.device)
+        self._launches: list[tuple[Any, Any, wp.array, int]] = []
+        ends = np.asarray(model.system.connections).reshape(-1, 2)
+        bounds = divided(model.particle_count, ends, threads)
+        begun = np.linspace(0, len(ends), threads + 1).astype(int)
+        scatters = composition.route.evaluate is not None
+        self._shares = list[Any]()
+        self._sums = list[wp.array | None]()
+        """Where each thread sums forces, of a route that scatters."""
+        for k in range(threads):
+            share: Any = Share()
+            share.threads, share.first, share.last = threads, int(bounds[k]), int(bounds[k + 1])
+            share.first_begun, share.last_begun = int(begun[k]), int(begun[k + 1])
+            runs, others = ending_in(ends, share.first, share.last) if scatters else (ends[:0], ends[:0, 0])
+            share.runs = wp.array(runs, dtype=wp.vec2i, device=model.device)
+            share.others = wp.array(others, dtype=int, device=model.device)
+            share.meeting, share.let_others = self._meeting, address_of_letting_others()
+            self._shares.append(share)
+            self._sums.append(model.vectors() if scatters else None)
+
+    def kernel(self, method: Any) -> Any:
+        """Return the kernel that takes a method's stages by shares."""
+        return in_shares(self._composition, method)
+
+    def launch(self, method: Any, around: Any, steps: wp.array, count: int) -> None:
+        """Launch the first thread's share of `count` stages, and note it for the others."""
+        assert self.is_recording
+        kernel = self.kernel(method)
+        now = world(self._composition)()
+        now.assign(around)  # which changes from launch to launch
+        self._launches.append((kernel, now, steps, count))
+        self._launch(0, *self._launches[-1])
+
+    def _launch(self, k: int, kernel: Any, around: Any, steps: wp.array, count: int) -> None:
+        if self._sums[k] is not None:
+            around.forces.f = self._sums[k]
+        wp.launch(kernel, 1, [around, steps, count, self._shares[k]], device=self._meeting.device)
+
+    def _launch_all(self, k: int) -> None:
+        for launch in self._launches:
+            self._launch(k, *launch)
+
+    def record(self, launch_frame: Callable[[], None]) -> "SharedFrame":
+        """Record what a frame launches: the whole of it for the first thread, their shares for the others."""
+        self._launches, self.is_recording = [], True
+        try:
+            graphs = [_recorded(launch_frame, self._meeting.device)]
+        finally:
+            self.is_recording = False
+        for k in range(1, self.threads):
+            graphs.append(_recorded(partial(self._launch_all, k), self._meeting.device))
+        return SharedFrame(graphs, self._meeting, self._launches)
+
+
+class SharedFrame:
+    """A frame that was recorded for several threads."""
+
+    def __init__(self, graphs: list[Any], meeting: wp.array, read: Any) -> None:
+        self._graphs, self._meeting, self._read = graphs, meeting.numpy(), (meeting, read)
+
+    def replay(self) -> None:
+        """Replay it: the graph of each thread on a thread of its own; return when all are done."""
+        replay_together(self._graphs, self._begin, self._give_up)
+
+    def _begin(self) -> None:
+        """Count meetings from the first one on."""
+        self._meeting[:] = 0
+
+    def _give_up(self) -> None:
+        """Have threads wait for nobody: one of them will never come."""
+        self._meeting[GIVEN_UP] = 1
+
+
+def _recorded(launch: Callable[[], None], device: Any) -> Any:
+    with wp.ScopedCapture(device=device) as capture:
+        launch()
+    return capture.graph
+
+
+def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
+    """Return where each thread's particles begin, and the last one's end, shape [threads + 1].
+
+    Threads get neighbouring numbers, and about as many ends of connections each: `ends`, shape
+    [connection_count, 2].
+    """
+    work = 1 + np.bincount(ends.ravel(), minlength=particle_count)  # a particle alone has some, too
+    done = np.concatenate(([0], np.cumsum(work)))
+    return np.searchsorted(done, done[-1] * np.arange(threads + 1) / threads)
+
+
+def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return the connections that end in particles from `first` to before `last`, and where else these end.
+
+    Connections are in runs, from one to before another, shape [run_count, 2].
+    """
+    within = (ends >= first) & (ends < last)
+    concerned = within.any(axis=1)
+    borders = np.flatnonzero(np.diff(concerned, prepend=False, append=False))
+    return borders.reshape(-1, 2), np.unique(ends[concerned][~within[concerned]])
+
+
+def threads_for(model: Model, threads: int | str) -> int:
+    """Return how many threads a body is advanced by.
+
+    Parameters
+    ----------
+    model
+        The body.
+    threads
+        How many, or "auto": one for each core, but for small bodies one.
+
+    Raises
+    ------
+    ValueError
+        If it is neither "auto" nor a whole number of at least 1, or more than 1 on a GPU.
+    """
+    if threads != "auto":
+        if isinstance(threads, str):
+            raise ValueError(f"threads is {threads!r}; it must be a whole number of at least 1, or 'auto'")
+        if checks.count("threads", threads, 1) > 1 and not model.device.is_cuda:
+            return threads
+        if threads > 1:
+            raise ValueError(f"threads is {threads}; it must be 1 or 'auto' on a GPU, which has its own")
+        return 1
+    if model.device.is_cuda:
+        return 1
+    most = os.environ.get(THREADS, "")
+    if most and not (most.isdecimal() and int(most) > 0):
+        raise ValueError(f"{THREADS} is {checks.said(most)}; it must be a whole number of at least 1")
+    return max(1, min(int(most or MOST_BY_ITSELF), cores(), model.connection_count // LEAST_SHARE))
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(found, _quota())
+
+
+def _quota() -> int:
+    """Return how many cores' time the container that this is in may use, as Linux's control groups say."""
+    try:
+        with open("/sys/fs/cgroup/cpu.max", encoding="ascii") as file:
+            share, period = file.read().split()
+        return max(1, int(share) // int(period))
+    except (OSError, ValueError):  # not here, or "max": as much as there is
+        return os.cpu_count() or 1
+
+
+def address_of_letting_others() -> int:
+    """Return the address of the system's function (microseconds) that lets other programs have the core."""
+    if os.name == "nt":
+        function: Any = ctypes.WinDLL("kernel32").SwitchToThread  # which takes nothing, and is given something
+    else:
+        function = ctypes.CDLL(None).usleep
+    return ctypes.cast(function, ctypes.c_void_p).value or 0

@@ -1,0 +1,236 @@
+"""Threads of the CPU that share a body: results do not depend on how many they are, and none waits in vain."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    Probe,
+    Simulation,
+    Sphere,
+    Touch,
+    Wind,
+    ball,
+    box,
+    sheet,
+)
+from msdwarp.engine.model import Model
+from msdwarp.engine.shares import LEAST_SHARE, THREADS, divided, ending_in, threads_for
+
+BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
+FLOOR = Plane()
+LIFT = Sphere((0, 0, -1.0), 1.0, motion=lambda t: (0 * t, 0 * t, 0.5 * t))
+CLOTH = sheet((9, 7), stiffness=900.0, damping=1.0)
+LOW = ball(0.5, 0.25, stiffness=500.0, damping=1.0).translate((0, 0, 0.5))
+PAIR = LOW + LOW.translate((0, 0, 1.002))
+
+
+def outcome(system, threads, frames=4, **options):
+    """Return what there is of a run by so many threads: positions, velocities and what has changed."""
+    simulation = Simulation(system, device="cpu", threads=threads, **options)
+    assert simulation.threads == threads
+    for _ in range(frames):
+        simulation.step()
+    frame, changed = simulation.frame(), simulation.stepping.changed_fields()
+    return [frame.position, frame.velocity, *changed.values()]
+
+
+def assert_same(system, **options):
+    """Assert that two and three threads come to what one comes to, bit for bit."""
+    alone = outcome(system, 1, **options)
+    assert not np.array_equal(alone[0], system.position)
+    for threads in (2, 3):
+        together = outcome(system, threads, **options)
+        for one, other in zip(alone, together, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
+def test_threads_come_to_what_one_comes_to(route):
+    # Each particle's forces are summed in the same order, by the same code.
+    assert_same(BODY, route=route, colliders=[FLOOR])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32-compensated", "float64"])
+@pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
+def test_precisions_do_not_matter(route, precision):
+    assert_same(BODY, route=route, colliders=[FLOOR, LIFT], precision=precision)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "method", [Leapfrog(damper_extrapolation=0.5), RK4(), RKC2(stages=3), LinearlyImplicitEuler()], ids=repr
+)
+@pytest.mark.parametrize("route", ["scatter", "gather"])
+def test_methods_do_not_matter(route, method):
+    assert_same(BODY.pin([0]), route=route, integrator=method, colliders=[FLOOR], substeps=60)
+
+
+EFFECTS = {
+    "pinned, in the wind": (CLOTH.pin([0, 8]), {"loads": [Wind((3.0, 1.0, -2.0))]}),
+    "touching": (PAIR, {"touch": Touch(), "colliders": [FLOOR], "substeps": 60}),
+    "yielding": (BODY.replace(yield_strain=0.001, relaxation_time=0.01), {"colliders": [FLOOR]}),
+    "tearing": (CLOTH.pin([0, 8]).replace(break_strain=0.001), {}),
+    "by a moving sphere": (BODY, {"colliders": [LIFT], "contact_forces": True}),
+    "looked at in each substep": (BODY, {"probes": {"top": Probe([0, 7], "velocity", every="substep")}}),
+    "in another gravity each frame": (BODY, {"gravity": lambda t: 9.82 + np.sin(60 * t)}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
+def test_effects_do_not_matter(route, name):
+    system, options = EFFECTS[name]
+    if route == "stencil" and name in ("touching", "yielding"):
+        pytest.skip("no lattice, or none of equal springs")
+    assert_same(system, route=route, **options)
+
+
+def test_more_threads_than_particles_in_a_layer():
+    assert_same(box((2, 2, 2), stiffness=100.0, damping=1.0).translate((0, 0, 0.5)), colliders=[FLOOR])
+
+
+def test_particles_are_divided_by_their_ends():
+    # The second half of a row's particles have twice as many connections as the first half.
+    ends = np.array([[k, k + 1] for k in range(99)] + [[k, k + 1] for k in range(50, 99)])
+    bounds = divided(100, ends, 4)
+    assert bounds[0] == 0
+    assert bounds[-1] == 100
+    work = 1 + np.bincount(ends.ravel(), minlength=100)
+    shares = np.add.reduceat(work, bounds[:-1])
+    assert np.ptp(shares) <= 2 * work.max()  # each bound is off by less than a particle
+
+
+def test_each_share_has_the_connections_that_end_in_it():
+    rng = np.random.default_rng(1)
+    ends = rng.integers(0, 40, (200, 2))
+    bounds = divided(40, ends, 3)
+    for first, last in itertools.pairwise(bounds):
+        runs, others = ending_in(ends, first, last)
+        listed = np.concatenate([np.arange(*run) for run in runs])
+        wanted = [c for c, (i, j) in enumerate(ends) if first <= i < last or first <= j < last]
+        assert listed.tolist() == wanted
+        assert set(others) == {i for c in wanted for i in ends[c] if not first <= i < last}
+
+
+def model(shape):
+    return Model(box(shape, stiffness=100.0), device="cpu")
+
+
+def test_automatic_threads_go_by_the_body(monkeypatch):
+    monkeypatch.delenv(THREADS, raising=False)
+    monkeypatch.setattr("msdwarp.engine.shares.cores", lambda: 4)
+    assert threads_for(model((3, 3, 3)), "auto") == 1
+    middle = model((11, 11, 11))
+    assert 2 * LEAST_SHARE < middle.connection_count < 3 * LEAST_SHARE
+    assert threads_for(middle, "auto") == 2
+    assert threads_for(model((20, 20, 20)), "auto") == 4
+    monkeypatch.setenv(THREADS, "3")
+    assert threads_for(model((20, 20, 20)), "auto") == 3
+    assert threads_for(model((3, 3, 3)), 5) == 5  # asked for
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "two", None])
+def test_wrong_threads_are_told(threads):
+    with pytest.raises(ValueError, match="threads"):
+        Simulation(BODY, device="cpu", threads=threads)
+
+
+def test_a_wrong_variable_is_told(monkeypatch):
+    monkeypatch.setenv(THREADS, "many")
+    with pytest.raises(ValueError, match=f"{THREADS} is 'many'; it must be a whole number"):
+        Simulation(BODY, device="cpu")
+
+
+@pytest.mark.gpu
+def test_a_gpu_has_its_own_threads():
+    with pytest.raises(ValueError, match="threads is 2; it must be 1 or 'auto' on a GPU"):
+        Simulation(BODY, device="cuda:0", threads=2)
+    assert Simulation(BODY, device="cuda:0").threads == 1
+
+
+def test_what_a_thread_raises_is_raised_and_nobody_waits():
+    simulation = Simulation(BODY, device="cpu", threads=3)
+    simulation.step()
+    frame, x = simulation.stepping.graph, simulation.frame().position
+    good, frame._graphs[2] = frame._graphs[2], None
+    with pytest.raises(AttributeError):
+        frame.replay()
+    frame._graphs[2] = good
+    simulation.reset()  # the crew is as good as before
+    simulation.step()
+    np.testing.assert_array_equal(simulation.frame().position, x)
+
+
+def test_ctrl_c_leaves_a_whole_frame(heard):
+    def run(frames):
+        simulation = Simulation(BODY, device="cpu", threads=2, substeps=1000, energy_limit=float("inf"))
+        while simulation.frame_index < frames:
+            try:
+                simulation.step()
+            except KeyboardInterrupt:
+                caught.append(simulation.frame_index)
+        return simulation.frame().position
+
+    caught, position = [], BODY.position
+    run(1)  # compiled
+    alone, one_more = run(3), run(4)
+    timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        deadline = time.monotonic() + 60
+        while not caught and time.monotonic() < deadline:
+            position = run(3)
+    finally:
+        timer.join()
+    assert caught
+    # The frame that was under way is finished, but not counted.
+    assert np.array_equal(position, one_more) or np.array_equal(position, alone)
+
+
+def test_simulations_in_several_threads_take_turns():
+    # Each has recorded its frame: while one records, Warp lets no other thread do anything on the CPU.
+    options = {"device": "cpu", "colliders": [FLOOR], "energy_limit": float("inf")}
+    simulations = [Simulation(BODY, threads=1 + k % 3, **options) for k in range(5)]
+    for one in simulations:
+        one.step()
+    runs = [threading.Thread(target=one.step, args=(20,)) for one in simulations]
+    for run in runs:
+        run.start()
+    for run in runs:
+        run.join(60)
+    for one in simulations:
+        assert one.frame_index == 21
+        np.testing.assert_array_equal(one.frame().position, simulations[0].frame().position)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_a_forked_process_has_a_crew_of_its_own():
+    code = """
+import os
+import msdwarp
+simulation = msdwarp.Simulation(msdwarp.box((4, 4, 4), stiffness=100.0), device="cpu", threads=2)
+simulation.step()
+child = os.fork()
+simulation.step()
+if child:
+    assert os.waitpid(child, 0)[1] == 0
+else:
+    os._exit(0)
+"""
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, timeout=60)
