@@ -6,15 +6,8 @@ from .lanes import ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
 from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes, range_of_speeds
-from .straddle import (
-    PLACES,
-    Straddled,
-    add_energies,
-    add_pushes,
-    straddle,
-    straddling_piece,
-    weights_of_places,
-)
+from .straddle import straddle
+from .straddled import PLACES, Straddled, add_energies, add_pushes, straddling_piece, weights_of_places
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
 
 __all__ = [

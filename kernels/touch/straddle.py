@@ -1,141 +1,48 @@
 """Facets that straddle an obstacle: what comes in between particles, which contact with obstacles does not see.
 
-An obstacle keeps particles out. Between them an edge or a corner of it, or a solid smaller than they are apart, may
-come in. So each facet is looked at in so many places, a grid that includes its corners: each that lies in the obstacle
-by δ is a spring with the energy k δ²/2 (an integral over the facet, by a sum). Along its signed distance, the
-obstacle's own, the spring pushes the corners by the weights of the place. With all of a facet together, at the mean
-place by δ,
+An obstacle keeps particles out. Between them an edge or a corner of it may come in, or all of a solid smaller
+than they are apart. So each facet is looked at in many places, a grid that includes its corners. Each place that
+lies δ deep in the obstacle is a spring of energy k δ²/2: an integral over the facet, as a sum. The spring pushes
+the corners along the gradient n of the obstacle's signed distance, by the weights of the place. For the facet as
+a whole, with the velocity u of the mean place by δ,
 
     f_n = max(0, |Σ k δ n| − b_n u·n)
 
-and friction as between bodies; see `evaluate`. What is in a thin obstacle by much of its thickness may be nearer to
-its other side: it is led out of the side that it came in by, whose plane is kept, and counts as that deep up to twice
-the distance from the nearest one, so that nothing jumps where it goes in and out. The solids being convex, the plane that touches one nearest to the
-middle of a facet has all of it behind: a facet before this plane is not looked at further. That is also so of one
-that lies flat on a face, whose particles the obstacle holds.
+and friction as between bodies; see `evaluate`.
+
+What is deep in a thin obstacle may be nearer to its other side. So the plane of the side that it came in by is
+kept, and δ is the depth below it, up to twice the distance from the nearest side: nothing jumps where it goes in
+and out.
+
+The solids being convex, the plane that touches one nearest to the middle of a facet has all of the solid behind
+it. A facet before this plane is looked at no further; so is one that lies flat on a face, where particles are
+held.
 """
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensation
-from ..contact import signed_distance, solids
-from ..effect import Piece
-from ..records import records
+from ..contact import signed_distance
 from .evaluate import TANGENTIAL
+from .straddled import PLACES, Straddled
 from .surfaces import HISTORY
 
-SIDES = 12
-"""Into so many parts the sides of a facet are divided."""
 CAP = 2.0
-"""How deep, by how far off its nearest side is, anything counts in a thin obstacle that came in by another side."""
-PLACES = (SIDES + 1) * (SIDES + 2) // 2
-"""Places on a facet that are looked at."""
-
-
-def weights_of_places() -> list[tuple[float, float, float]]:
-    """Return the shares of the corners in each of the places on a facet, shape [PLACES, 3]."""
-    rows = [(i, j) for i in range(SIDES + 1) for j in range(SIDES + 1 - i)]
-    return [((SIDES - i - j) / SIDES, i / SIDES, j / SIDES) for i, j in rows]
+"""How deep what came in by another side counts at most, by how far off the nearest side is."""
 
 
 @functools.cache
-def Straddled(scalar: type, moving: bool):
-    """Compose the struct of facets, and of the obstacles that they may straddle."""
-    V, Solids, Turn = vector(3, scalar), solids(3, scalar), wp.types.matrix((3, 3), scalar)
-
-    @wp.struct
-    class FacetsAndObstacles:
-        place: wp.array(dtype=V)  # shares of the corners in each place, shape [PLACES]
-        # Vertices, mixtures of particles:
-        first: wp.array(dtype=int)  # where the particles of each begin, shape [vertex_count + 1]
-        particle: wp.array(dtype=int)  # shape [any]
-        weight: wp.array(dtype=scalar)  # the share of each, shape [any]
-        mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
-        # Facets, of shape [facet_count] where nothing else is said:
-        corner: wp.array(dtype=wp.vec3i)  # the vertices of each
-        stiffness: wp.array(dtype=scalar)  # of each place on it [N/m]
-        whole: wp.array(dtype=scalar)  # of all around a vertex [N/m]
-        slack: wp.array(dtype=scalar)  # how deep is none yet, for roundings [m]
-        slip: wp.array2d(dtype=V)  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
-        partner: wp.array2d(dtype=int)  # which obstacle that is, −1: none
-        way: wp.array2d(dtype=V)  # of what is deep in it the normal of the side it came in by, else 0
-        level: wp.array2d(dtype=scalar)  # and how far off that side is along it, both as the obstacle was given [m]
-        allowed: wp.array(dtype=scalar)  # how deep it may still lie, since it did at the start [m]
-        outwards: scalar  # how fast that shrinks [m/s]
-        power: wp.array(dtype=wp.float64)  # what is done on it from outside now [W]
-        force: wp.array2d(dtype=wp.int64)  # on particles, in units, shape [particle_count, 3]
-        # Obstacles:
-        solid: wp.array(dtype=int)  # which of them are no planes, shape [solid_count]
-        solids: Solids  # the shapes of all
-        friction: wp.array(dtype=scalar)  # of each
-        damping: wp.array(dtype=scalar)  # damping ratio, from its restitution
-        thin: wp.array(dtype=scalar)  # how deep in it the nearest side may be another one [m]
-        if moving:  # where each is at the ends of substeps, see `contact.moving_contact`
-            turn: wp.array2d(dtype=Turn)
-            shift: wp.array2d(dtype=V)
-            turning: wp.array2d(dtype=Turn)
-            speed: wp.array2d(dtype=V)
-
-    return FacetsAndObstacles
-
-
-@functools.cache
-def straddling_piece(dim: int, scalar: type, compensated: bool) -> Piece:
-    """Return what facets that straddle obstacles add to kernels: the forces on particles."""
-    V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
-
-    @wp.struct
-    class Pushed:
-        force: wp.array2d(dtype=wp.int64)  # in units, shape [particle_count, 3]
-        unit: wp.float64  # [N]
-
-    def force(World: Any):
-        @wp.func
-        def push(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            total = V()
-            for k in range(wp.static(dim)):
-                total[k] = scalar(wp.float64(world.straddled.force[i, k]) * world.straddled.unit)
-            return total
-
-        return push
-
-    return Piece("straddled", Pushed, force=force, selective=True)
-
-
-@functools.cache
-def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bool, sunk: bool, measuring: bool):
+def straddle(scalar: type, kinds: tuple[str, ...], moving: bool, sunk: bool, measuring: bool):
     """Compose the kernel of the forces of obstacles on facets, or of what these store [J] and turn to heat [W].
 
     Its threads share the facets. Where any facet starts on an obstacle (`sunk`), it counts by what it exceeds a
     depth that is allowed, which shrinks to nothing. Forces are summed as whole numbers, as between bodies.
     """
     V, Data = vector(3, scalar), Straddled(scalar, moving)
-    Lost, _ = compensation(3, scalar, compensated)
-    load, distance_from = records(3, scalar).load, signed_distance(3, scalar, kinds)
+    distance_from = signed_distance(3, scalar, kinds)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
-
-    @wp.func
-    def place_of(data: Data, lost: Lost, x: wp.array(dtype=V), vertex: int) -> V:
-        place = V()
-        for s in range(data.first[vertex], data.first[vertex + 1]):
-            j = data.particle[s]
-            x_j = load(x, j)
-            if wp.static(compensated):
-                x_j = x_j - load(lost.x, j)
-            place += data.weight[s] * x_j
-        return place
-
-    @wp.func
-    def velocity_of(data: Data, v: wp.array(dtype=V), vertex: int) -> V:
-        speed = V()
-        for s in range(data.first[vertex], data.first[vertex + 1]):
-            speed += data.weight[s] * load(v, data.particle[s])
-        return speed
 
     @wp.func
     def seen(data: Data, p: int, row: int, share: scalar, x: V) -> V:
@@ -169,10 +76,11 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
     @wp.func
     def touch_one(
         data: Data,
-        lost: Lost,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
         t: int,
+        corner: wp.vec3i,
+        a: V,  # where its corners are [m]
+        b: V,
+        c: V,
         row: int,  # of the obstacles' poses, where the substep begins
         share: scalar,  # how much of the substep has gone by
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
@@ -181,10 +89,6 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
         stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], where measured
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
-        corner = data.corner[t]
-        a = place_of(data, lost, x, corner[0])
-        b = place_of(data, lost, x, corner[1])
-        c = place_of(data, lost, x, corner[2])
         middle = third * (a + b + c)
         k = data.stiffness[t]
         k_t = tangential * scalar(wp.static(float(PLACES))) * k
@@ -204,10 +108,10 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
         new_level_1 = zero
         for o in range(data.solid.shape[0]):
             p = data.solid[o]
-            nearest = distance_from(data.solids, p, seen(data, p, row, share, middle))
-            normal = turned(data, p, row, share, V(nearest[0], nearest[1], nearest[2]))
-            low = wp.min(wp.dot(normal, a - middle), wp.min(wp.dot(normal, b - middle), wp.dot(normal, c - middle)))
-            if nearest[3] + low < -begins:
+            found = distance_from(data.solids, p, seen(data, p, row, share, middle))
+            normal = turned(data, p, row, share, V(found[0], found[1], found[2]))
+            ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
+            if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -begins:
                 # By corners what pushes them; all of it, where, and how much is in.
                 f_a = V()
                 f_b = V()
@@ -263,9 +167,7 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
                         mobility += w[j] * w[j] * data.mobility[corner[j]]
                 if size > zero and mobility > zero:
                     normal = pushed / size
-                    u = w[0] * velocity_of(data, v, corner[0])
-                    u += w[1] * velocity_of(data, v, corner[1])
-                    u += w[2] * velocity_of(data, v, corner[2])
+                    u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
                     surface = V()
                     if wp.static(moving):
                         y = seen(data, p, row, share, w[0] * a + w[1] * b + w[2] * c)
@@ -343,9 +245,6 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
     @kernel
     def straddle_facets(
         data: Data,
-        lost: Lost,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
         row: int,
         share: scalar,
         h: scalar,
@@ -355,48 +254,38 @@ def straddle(scalar: type, compensated: bool, kinds: tuple[str, ...], moving: bo
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
+        # Most facets are far from all: what is told here is told without handing on `data`, of which, on the CPU,
+        # each function has a copy.
         t = wp.tid()
         while t < data.corner.shape[0]:
-            touch_one(data, lost, x, v, t, row, share, h, behind, unit, stored, heated)
+            corner = data.corner[t]
+            a = data.x[corner[0]]
+            b = data.x[corner[1]]
+            c = data.x[corner[2]]
+            middle = third * (a + b + c)
+            far = wp.max(wp.length_sq(a - middle), wp.max(wp.length_sq(b - middle), wp.length_sq(c - middle)))
+            far = wp.sqrt(far)
+            near = data.partner[0, t] >= 0
+            if wp.static(sunk):
+                near = near or data.allowed[t] > zero
+            for o in range(data.solid.shape[0]):
+                p = data.solid[o]
+                y = middle
+                if wp.static(moving):
+                    y = wp.transpose(data.turn[row, p]) * (middle - data.shift[row, p])
+                    if share > zero:
+                        ends = wp.transpose(data.turn[row + 1, p]) * (middle - data.shift[row + 1, p])
+                        y += share * (ends - y)
+                low = data.lower[p]
+                high = data.upper[p]
+                if y[0] > low[0] - far and y[1] > low[1] - far and y[2] > low[2] - far:
+                    if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
+                        near = True
+            if near:
+                touch_one(data, t, corner, a, b, c, row, share, h, behind, unit, stored, heated)
+            else:
+                if wp.static((moving or sunk) and not measuring):
+                    data.power[t] = wp.float64(0.0)
             t += threads
 
     return straddle_facets
-
-
-@functools.cache
-def add_pushes(scalar: type):
-    """Compose the kernel, over particles, that adds what obstacles push facets with to what they push particles with.
-
-    That is summed by mass, in float64.
-    """
-    Wide = vector(3, wp.float64)
-
-    @kernel
-    def add_push(
-        force: wp.array2d(dtype=wp.int64),  # in units, shape [particle_count, 3]
-        unit: wp.float64,  # [N]
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], shape [particle_count]
-        seconds: wp.float64,  # how long the forces count [s]
-        # In and out:
-        impulse: wp.array(dtype=Wide),  # by mass [m/s], shape [particle_count]
-    ):
-        i = wp.tid()
-        by_mass = seconds * unit * wp.float64(inverse_mass[i])
-        total = Wide()
-        for k in range(3):
-            total[k] = by_mass * wp.float64(force[i, k])
-        impulse[i] = impulse[i] + total
-
-    return add_push
-
-
-@kernel
-def add_energies(
-    power: wp.array(dtype=wp.float64),  # [W], shape [any]
-    seconds: wp.float64,  # [s]
-    # In and out:
-    done: wp.array(dtype=wp.float64),  # [J], shape [any]
-):
-    """Add what powers do in some time."""
-    i = wp.tid()
-    done[i] = done[i] + seconds * power[i]

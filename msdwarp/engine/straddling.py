@@ -8,7 +8,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import TouchingSurfaces, touching_surfaces
-from ..kernels.compensation import compensation
 from ..kernels.contact import KINDS
 from ..kernels.touch import (
     HISTORY,
@@ -20,7 +19,7 @@ from ..kernels.touch import (
     straddling_piece,
     weights_of_places,
 )
-from ..world import Collider, Load, Plane, Touch
+from ..world import Box, Collider, Load, Plane, Touch
 from .contact import LARGEST, Contact
 from .depths import start_depths
 from .effect import Effect
@@ -38,8 +37,8 @@ THIN = 0.25
 """What is deeper in an obstacle than by this share of `inradius` is led out of the side that it came in by."""
 KEPT = ("slip", "partner", "way", "level")
 """What facets keep from one substep to the next."""
-LEAST_RESTITUTION = 0.05
-"""What bounces less is damped as this."""
+LEAST_RESTITUTION = 0.3
+"""What bounces less is damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
 
 
 def straddling(
@@ -69,7 +68,7 @@ class Straddling(Effect):
     contact
         Its contact with obstacles, by which these are where they are.
     touching
-        Contact between its bodies.
+        Contact between its bodies, which places the vertices of their surfaces.
     colliders
         The obstacles.
     rules
@@ -88,7 +87,7 @@ class Straddling(Effect):
         surfaces: TouchingSurfaces,
         facets: NDArray[np.int64],
     ) -> None:
-        self._model, self._contact = model, contact
+        self._model, self._contact, self._touching = model, contact, touching
         scalar, device = model.scalar, model.device
         self._kinds = tuple(
             sorted({type(one).__name__ for one in colliders if not isinstance(one, Plane)}, key=KINDS.index)
@@ -100,6 +99,7 @@ class Straddling(Effect):
         corner, data = surfaces.corner[facets], Straddled(scalar, contact.moves)()
         self._facets, body = data, surfaces.body[corner[:, 0]]
         data.place = array(weights_of_places(), model.vector)
+        data.x, data.v = touching.vertices
         each = surfaces.weight != 0
         data.first = array(np.append(0, np.cumsum(each.sum(axis=1))), int)
         data.particle, data.weight = array(surfaces.particle[each], int), array(surfaces.weight[each], scalar)
@@ -117,9 +117,9 @@ class Straddling(Effect):
         data.partner = wp.full((HISTORY, count), -1, dtype=int, device=device)
         data.solid = array([k for k, one in enumerate(colliders) if not isinstance(one, Plane)], int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
-        damping = [
-            Touch(restitution=max(LEAST_RESTITUTION, one.restitution)).damping_ratio for one in colliders
-        ]
+        boxes = np.array([_box_around(one) for one in colliders])
+        data.lower, data.upper = (array(boxes[:, k], model.vector) for k in (0, 1))
+        damping = [Touch(restitution=max(LEAST_RESTITUTION, one.restitution)).damping_ratio for one in colliders]
         data.damping = array(damping, scalar)
         data.thin = array([THIN * min(one.inradius(), LARGEST) for one in colliders], scalar)
 
@@ -133,7 +133,6 @@ class Straddling(Effect):
         self.data.unit = self._unit
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness, whole[body], max(damping))
-        self._others = touching.blocks
 
         depth = _start_depths(surfaces.weight, model.system.position[surfaces.particle], corner, colliders)
         deepest = float(depth.max(initial=0.0))
@@ -172,7 +171,7 @@ class Straddling(Effect):
         return False
 
     def before_forces(self, x: wp.array, v: wp.array, lost: Any, begins: bool) -> None:
-        """Launch the forces of obstacles on facets whose particles are at x and move at v."""
+        """Launch the forces of obstacles on facets, whose vertices contact between bodies has just placed."""
         times = self.steps.stage_times
         self._stage = 0 if begins else self._stage + 1
         # What is not a stage of the substep is looked at where it ends.
@@ -181,18 +180,14 @@ class Straddling(Effect):
         self._facets.force.zero_()
         dt = self.steps.dt
         lag = dt if self.steps.lagging else 0.0
-        self._launch(False, x, v, lost, [row, share, dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
+        self._launch(False, [row, share, dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
-    def _launch(self, measuring: bool, x: wp.array, v: wp.array, lost: Any, how: list, sums: list) -> None:
+    def _launch(self, measuring: bool, how: list, sums: list) -> None:
         """Launch the kernel over all facets: on a GPU a thread for each, on the CPU one for all."""
-        model = self._model
-        compensated = model.compensated and lost is not None
-        if not compensated:
-            lost = compensation(model.dim, model.scalar, False)[0]()
-        kernel = straddle(model.scalar, compensated, self._kinds, self._contact.moves, self._sunk, measuring)
-        threads = len(self._facets.corner) if model.device.is_cuda else 1
-        inputs = [self._facets, lost, x, v, *how, self._unit, threads]
-        wp.launch(kernel, threads, inputs, sums, device=model.device)
+        device = self._model.device
+        kernel = straddle(self._model.scalar, self._kinds, self._contact.moves, self._sunk, measuring)
+        threads = len(self._facets.corner) if device.is_cuda else 1
+        wp.launch(kernel, threads, [self._facets, *how, self._unit, threads], sums, device=device)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sums of what obstacles do, and of what they push particles with, where that is asked for."""
@@ -213,8 +208,8 @@ class Straddling(Effect):
         vertex = int(self._facets.corner.numpy()[facet][0])
         particle = int(self._facets.particle.numpy()[self._facets.first.numpy()[vertex]])
         return (
-            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led out "
-            f"within {LED_APART_IN} s; move the body or the obstacle apart"
+            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led "
+            f"out within {LED_APART_IN} s; move the body or the obstacle apart"
         )
 
     @property
@@ -238,8 +233,8 @@ class Straddling(Effect):
             self._facets.outwards = float(arrays["straddle.outwards"][0])
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
-        """Add what obstacles hold facets with, by what they exceed other bodies: both are not in the same place."""
-        for blocks, each, others in zip((stiffness, damping), self._blocks, self._others, strict=True):
+        """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
+        for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
             more = np.maximum(each - others, 0.0)
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
 
@@ -255,8 +250,21 @@ class Straddling(Effect):
         """Return what is stored [J], and what turns to heat [W], where a frame ends."""
         count, device = len(self._facets.corner), self._model.device
         stored, heated = (wp.zeros(count, dtype=wp.float64, device=device) for _ in "sh")
-        self._launch(True, x, v, None, [self._last + 1, 0.0, 0.0, 0.0], [stored, heated])
+        self._touching.place_vertices(x, v)
+        self._launch(True, [self._last + 1, 0.0, 0.0, 0.0], [stored, heated])
         return float(stored.numpy().sum()), float(heated.numpy().sum())
+
+
+def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest coordinates of an obstacle as it is given [m], both of shape [3]."""
+    if isinstance(collider, Plane):
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    geometry = collider.geometry(3)
+    if isinstance(collider, Box):
+        reach = np.abs(geometry["axes"]) @ geometry["b"]
+        return geometry["a"] - reach, geometry["a"] + reach
+    ends = np.array([geometry["a"], geometry.get("b", geometry["a"])])
+    return ends.min(axis=0) - geometry["radius"], ends.max(axis=0) + geometry["radius"]
 
 
 def _rigid_stiffness(model: "Model", surfaces: TouchingSurfaces, rules: Sequence[Touch]) -> NDArray[np.float64]:

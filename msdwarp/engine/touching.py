@@ -201,6 +201,15 @@ class Touching(Effect):
         """Launch what lists the facets near each point."""
         self._nearby.search(x, v, lost, within)
 
+    @property
+    def vertices(self) -> tuple[wp.array, wp.array]:
+        """Where vertices were placed last [m], and how fast they moved [m/s], both of shape [vertex_count]."""
+        return self._touch.x, self._touch.v
+
+    def place_vertices(self, x: wp.array, v: wp.array) -> None:
+        """Launch what puts vertices where particles at x are, which move at v, between frames."""
+        self._nearby.place(x, v, None, self._nearby.unread)
+
     def begin_substep(self, substep: int) -> bool:
         """Take the time of what is launched in a substep."""
         self._nearby.now = substep * self._dt

@@ -121,13 +121,15 @@ def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> 
     Raises
     ------
     ValueError
-        If what says how bodies touch is among the loads alone, or one of them is a bare `Load`, which does nothing.
+        If what says how bodies touch is among the loads alone, or one of these is a bare `Load`.
     """
     for k, one in enumerate(loads):
         if type(one) is Load:
             raise ValueError(f"loads[{k}] is a Load, which does nothing; it must be one such as Force((0, 0, 1))")
         if touch is None and isinstance(one, Touch):
-            raise ValueError(f"loads[{k}] is a Touch; how bodies touch must be said by touch, such as touch=Touch()")
+            raise ValueError(
+                f"loads[{k}] is a Touch; how bodies touch must be said by touch, such as touch=Touch()"
+            )
     given = () if touch is None else (touch,) if isinstance(touch, Touch) else touch
     rules = checks.sequence("touch", given, Touch, "Touch(friction=0.5)")
     return (*(one for one in loads if not isinstance(one, Touch)), *rules)
