@@ -133,7 +133,7 @@ def test_the_obstacle_takes_what_the_body_loses(plain_device, method):
     gained = 0.02 * (simulation.frame().velocity - thrown.velocity).sum(axis=0)
     assert np.abs(gained).max() > 0.5  # it has been thrown back
     assert simulation.measure().effect_energy == 0.0
-    # Forces are whole numbers of a unit of 2^-40 of the largest, cut off for each particle in some hundred substeps.
+    # Forces are whole numbers of 2^-40 of the largest, cut off for each particle in some hundred substeps.
     np.testing.assert_allclose(taken, gained, rtol=0, atol=1e-9)
 
 
@@ -155,7 +155,8 @@ def test_undamped_it_keeps_its_energy(plain_device):
         assert stored > 0.01 * energies[0]  # the post has had its share
         worst.append(np.abs(np.array(energies) / energies[0] - 1).max())
     assert worst[0] < 0.01
-    assert worst[1] < worst[0] / 1.5  # where contacts begin and end forces have kinks: irregularly, see test_touching
+    # Irregularly: forces have kinks where contacts begin and end. See test_touching.
+    assert worst[1] < worst[0] / 1.5
 
 
 @pytest.mark.slow
@@ -220,5 +221,5 @@ def test_what_starts_on_an_obstacle_is_led_off_it(plain_device):
     for _ in range(90):
         simulation.step()
         highest = max(highest, lowest(simulation))
-    assert -0.05 * SPACING < lowest(simulation)
+    assert lowest(simulation) > -0.05 * SPACING
     assert highest < 0.02
