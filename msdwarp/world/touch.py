@@ -18,7 +18,8 @@ class Touch(Load):
 
     A body is a set of particles that are joined by connections. Bodies with a surface touch with it: points on
     one against triangles of the other. Closed surfaces push out what is inside; sheets have two sides. Ropes
-    touch with their connections, grains as spheres. See docs/contact.md for the law.
+    touch with their connections, grains as spheres. Obstacles are then kept out of surfaces and ropes too, not of
+    particles alone. See docs/contact.md for the law.
 
     Parameters
     ----------

@@ -105,6 +105,24 @@ def test_what_is_thin_hangs_over_a_thin_rod(plain_device, what):
 
 
 @pytest.mark.slow
+def test_a_cloth_lets_less_of_a_ball_be_seen(plain_device):
+    # Straight edges between particles on the ball cut into it, by s²/8R = 1.25 mm in one without strain.
+    cloth = sheet((17, 17), 0.05, mass=0.002, stiffness=150.0, damping=0.2)
+    cloth = cloth.translate(-cloth.position.mean(axis=0)).translate((0.01, 0.013, 0.26))
+    ball, deep = Sphere((0, 0, 0), 0.25, restitution=0.0), {}
+    for touch in (None, Touch()):
+        simulation = Simulation(cloth, colliders=[ball], touch=touch, device=plain_device)
+        simulation.step(40)
+        x = simulation.frame().position
+        assert cloth.surface is not None
+        corners = x[cloth.surface.particle[cloth.surface.triangles]]
+        middles = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
+        deep[touch is not None] = 0.25 - np.linalg.norm(middles, axis=1).min()
+    assert deep[True] < 0.6 * deep[False]  # seen 1.1 and 2.7 mm
+    assert deep[True] < 0.05 * 0.05  # 5 % of the spacing
+
+
+@pytest.mark.slow
 def test_friction_holds_on_a_gentle_slope(plain_device):
     # tan 15° = 0.27 < 0.5. The block is low, so that it does not tip over the edge of the post.
     angle = math.radians(15)
