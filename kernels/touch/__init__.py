@@ -6,6 +6,8 @@ from .lanes import ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
 from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes, range_of_speeds
+from .straddle import straddle
+from .straddled import PLACES, Straddled, add_energies, add_pushes, straddling_piece, weights_of_places
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
 
 __all__ = [
@@ -21,11 +23,15 @@ __all__ = [
     "NOTED",
     "ON_GPU",
     "PLACE",
+    "PLACES",
     "POINT",
     "SPEED",
     "WAY",
+    "Straddled",
     "Surfaces",
+    "add_energies",
     "add_impulses",
+    "add_pushes",
     "box_facets",
     "box_neighbours",
     "energy_of_touch",
@@ -35,6 +41,9 @@ __all__ = [
     "nearest_on_triangle",
     "place_vertices",
     "range_of_speeds",
+    "straddle",
+    "straddling_piece",
     "touch",
     "touching_piece",
+    "weights_of_places",
 ]

@@ -160,6 +160,17 @@ class Contact(Effect):
             turn, shift = turn if turn is None else _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
         return turn, shift
 
+    def hold_still(self, time: float) -> None:
+        """Put what moves where it is at `time` [s] until a frame begins: for what looks at it between frames."""
+        if self._moves:
+            self._frames.upload(lambda tables: self._fill_still(time, tables))
+
+    def _fill_still(self, time: float, tables: Tables) -> None:
+        """Write where what moves is at `time`, in all rows, and how fast it has come there."""
+        self._fill(time, tables)
+        for table in tables.values():
+            table[1:] = table[:1]
+
     def begin_substep(self, substep: int) -> bool:
         """Have what is launched next find colliders where they are in this substep, where any move."""
         if self._moves:

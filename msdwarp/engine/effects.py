@@ -15,6 +15,7 @@ from .effect import Effect
 from .forcing import Steady, forcing
 from .mixing import mixing
 from .pressing import pressing
+from .straddling import straddling
 from .tearing import Tearing
 from .ties import Ties
 from .touching import touching
@@ -72,6 +73,8 @@ def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
     for make in EFFECTS:
         made = make(model, around)
         found += [made] if isinstance(made, Effect) else made or []
+    between = straddling(model, around.colliders, around.loads, found)
+    found += [between] if between is not None else []
     summed = any(isinstance(effect.piece, Piece) and effect.piece.works for effect in found)
     steady = next((effect for effect in found if isinstance(effect, Steady)), None)
     others = [effect for effect in found if effect.done is not None]

@@ -89,7 +89,8 @@ class Nearby:
         """By how much more than it touches a point is looked around [m], shape [1]."""
         self.flags: Any = wp.zeros(FLAGS, dtype=float, device=device)
         """What has been found out since they were read: see `kernels.touch.surfaces`."""
-        self._unread = wp.zeros_like(self.flags)
+        self.unread = wp.zeros_like(self.flags)
+        """The same of what is only looked at."""
         owner, a, b = data.owner.numpy(), *surfaces.ends.T
         x, share = data.x.numpy(), surfaces.share[:, None]
         data.in_order = wp.array(curve(surfaces.body[a], x[a] + share * (x[b] - x[a])), dtype=int, device=device)
@@ -141,7 +142,7 @@ class Nearby:
         Within a frame, how far anything has moved since the last search tells how often it is to be made.
         """
         data = self._data
-        self.place(x, v, lost, self.flags[WAY:] if within else self._unread)
+        self.place(x, v, lost, self.flags[WAY:] if within else self.unread)
         self._box()
         self._tree.refit()
         self._bodies.refit()

@@ -14,6 +14,7 @@ from .depths import start_depths, touching
 from .driving import Driving
 from .model import Model
 from .state import State
+from .straddling import Straddling
 from .touching import Touching
 
 COARSE = 1e-3
@@ -51,7 +52,7 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     check_swallowed(model.system, colliders, model.driven)
     inside = start_inside(model.system, colliders, model.driven)
     displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
-    overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching)]
+    overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching | Straddling)]
     for doubt in (inside, start_far(model), *displaced, *overlapping):
         if doubt:
             warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)

@@ -33,11 +33,16 @@ def harmonic_mean(a: Any, b: Any) -> Any:
     return 2 * a * b / (a + b)
 
 
+def given_stiffness(rules: Sequence[Touch], rule: NDArray[Any]) -> NDArray[np.float64]:
+    """Return what is given for contacts by the numbers of their rules [N/m]; −1 where nothing is."""
+    return np.array([*(-1.0 if one.stiffness is None else one.stiffness for one in rules), -1.0])[rule]
+
+
 def stiffness_of_pairs(
     surfaces: TouchingSurfaces, rules: Sequence[Touch], rule: NDArray[Any], a: NDArray[Any], b: NDArray[Any]
 ) -> NDArray[np.float64]:
     """Return the stiffness of contacts between bodies a and b, by the numbers of their rules [N/m]."""
-    given = np.array([-1.0 if one.stiffness is None else one.stiffness for one in rules])[rule]
+    given = given_stiffness(rules, rule)
     with np.errstate(invalid="ignore", divide="ignore"):
         own = harmonic_mean(surfaces.stiffness[a], surfaces.stiffness[b])
     return np.where(given < 0, own, given)

@@ -132,7 +132,8 @@ class Touching(Effect):
         given = [one.thickness for one in rules if one.thickness is not None]
         own = 2.0 * float(surfaces.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0
         self._farthest = max(own, float(depth.max(initial=0.0)), *given, 0.0)
-        self._blocks = contact_blocks(model, surfaces, rules, kind, rule, density)
+        self.blocks = contact_blocks(model, surfaces, rules, kind, rule, density)
+        """What it adds to the blocks of K [N/m] and B [N s/m] of each particle, as numbers."""
 
         self.piece = touching_piece(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
@@ -199,6 +200,15 @@ class Touching(Effect):
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what lists the facets near each point."""
         self._nearby.search(x, v, lost, within)
+
+    @property
+    def vertices(self) -> tuple[wp.array, wp.array]:
+        """Where vertices were placed last [m], and how fast they moved [m/s], both of shape [vertex_count]."""
+        return self._touch.x, self._touch.v
+
+    def place_vertices(self, x: wp.array, v: wp.array) -> None:
+        """Launch what puts vertices where particles at x are, which move at v, between frames."""
+        self._nearby.place(x, v, None, self._nearby.unread)
 
     def begin_substep(self, substep: int) -> bool:
         """Take the time of what is launched in a substep."""
@@ -273,7 +283,7 @@ class Touching(Effect):
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
-        for blocks, each in zip((stiffness, damping), self._blocks, strict=True):
+        for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
 
     def energy(self, x: wp.array) -> float:

@@ -8,7 +8,7 @@ from .. import checks
 from ..files import Trajectory
 from ..pictures import no_display
 from ..simulation import Simulation
-from ..world import Hand, Scene, scene_from_stored
+from ..world import Hand, Scene, Touch, scene_from_stored
 from .browser import HOST, Browser
 from .handling import within_reach
 from .sources import Played, Running, Source
@@ -93,7 +93,8 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
         return shown, Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)
     checks.instance("shown", shown, Simulation, "Simulation.of(scene), a Scene, a Trajectory or its file")
     assert isinstance(shown, Simulation)
-    around = {"colliders": shown.colliders, "loads": shown.loads, "gravity": shown.gravity}
+    touch = [one for one in shown.loads if isinstance(one, Touch)]
+    around = {"colliders": shown.colliders, "loads": shown.loads, "touch": touch, "gravity": shown.gravity}
     return shown, Scene(system=shown.system, **around)
 
 

@@ -163,9 +163,13 @@ def take_back(stepping: Stepping, arrays: Arrays) -> None:
 
 
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
-    """Return the effects that a checkpoint has kept: older ones did not sum the work of obstacles that move."""
-    work = stepping.model.work
-    return [one for one in stepping.model.effects if one is not work or "work.before" in arrays]
+    """Return the effects that a checkpoint has kept.
+
+    Older ones did not sum the work of obstacles that move, and knew none between the particles of a body.
+    """
+    work, between = stepping.model.work, "straddle.partner"
+    known = [one for one in stepping.model.effects if one is not work or "work.before" in arrays]
+    return known if between in arrays else [one for one in known if between not in one.checkpoint()]
 
 
 def _moving(stepping: Stepping) -> dict[str, wp.array]:

@@ -38,6 +38,10 @@ class Touch(Load):
     stiffness
         Stiffness of a contact [N/m]. By default that of one more layer of connections: the harmonic mean of both
         bodies' mean stiffness. Single particles have no springs, so there it must be given.
+    obstacles
+        Whether obstacles are kept out of all surfaces and ropes, and not only off particles. If any entry of
+        `touch` says so, it holds for all bodies. It needs more and shorter substeps; take it where obstacles have
+        edges, or are thinner than particles are apart.
 
     Raises
     ------
@@ -51,6 +55,7 @@ class Touch(Load):
     groups: Any = None
     thickness: float | None = None
     stiffness: float | None = None
+    obstacles: bool = False
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -109,7 +114,27 @@ def restitution_of(damping_ratio: float) -> float:
 
 
 def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> tuple[Load, ...]:
-    """Return loads with what says how bodies touch behind them, in place of what said it before."""
+    """Return loads with what says how bodies touch behind them, in place of what said it before.
+
+    Parameters
+    ----------
+    loads
+        Loads; a `Touch` among them is left out where `touch` says anything, be it nothing: ().
+    touch
+        How bodies touch.
+
+    Raises
+    ------
+    ValueError
+        If what says how bodies touch is among the loads alone, or one of these is a bare `Load`.
+    """
+    for k, one in enumerate(loads):
+        if type(one) is Load:
+            raise ValueError(f"loads[{k}] is a Load, which does nothing; it must be one such as Force((0, 0, 1))")
+        if touch is None and isinstance(one, Touch):
+            raise ValueError(
+                f"loads[{k}] is a Touch; how bodies touch must be said by touch, such as touch=Touch()"
+            )
     given = () if touch is None else (touch,) if isinstance(touch, Touch) else touch
     rules = checks.sequence("touch", given, Touch, "Touch(friction=0.5)")
     return (*(one for one in loads if not isinstance(one, Touch)), *rules)

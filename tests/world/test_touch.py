@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from msdwarp import Force, Scene, Simulation, Touch, box, sheet
+from msdwarp import Force, Plane, Scene, Simulation, Touch, box, sheet
+from msdwarp.world.loads import Load
 from msdwarp.world.touch import restitution_of, with_touch
 
 
@@ -96,4 +97,23 @@ def test_a_scene_hands_on_how_its_bodies_touch():
     # What is said anew takes the place of what was said before.
     again = Touch(groups=("low", "high"), friction=0.1), Touch(groups=("low", "low"))
     assert with_touch(scene.loads, again) == (force, *again)
-    assert with_touch(scene.loads, None) == (force,)
+    assert with_touch(scene.loads, ()) == (force,)
+
+
+@pytest.mark.parametrize(
+    ("loads", "message"),
+    [
+        ([Force((0, 0, 1)), Touch()], r"loads\[1\] is a Touch; how bodies touch must be said by touch"),
+        ([Load()], r"loads\[0\] is a Load, which does nothing; it must be one such as Force"),
+        ([Plane()], r"loads\[0\] is Plane\(\); it must be a Load"),
+        ([None], r"loads\[0\] is None; it must be a Load"),
+    ],
+    ids=["a touch", "a bare load", "a plane", "nothing"],
+)
+def test_what_loads_cannot_hold_is_refused(loads, message):
+    for refusing in (
+        lambda: Scene(system=DICE, loads=loads),
+        lambda: Simulation(DICE, loads=loads, device="cpu"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refusing()
