@@ -20,6 +20,7 @@ from .sensing import Sensors, sensors_of
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
+from .touching_worlds import TouchingWorlds
 from .watch import Backup, Baseline, Watch
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "State",
     "Stepper",
     "Steps",
+    "TouchingWorlds",
     "Watch",
     "WorldEnergies",
     "add_linearised",
