@@ -1,5 +1,6 @@
 """Nearby: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -210,10 +211,10 @@ class Nearby:
         (points, room), (bodies, room_beside) = data.row.shape, data.beside.shape
         if longest <= ROOM_TO_SPARE * room and (beside <= ROOM_TO_SPARE * room_beside or room_beside >= bodies):
             return False
-        more = max(room, 1 << max(int(longest / ROOM_TO_SPARE) - 1, 0).bit_length())
+        more = max(room, room_for(longest))
         if more * points > MOST_ROOM:
             raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-        self._give_room(more, min(bodies, max(room_beside, 1 << int(beside / ROOM_TO_SPARE).bit_length())))
+        self._give_room(more, min(bodies, max(room_beside, room_for(beside))))
         return True
 
     def _give_room(self, room: int, beside: int) -> None:
@@ -225,3 +226,8 @@ class Nearby:
         data.beside = wp.zeros((bodies, beside), dtype=int, device=device)
         data.length.zero_()
         data.beside_count.zero_()
+
+
+def room_for(many: int) -> int:
+    """Return room for so many entries, with some to spare: a power of 2."""
+    return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

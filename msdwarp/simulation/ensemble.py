@@ -123,6 +123,7 @@ class Ensemble:
         self.worlds = int(checks.count("worlds", worlds, 1))
         self.fps = checks.positive("fps", fps)
         system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, touch)
+        self._observe = scene.observe if isinstance(scene, Scene) else {}
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)
@@ -246,7 +247,7 @@ class Ensemble:
             "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
             positions and velocities, of shape [worlds, particle_count, d] each, that returns an array whose first
             axis is of worlds.
-            By default the position and velocity of all particles' centre of mass.
+            By default what the scene observes, else the position and velocity of all particles' centre of mass.
         every
             It is observed at the start, and then after every so many frames.
 
@@ -261,7 +262,7 @@ class Ensemble:
         import_xarray()  # what is missing is said before anything runs
         everyone = np.ones(self.model.particle_count, dtype=bool)
         centre = {what: Probe(everyone, what) for what in (POSITION, VELOCITY)}
-        seen, times = observations(self, centre if observe is None else observe), []
+        seen, times = observations(self, (self._observe or centre) if observe is None else observe), []
         for frame in range(frames + 1):
             if frame:
                 self.step()

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from alone import assert_each_is_as_alone
 
-from msdwarp import RK4, RKC2, Ensemble, Leapfrog, Plane, Scene, System, Touch, UnstableStep, box, chain, sheet
+from msdwarp import RK4, RKC2, Ensemble, Leapfrog, Plane, System, Touch, UnstableStep, box, chain, sheet
 from msdwarp.checks import ContactOverrun
-from tests.simulation.test_ensemble import assert_each_is_as_alone
 
 WORLDS = 4
 TOUCH = Touch(friction=0.5, restitution=0.3)
@@ -101,13 +101,17 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
 def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_device, monkeypatch):
     from msdwarp.engine import nearby
 
-    long_enough = Ensemble(two_dice(), 2, **around(plain_device), velocity=[[0.0, 0.0, -0.5], [0.1, 0.0, 0.0]])
-    monkeypatch.setattr(nearby, "ROOM", 2)
-    short = Ensemble(two_dice(), 2, **around(plain_device), velocity=[[0.0, 0.0, -0.5], [0.1, 0.0, 0.0]])
-    room = short.model.touching._touch.row.shape[1]
+    system = two_dice()
+    system = system.replace(position=system.position + 0.2 * LIFTED)
+    velocity = np.array([-3.0, -4.0])[:, None, None] * LIFTED
+    long_enough = Ensemble(system, 2, **around(plain_device), velocity=velocity)
+    monkeypatch.setattr(nearby, "ROOM", 1)
+    short = Ensemble(system, 2, **around(plain_device), velocity=velocity)
+    # At the start no facet is near any point; what comes near while they fall is too much for the lists.
+    assert short.model.touching._touch.row.shape[1] < 4
     for one in (long_enough, short):
         one.step(10)
-    assert short.model.touching._touch.row.shape[1] > room
+    assert short.model.touching._touch.row.shape[1] >= 8
     np.testing.assert_array_equal(short.frame().position, long_enough.frame().position)
 
 
@@ -124,7 +128,7 @@ def test_worlds_do_not_see_each_other():
 
 def test_substeps_count_contact(plain_device):
     how = around(plain_device)
-    ensemble = Ensemble(two_dice(), 2, **how, stiffness=[1e4, 2e4], mass=[0.02, 0.03])
+    ensemble = Ensemble(two_dice(), 2, **how, stiffness=[2e4, 1e4], mass=[0.02, 0.03])
     needs_most = []
     for world in range(2):
         alone = ensemble.simulation_of(world, substeps="auto", allow_unstable=False)
@@ -135,17 +139,17 @@ def test_substeps_count_contact(plain_device):
             assert own.stiffness == pytest.approx(rates.stiffness, rel=1e-12)
             assert own.damping == pytest.approx(rates.damping, rel=1e-12)
             needs_most.append(world)
-    assert needs_most == [1]
+    assert needs_most == [0]
     with pytest.raises(UnstableStep, match="in world 0 substeps is 3"):
         Ensemble(two_dice(), 2, **how, substeps=3)
 
 
 def test_a_contact_that_is_overrun_is_told_with_its_world():
     fast = np.zeros((2, 54, 3))
-    fast[1, 27:, 2] = -60.0
-    ensemble = Ensemble(two_dice(), 2, **around("cpu", allow_unstable=True, substeps=30), velocity=fast)
+    fast[1, 27:, 2] = -80.0
+    ensemble = Ensemble(two_dice(), 2, **around("cpu"), velocity=fast)
     with pytest.warns(ContactOverrun, match="in world 1 a point of"):
-        ensemble.step(3)
+        ensemble.step()
 
 
 @pytest.mark.parametrize(
@@ -157,7 +161,6 @@ def test_a_contact_that_is_overrun_is_told_with_its_world():
             {"position": two_dice().position - np.array([0.0, 0.1])[:, None, None] * LIFTED},
             "in world 1 the body of particle",
         ),
-        ({"scene": Scene(system=two_dice())}, "touch is given beside a Scene"),
     ],
 )
 def test_what_cannot_be_is_said(own, said):
