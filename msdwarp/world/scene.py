@@ -54,8 +54,8 @@ class Scene:
 
     observe
         What to tell of the bodies beside pictures, by name: functions of positions and velocities, of shape
-        [worlds, particle_count, d] each, that return an array whose first axis is of worlds. `Ensemble.run` observes
-        it, `msdwarp run` prints it at the end, `msdwarp sweep` keeps it.
+        [worlds, particle_count, d] each, that return an array whose first axis is of worlds. `Ensemble.run`
+        observes it, `msdwarp run` prints it at the end, `msdwarp sweep` keeps it.
 
     Raises
     ------
