@@ -12,6 +12,7 @@ docs/images/throws.png.
 import argparse
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,7 +31,7 @@ HEAVY = 0.3
 SIDES = np.arange(1, 7)
 
 
-def starts(worlds: int, random: np.random.Generator, die: np.ndarray) -> dict[str, np.ndarray]:
+def starts(worlds: int, random: np.random.Generator, die: np.ndarray) -> dict[str, Any]:
     """Return positions [m] and velocities [m/s] of the particles of all dice, shape [worlds, 135, 3]."""
     turned = Rotation.random(worlds * DICE, random_state=random).as_matrix() @ die.T
     turned = np.swapaxes(turned, 1, 2).reshape(worlds, DICE, -1, 3)
@@ -46,7 +47,7 @@ def thrown(worlds: int, at_once: int, loaded: bool, device: str) -> dict:
     """Throw the dice so many times, and count how often each side lies up."""
     scene, random = dice.build(count=DICE), np.random.default_rng(1)
     die = box((3, 3, 3), 0.15).position
-    counts, diverged, began = np.zeros(6, dtype=int), 0, time.perf_counter()
+    counts, diverged, substeps, began = np.zeros(6, dtype=int), 0, 0, time.perf_counter()
     mass = np.full(len(die), 0.02)
     if loaded:
         axis, end = divmod(DIE.index(1), 2)
@@ -60,7 +61,7 @@ def thrown(worlds: int, at_once: int, loaded: bool, device: str) -> dict:
         good = ensemble.status == "running"
         shown = scene.observe["dots"](position, velocity)[good]
         counts += np.bincount(shown.ravel(), minlength=7)[1:]
-        diverged += int((~good).sum())
+        diverged, substeps = diverged + int((~good).sum()), ensemble.substeps
         done = first + now
         print(f"  {done} throws in {time.perf_counter() - began:.0f} s: {counts}", flush=True)
     test = chisquare(counts)
@@ -71,7 +72,7 @@ def thrown(worlds: int, at_once: int, loaded: bool, device: str) -> dict:
         "chi_square": float(test.statistic),
         "p": float(test.pvalue),
         "diverged": diverged,
-        "substeps": ensemble.substeps,
+        "substeps": substeps,
         "seconds": time.perf_counter() - began,
     }
 
