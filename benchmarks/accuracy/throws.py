@@ -33,7 +33,7 @@ SIDES = np.arange(1, 7)
 
 def starts(worlds: int, random: np.random.Generator, die: np.ndarray) -> dict[str, Any]:
     """Return positions [m] and velocities [m/s] of the particles of all dice, shape [worlds, 135, 3]."""
-    turned = Rotation.random(worlds * DICE, random_state=random).as_matrix() @ die.T
+    turned = Rotation.random(worlds * DICE, rng=random).as_matrix() @ die.T
     turned = np.swapaxes(turned, 1, 2).reshape(worlds, DICE, -1, 3)
     place = random.uniform(0, 1, (worlds, DICE, 1, 3)) * (0.3, 0.0, 0.5) + (-1.6, 0.0, 0.9)
     place[..., 1] += APART * (np.arange(DICE) - (DICE - 1) / 2)[:, None]
