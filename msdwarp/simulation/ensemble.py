@@ -50,7 +50,7 @@ class Ensemble:
     Parameters
     ----------
     scene
-        A `Scene`, or a `System`. Of a scene the system, colliders, loads and gravity count.
+        A `Scene`, or a `System`. Of a scene all but its look, duration and probes count.
     worlds
         How many.
     stiffness, damping, rest_length
