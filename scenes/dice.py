@@ -4,7 +4,7 @@ import numpy as np
 
 from msdwarp import Box, Look, Plane, Scene, Touch, box, checks
 from msdwarp.cli import scene_main
-from msdwarp.textures import pips
+from msdwarp.textures import DIE, pips
 
 
 def build(
@@ -42,7 +42,21 @@ def build(
     )
     colliders = [Plane(restitution=0.3), back, side]
     touch = Touch(friction=0.3, restitution=0.5)
-    return Scene(system=sum(thrown[1:], thrown[0]), colliders=colliders, touch=touch, duration=5.0, look=look)
+    sides = [np.isclose(side * die.position[:, axis], 0.15) for axis in range(3) for side in (-1, 1)]
+
+    def up(position, velocity):
+        """Return how many dots each die shows, shape [worlds, count]: those of the side that is highest."""
+        height = position[:, :, 2].reshape(len(position), count, -1)
+        return np.array(DIE)[np.argmax([height[..., side].mean(axis=2) for side in sides], axis=0)]
+
+    return Scene(
+        system=sum(thrown[1:], thrown[0]),
+        colliders=colliders,
+        touch=touch,
+        duration=5.0,
+        look=look,
+        observe={"dots": up},
+    )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 from msdwarp import Plane, Probe, Scene, Simulation, chain
@@ -18,6 +19,16 @@ def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mar
     body = chain(count, 0.1, mass=0.01, stiffness=stiffness, damping=damping).pin([0])
     probes = {"tip": Probe([count - 1], "position")}
     return Scene(system=body, colliders=[Plane(offset=-5.0)], probes=probes, duration=0.1)
+
+
+def tip(position, velocity):
+    """Return how high the last particle of each world is [m]."""
+    return position[:, -1, 2]
+
+
+def observed(*, stiffness: float = 100.0) -> Scene:
+    """Return the same scene, of which the tip is observed."""
+    return replace(build(stiffness=stiffness), observe={"height": tip})
 
 
 def tip_height(simulation: Simulation) -> float:

@@ -59,6 +59,10 @@ def by_world(composition: Composition, differs: Differences) -> Tools:
     elif differs.storage:
         for name in ("rest_length", "stiffness", "damping"):
             numbers |= _fields_of(composition, differs, name)
+    touched = "touched" in World.vars
+    if touched:
+        numbers["unit"] = wp.array(dtype=wp.float64)  # of the forces of contacts [N], shape [world_count]
+        numbers["touched"] = wp.int64  # bytes from one world's forces on vertices to the next one's
     names = {"__module__": __name__, "__qualname__": "by_world.<locals>.ByWorld"}
     ByWorld = wp.struct(type("ByWorld", (), {"__annotations__": numbers} | names))
 
@@ -66,12 +70,16 @@ def by_world(composition: Composition, differs: Differences) -> Tools:
     scattered = "f" in composition.route.Forces.vars
     gravity, mass, friction = differs.gravity, differs.mass, differs.friction
     sums = shifts(World, ["forces.f"]) if scattered else None
+    contacts = shifts(World, ["touched.force"]) if touched else None
 
     @wp.func
     def take(surroundings: World, by: ByWorld, w: int) -> World:
         own = surroundings
         if wp.static(scattered):
             sums(own, wp.int64(w) * by.stride)
+        if wp.static(touched):
+            contacts(own, wp.int64(w) * by.touched)
+            own.touched.unit = by.unit[w]
         if wp.static(gravity):
             own.gravity = by.gravity[w % by.gravity.shape[0]]
         if wp.static(mass):

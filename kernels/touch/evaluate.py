@@ -22,23 +22,23 @@ from ..records import records
 from .lanes import least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
-from .surfaces import DEEPEST, Surfaces
+from .surfaces import DEEPEST, Surfaces, first_flag
 
 TANGENTIAL = 2.0 / 7.0
 """Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
 
 
 @functools.cache
-def place_vertices(dim: int, scalar: type, compensated: bool):
+def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
     """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
 
     It tells by how much lists have become wrong: how far vertices have moved beside what drifts with all of those
     in contact. What was far from all others may move further. Its threads share the vertices. On the CPU there is
     one: each would have a copy of what `data` points to.
     """
-    V, Data = vector(dim, scalar), Surfaces(scalar)
+    V, Data = vector(dim, scalar), Surfaces(scalar, worlds)
     Lost, _ = compensation(dim, scalar, compensated)
-    load = records(dim, scalar).load
+    load, first_of = records(dim, scalar).load, first_flag(scalar, worlds)
 
     @kernel
     def place(
@@ -52,7 +52,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         threads: int,
-        way: wp.array(dtype=float),  # the furthest that any has moved [m], shape [any]
+        way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
     ):
         i = wp.tid()
         drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
@@ -78,15 +78,16 @@ def place_vertices(dim: int, scalar: type, compensated: bool):
             high = most[data.body_of[i]] + further
             if not (wp.min(before, low) == low and wp.max(before, high) == high):
                 moved *= far
-            if not (moved <= way[0]):
-                wp.atomic_max(way, 0, moved)
+            at = first_of(data, data.body_of[i])
+            if not (moved <= way[at]):
+                wp.atomic_max(way, at, moved)
             i += threads
 
     return place
 
 
 @functools.cache
-def touch(scalar: type, sunk: bool, lanes: int):
+def touch(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that adds up the forces of the contacts of points. Its threads share those that are busy.
 
     So many of them (`lanes`) share each point.
@@ -94,20 +95,20 @@ def touch(scalar: type, sunk: bool, lanes: int):
     Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
     shrinks to nothing: they are led apart, not thrown.
     """
-    return _each_point(scalar, sunk, False, lanes)
+    return _each_point(scalar, sunk, False, lanes, worlds)
 
 
 @functools.cache
-def energy_of_touch(scalar: type, sunk: bool, lanes: int):
+def energy_of_touch(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
     """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
-    return _each_point(scalar, sunk, True, lanes)
+    return _each_point(scalar, sunk, True, lanes, worlds)
 
 
-def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int):
-    V, Data = vector(3, scalar), Surfaces(scalar)
+def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: bool):
+    V, Data = vector(3, scalar), Surfaces(scalar, worlds)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
-    find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar)
-    next_body, note = body_in_row(lanes), note_overrun(scalar)
+    find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
+    next_body, note, first_of = body_in_row(lanes), note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
     tangential = scalar(TANGENTIAL)
@@ -161,7 +162,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int):
         lane: int,  # which of the threads that share the point this is
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
-        unit: wp.float64,  # of forces [N]
+        unit: wp.float64,  # of forces [N]; of worlds each has its own
         skin: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
@@ -294,12 +295,17 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int):
                                 lost -= k_t * wp.dot(slip, u_t)
                             power += wp.float64(lost)
                         elif lane == 0:
-                            exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit)
+                            if wp.static(worlds):
+                                own_unit = data.unit[mine / data.bodies_each]
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, own_unit)
+                            else:
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit)
                             if wp.static(sunk):
                                 led = wp.min(data.allowed[p], h * data.outwards)
                                 data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
-                            if float(overlap) > flags[wp.static(DEEPEST)]:
-                                wp.atomic_max(flags, wp.static(DEEPEST), float(overlap))
+                            at = first_of(data, mine) + wp.static(DEEPEST)
+                            if float(overlap) > flags[at]:
+                                wp.atomic_max(flags, at, float(overlap))
                             if h > zero:
                                 # The vertex of a point bears as much for each of its other points.
                                 u_n += h * f_n * mobility / data.density[mine]

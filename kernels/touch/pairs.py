@@ -52,12 +52,12 @@ def unit_normal(scalar: type):
 
 
 @functools.cache
-def pairs(scalar: type):
+def pairs(scalar: type, worlds: bool = False):
     """Compose (find_rule, thickness_of, reach_of, stiffness_of).
 
     Each is for a point of body `mine` and a facet of body `other`.
     """
-    Data = Surfaces(scalar)
+    Data = Surfaces(scalar, worlds)
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:

@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from .lanes import least_of_lanes
 from .pairs import pairs, places, unit_normal
-from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces
+from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces, first_flag
 
 
 @functools.cache
@@ -28,12 +28,12 @@ NEVER = 1e30
 
 
 @functools.cache
-def box_facets(scalar: type, lanes: int):
+def box_facets(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel, over pieces of bodies, that boxes their facets, and extends the boxes around bodies.
 
     So many threads (`lanes`) share a piece.
     """
-    Data, least_of = Surfaces(scalar), least_of_lanes(wp.float32, lanes)
+    Data, least_of = Surfaces(scalar, worlds), least_of_lanes(wp.float32, lanes)
 
     @wp.func
     def least_corner(x: wp.vec3) -> wp.vec3:
@@ -79,24 +79,27 @@ def box_facets(scalar: type, lanes: int):
 
 @functools.cache
 def find_roots():
-    """Compose the kernel, over bodies, that finds where in the tree of facets those of each are."""
+    """Compose the kernel, over bodies, that finds where in the tree of facets those of each are.
+
+    Also over worlds, in the tree of bodies.
+    """
 
     @kernel
-    def find(facets: wp.uint64, root: wp.array(dtype=int)):
+    def find(tree: wp.uint64, root: wp.array(dtype=int)):
         i = wp.tid()
-        root[i] = wp.bvh_get_group_root(facets, i)
+        root[i] = wp.bvh_get_group_root(tree, i)
 
     return find
 
 
 @functools.cache
-def box_neighbours(scalar: type):
+def box_neighbours(scalar: type, worlds: bool = False):
     """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
 
     The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
     """
-    Data, margin = Surfaces(scalar), margin_of_boxes(scalar)
-    find_rule = pairs(scalar)[0]
+    Data, margin = Surfaces(scalar, worlds), margin_of_boxes(scalar)
+    find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
 
     @kernel
     def extend_neighbours(
@@ -121,7 +124,11 @@ def box_neighbours(scalar: type):
         lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         upper = -lower
         wide = margin(low[i], high[i], around)
-        near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
+        if wp.static(worlds):
+            own = data.root_of_world[i / data.bodies_each]
+            near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide, own)
+        else:
+            near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
         j = int(0)
         count = int(0)
         while wp.bvh_query_next(near_bodies, j):
@@ -133,8 +140,9 @@ def box_neighbours(scalar: type):
                 lower = wp.min(lower, low[j] - wide)
                 upper = wp.max(upper, high[j] + wide)
         data.beside_count[i] = wp.min(count, data.beside.shape[1])
-        if count > int(flags[wp.static(MOST_BESIDE)]):
-            wp.atomic_max(flags, wp.static(MOST_BESIDE), float(count))
+        at = first_of(data, i) + wp.static(MOST_BESIDE)
+        if count > int(flags[at]):
+            wp.atomic_max(flags, at, float(count))
         least[i] = lower
         most[i] = upper
 
@@ -155,7 +163,7 @@ def margin_of_boxes(scalar: type):
 
 
 @functools.cache
-def find_rows(scalar: type):
+def find_rows(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before lists are made anew.
 
     Its threads share the points. Of each body those stay that may come to be the nearest meanwhile, the nearest
@@ -163,9 +171,9 @@ def find_rows(scalar: type):
     that later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor
     the order in which facets are found does.
     """
-    Data, margin, V = Surfaces(scalar), margin_of_boxes(scalar), vector(3, scalar)
+    Data, margin, V = Surfaces(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
-    find_rule, thickness_of, reach_of, _ = pairs(scalar)
+    (find_rule, thickness_of, reach_of, _), first_of = pairs(scalar, worlds), first_flag(scalar, worlds)
     zero, doubt = scalar(0.0), scalar(1.01)
 
     @wp.func
@@ -260,8 +268,9 @@ def find_rows(scalar: type):
                         kept += 1
                 count = kept
         data.length[p] = count
-        if most > int(flags[wp.static(LONGEST_ROW)]):
-            wp.atomic_max(flags, wp.static(LONGEST_ROW), float(most))
+        at = first_of(data, mine) + wp.static(LONGEST_ROW)
+        if most > int(flags[at]):
+            wp.atomic_max(flags, at, float(most))
 
     @kernel
     def find(

@@ -18,15 +18,16 @@ HISTORY = 2
 
 
 @functools.cache
-def Surfaces(scalar: type):
+def Surfaces(scalar: type, worlds: bool = False):
     """Compose the struct of the surfaces that may touch.
 
     Vertices are mixtures of particles; points and facets are made of vertices. A point is a vertex (both of its
     vertices are the same) or lies on an edge. A facet is a triangle, of a rope a segment, of a grain a point.
+    In an ensemble (`worlds`) those of all worlds follow each other, as bodies do: a world's are numbered by what
+    comes before it.
     """
     V = vector(3, scalar)
 
-    @wp.struct
     class SurfacesThatTouch:
         # Vertices:
         first: wp.array(dtype=int)  # where the particles of each begin, shape [vertex_count + 1]
@@ -79,7 +80,28 @@ def Surfaces(scalar: type):
         thickness: wp.array(dtype=scalar)  # [m], below 0: of each body its own
         given: wp.array(dtype=scalar)  # stiffness [N/m], below 0: of each body its own
 
-    return SurfacesThatTouch
+    if worlds:
+        SurfacesThatTouch.__annotations__ |= {
+            "bodies_each": int,  # bodies of a world
+            "unit": wp.array(dtype=wp.float64),  # of the forces in each [N], shape [world_count]
+            "root_of_world": wp.array(dtype=int),  # where in the tree of bodies those of each are
+        }
+    return wp.struct(SurfacesThatTouch)
+
+
+@functools.cache
+def first_flag(scalar: type, worlds: bool):
+    """Compose (data, body) -> where the flags of a body's world begin: each world has its own."""
+    Data = Surfaces(scalar, worlds)
+
+    @wp.func
+    def first_of(data: Data, body: int) -> int:
+        at = int(0)
+        if wp.static(worlds):
+            at = wp.static(FLAGS) * (body / data.bodies_each)
+        return at
+
+    return first_of
 
 
 @functools.cache

@@ -14,7 +14,7 @@ from .series import Series
 from .space import AXES, in_space, rotation, rotations
 from .surface import Surface
 from .system import System
-from .touching import TouchingSurfaces, touching_surfaces
+from .touching import TouchingSurfaces, mean_stiffness, touching_surfaces
 from .uniform import is_uniform, joined, stored, uniform, uniform_like
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "is_uniform",
     "joined",
     "laid_bare",
+    "mean_stiffness",
     "pieces",
     "rotation",
     "rotations",

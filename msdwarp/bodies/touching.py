@@ -106,8 +106,28 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
         closed,
         spacing,
         share_of_spacing * spacing,
-        _means(system.stiffness[near], of_connections[near], bodies),
+        mean_stiffness(system, body_of, system.stiffness),
     )
+
+
+def mean_stiffness(
+    system: System, body_of_particle: NDArray[np.integer], stiffness: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the mean stiffness of the connections of each body [N/m], if they have these; 0 where it has none.
+
+    Parameters
+    ----------
+    system
+        What they connect.
+    body_of_particle
+        The body of each particle, shape [particle_count].
+    stiffness
+        That of each connection [N/m], shape [connection_count].
+    """
+    near = system.between_neighbours
+    near = slice(None) if near is None else near
+    of_connections = body_of_particle[system.connections[:, 0]]
+    return _means(stiffness[near], of_connections[near], int(body_of_particle.max()) + 1)
 
 
 def _vertices(system: System) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:

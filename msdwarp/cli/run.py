@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
@@ -201,6 +202,9 @@ class Run:
             except SimulationDiverged as error:
                 trouble = error  # told once what there is has been drawn
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
+            if trouble is None and self.scene.observe:
+                _, *now = self.simulation.frame()
+                lines += [f"{name}: {_said(told)}" for name, told in self.scene.observed(*now).items()]
             if self._keeps:
                 lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
             if self._tables is not None:
@@ -298,6 +302,11 @@ class Run:
         if self._keeps and self.options.restart:
             return f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
         return said
+
+
+def _said(told: NDArray) -> str:
+    """Return a few numbers as text."""
+    return np.array2string(told, precision=4, threshold=20, separator=", ")
 
 
 def _over_time(chosen: Sequence[tuple[float, int]]) -> str:

@@ -21,6 +21,7 @@ from .shares import THREADS, cores, threads_for
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
+from .touching_worlds import TouchingWorlds
 from .watch import Backup, Baseline, Watch
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "State",
     "Stepper",
     "Steps",
+    "TouchingWorlds",
     "Watch",
     "WorldEnergies",
     "add_linearised",

@@ -64,6 +64,7 @@ class Dynamics:
             # Another launch costs about 7 µs behind so large a one: less than sums of work in each column do. It
             # also lets what is launched before forces run beside those of connections.
             apart=model.device.is_cuda
+            and not model.in_worlds
             and all(one.selective for one in others)
             and (
                 bool(self._columns and few and any(one.works for one in others))
@@ -262,18 +263,22 @@ class Dynamics:
         """
         shares = self.shares if self._is_shared else None
         kernel: Any = persistent(self.composition, method, 1) if shares is None else shares.kernel(method)
-        # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
-        # composition, with the same fields.
-        Step: Any = kernel.adj.args[1].type.dtype
-        raw = bytes(step.__ctype__())
-        if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
-            self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
-        steps = wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
+        steps = self._as_steps(step, kernel, 1)
         if shares is not None:
             shares.launch(method, self.world, steps, 1)
             return
         inputs = [self.world, steps, 1, self.model.connection_count, 1]
         wp.launch(kernel, 1, inputs, device=self.model.device)
+
+    def _as_steps(self, step: Any, kernel: Any, argument: int) -> wp.array:
+        """Return a step as the array that an argument of a kernel takes."""
+        # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
+        # composition, with the same fields.
+        Step: Any = kernel.adj.args[argument].type.dtype
+        raw = bytes(step.__ctype__())
+        if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
+            self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
+        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
 
     def launch_stage(self, method: Any, step: Any, forced: bool) -> None:
         """Launch a stage with a thread for each connection, and one for each particle or column of such."""

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..kernels.effect import Piece
-from ..world import CONTACT_FORCE, TOUCH_FORCE, Collider, Load, Probe
+from ..world import CONTACT_FORCE, TOUCH_FORCE, Collider, Load, Probe, Touch
 from .actuating import actuating
 from .attaching import attaching
 from .blowing import blowing
@@ -18,7 +18,8 @@ from .pressing import pressing
 from .straddling import straddling
 from .tearing import Tearing
 from .ties import Ties
-from .touching import touching
+from .touching import Touching
+from .touching_worlds import TouchingWorlds
 from .work import Work
 from .yielding import Yielding
 
@@ -50,6 +51,16 @@ def contact(model: "Model", around: Surroundings) -> Contact:
     return Contact(model, around.colliders, around.contact, around.asks_for(CONTACT_FORCE))
 
 
+def touching(model: "Model", around: Surroundings) -> Touching | None:
+    """Return the effect of contact between bodies, if they touch."""
+    rules = [one for one in around.loads if isinstance(one, Touch)]
+    if not any(one.between != "none" for one in rules):
+        return None
+    if model.in_worlds:
+        return TouchingWorlds(model, rules)
+    return Touching(model, rules, around.asks_for(CONTACT_FORCE, TOUCH_FORCE))
+
+
 EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
     lambda model, around: contact(model, around) if around.colliders else None,
     lambda model, around: Yielding(model) if model.system.yields else None,
@@ -62,7 +73,7 @@ EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None
     lambda model, around: pressing(model, around.loads),
     lambda model, around: attaching(model, around.loads),
     lambda model, around: actuating(model, around.loads),
-    lambda model, around: touching(model, around.loads, around.asks_for(CONTACT_FORCE, TOUCH_FORCE)),
+    touching,
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 

@@ -60,6 +60,8 @@ class EnsembleDynamics(Dynamics):
             self._by.friction = model.upload_rows(rows["friction"])
         for name, array in forces.fields.items():
             setattr(self._by, name, array)
+        if model.touching is not None:
+            self._by.unit, self._by.touched = model.touching.units, model.touching.stride_in_bytes
 
     def launch_stage(self, method: Any, step: Any, forced: bool) -> None:
         """Launch a stage with a thread for each connection, and one for each particle, of each world."""
@@ -70,6 +72,12 @@ class EnsembleDynamics(Dynamics):
             wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
         kernel, threads = each_particle_of_worlds(*kinds), (model.worlds, model.particle_count)
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=self.composition.route.block)
+
+    def _take_stage(self, method: Any, step: Any) -> None:
+        """Launch a stage of all worlds on the CPU, a thread for each: see `Dynamics`."""
+        kernel: Any = persistent_worlds(self.composition, self.differs, method, 1, self.together)
+        inputs = [self.world, self._by, self._as_steps(step, kernel, 2), 1, self.model.connection_count]
+        wp.launch(kernel, self.model.worlds, inputs, device=self.model.device)
 
     @property
     def together(self) -> int:
@@ -134,6 +142,8 @@ def _asked_for(threads: Any, dynamics: EnsembleDynamics) -> int | None:
     if isinstance(threads, str):
         checks.one_of("threads", threads, ("auto",))
         return best_threads(dynamics)
+    if dynamics.launches_before_forces:
+        raise ValueError(f"threads is {threads}; it must be 'auto' or None where bodies touch")
     most = MOST_IN_BLOCK[dynamics.model.precision] if dynamics.model.device.is_cuda else 1
     if checks.count("threads", threads, 1) > most or threads != 1 << (threads - 1).bit_length():
         raise ValueError(f"threads is {threads}; it must be 'auto', None, or a power of 2 up to {most} here")
@@ -147,6 +157,8 @@ def best_threads(dynamics: EnsembleDynamics) -> int | None:
     of what a multiprocessor holds.
     """
     model = dynamics.model
+    if dynamics.launches_before_forces:
+        return None
     if not model.device.is_cuda:
         return 1
     worlds_at_a_time = model.device.sm_count

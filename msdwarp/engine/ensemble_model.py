@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..bodies import System
 from ..kernels.records import record_length
-from ..world import Collider, Force
+from ..world import Collider, Force, Touch
 from .contact import Contact
 from .depths import start_depths, touching
 from .device import find_device
@@ -18,6 +18,7 @@ from .forcing import Steady
 from .model import Model
 from .routes import AUTO, ensemble_route
 from .state import State
+from .touching_worlds import TouchingWorlds
 from .work import Work
 
 Rows = Mapping[str, NDArray[np.float64]]
@@ -54,13 +55,18 @@ class EnsembleModel(Model):
         If the scene has an effect that worlds cannot have, or a number is out of the range of the precision.
     """
 
+    in_worlds = True
+
     def __init__(self, system: System, worlds: int, rows: Rows, **options: Any) -> None:
         self.worlds, self.rows = worlds, dict(rows)
         for k, one in enumerate(options.get("loads", ())):
-            if not isinstance(one, Force) or one.varies or one.of_place:
+            if not isinstance(one, Touch) and (not isinstance(one, Force) or one.varies or one.of_place):
                 raise ValueError(
-                    f"loads[{k}] is {one!r}, which worlds of an ensemble cannot have yet: only a constant Force"
+                    f"loads[{k}] is {one!r}, which worlds of an ensemble cannot have yet: only Touch and a "
+                    "constant Force"
                 )
+            if isinstance(one, Touch) and one.obstacles:
+                raise ValueError("touch has obstacles=True, which worlds of an ensemble cannot have yet")
         largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
         first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
         if options.get("route", AUTO) == AUTO:
@@ -87,6 +93,11 @@ class EnsembleModel(Model):
         rows = [self.rows[name] for name in CONNECTIONS if name in self.rows and self.rows[name].strides[1] != 0]
         parts = [part for body in system.directions for part in body.values()]
         return all((values[:, part] == values[:, part][:, :1]).all() for values in rows for part in parts)
+
+    @property
+    def touching(self) -> TouchingWorlds | None:
+        """The contact between bodies; None where they do not touch."""
+        return next((one for one in self.effects if isinstance(one, TouchingWorlds)), None)
 
     @property
     def steady_force(self) -> NDArray[np.float64]:
@@ -190,12 +201,15 @@ class EnsembleModel(Model):
                 "system can tear (break_strain, broken); in an ensemble connections must not break yet"
             )
         for effect in self.effects:
-            if isinstance(effect, Steady) or (isinstance(effect, Work) and effect.is_of_potentials):
+            if isinstance(effect, Steady | TouchingWorlds):
+                continue
+            if isinstance(effect, Work) and effect.is_of_potentials:
                 continue
             if not isinstance(effect, Contact):
                 raise ValueError(
                     f"the scene has {type(effect).__name__.lower()}, which worlds of an ensemble cannot have yet; "
-                    "what acts must be springs, dampers, gravity, constant forces and obstacles that stand still"
+                    "what acts must be springs, dampers, gravity, constant forces, contact between bodies, and "
+                    "obstacles that stand still"
                 )
             if effect.moves:
                 raise ValueError("an obstacle moves; in an ensemble all must stand still yet")

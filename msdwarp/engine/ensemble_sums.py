@@ -96,12 +96,12 @@ def _summed(model: EnsembleModel, kernel: Any, inputs: list, columns: int) -> ND
     return sums.numpy().astype(np.float64)
 
 
-def world_rates(model: EnsembleModel, x: wp.array) -> NDArray[np.float64]:
+def world_rates(model: EnsembleModel) -> NDArray[np.float64]:
     """Return the bounds of M⁻¹K [1/s²] and M⁻¹B [1/s] of the worlds that differ, shape [model.different, 2].
 
-    They are those of `rate_bounds` for each alone, for particles at x.
+    They are those of `rate_bounds` for each alone, as it starts.
     """
-    if not model.connection_count:
+    if not model.connection_count and model.touching is None:
         return np.zeros((model.different, 2))
     rows = {name: model.row_of(name) for name in ("rest_length", "stiffness", "damping")}
     rows["damping"] = model.system.damper.steepest * rows["damping"]
@@ -113,8 +113,15 @@ def world_rates(model: EnsembleModel, x: wp.array) -> NDArray[np.float64]:
     blocks = [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
     threads = (model.different, model.connection_count)
     wp.launch(
-        add_blocks_of_worlds(*kinds), threads, [connections, *arrays, x, model.stride], blocks, device=model.device
+        add_blocks_of_worlds(*kinds),
+        threads,
+        [connections, *arrays, model.start(0).x, model.stride],
+        blocks,
+        device=model.device,
     )
+    if model.touching is not None:
+        for block, each in zip(blocks, model.touching.blocks(model.different), strict=True):
+            block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
     wp.launch(
         raise_bounds_of_worlds(*kinds), shape, [model.world_inverse_mass, *blocks], [bounds], device=model.device

@@ -40,6 +40,9 @@ class EnsembleWatch:
         self._steady = wp.array(model.steady_force, dtype=model.vector, device=model.device)
         self._frame = wp.zeros(1, dtype=int, device=model.device)
         self._found = wp.full((2, model.worlds), -1, dtype=int, device=model.device)
+        # What a frame that must be repeated takes back, beside the state.
+        own = [dynamics.frozen, self._found, self._frame] if model.touching is not None else []
+        self._kept = [(array, wp.clone(array)) for array in own]
         self.energy, self.scale = baselines(dynamics, state)
         """Of each world at its start; see `Baseline`."""
         with np.errstate(invalid="ignore"):  # 0 · inf, where nothing is to be limited
@@ -51,6 +54,14 @@ class EnsembleWatch:
     def begin(self) -> None:
         """Launch what is done where a frame begins."""
         self.backup.save()
+        for live, kept in self._kept:
+            wp.copy(kept, live)
+
+    def go_back(self) -> None:
+        """Bring all worlds back to where the last frame began, to repeat it."""
+        self.backup.restore()
+        for live, kept in self._kept:
+            wp.copy(live, kept)
 
     def end(self) -> None:
         """Launch what is done where a frame ends."""
@@ -94,6 +105,8 @@ def baselines(dynamics: EnsembleDynamics, state: State) -> tuple[NDArray[np.floa
     leads = max((one.led_out_at for one in model.effects if isinstance(one, Contact)), default=0.0)
     scale += _each(free, model.worlds) * leads**2
     energy = kinetic + elastic + gravitational
+    if model.touching is not None:
+        energy += model.touching.energies(state.x, state.v)
     if len(model.steady_force):
         energy -= _each((places * model.steady_force).sum(axis=(1, 2)), model.worlds)
     return energy, scale

@@ -66,6 +66,11 @@ class Model:
         If an argument is out of its range, or the system is no lattice that a stencil can hold.
     """
 
+    in_worlds = False
+    """Whether there are many worlds of it: it is an `EnsembleModel` then."""
+    worlds = 1
+    """How many worlds there are of it."""
+
     def __init__(
         self,
         system: System,
@@ -138,6 +143,15 @@ class Model:
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
+
+    @property
+    def stride(self) -> int:
+        """How far one world's particles lie from the next one's, in particles."""
+        return self.particle_count
+
+    def row_of(self, name: str) -> NDArray[np.float64]:
+        """Return what worlds have of a parameter of the system, shape [rows, ...]; a single one has one row."""
+        return np.asarray(self.mass if name == "mass" else getattr(self.system, name))[None]
 
     @property
     def work(self) -> Work | None:

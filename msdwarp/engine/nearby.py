@@ -1,5 +1,6 @@
 """Nearby: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..kernels.touch import (
     range_of_speeds,
 )
 from .touch_tables import PIECE, curve, pieces
+from .touch_worlds import Repeated
 
 if TYPE_CHECKING:
     from .model import Model
@@ -72,8 +74,8 @@ class Nearby:
 
     def __init__(self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float) -> None:
         self._model, self._data, self._farthest = model, data, farthest
-        scalar, device = model.scalar, model.device
-        bodies, points = len(surfaces.closed), len(surfaces.share)
+        scalar, device, each = model.scalar, model.device, Repeated(model)
+        bodies, points = len(data.kind), len(data.share)
         spacing = surfaces.spacing[surfaces.spacing > 0]
         off, by_spacing = WIDEST_SKIN
         self._widest = max(
@@ -87,26 +89,29 @@ class Nearby:
         """When in a frame what is launched next takes place [s]."""
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
         """By how much more than it touches a point is looked around [m], shape [1]."""
-        self.flags: Any = wp.zeros(FLAGS, dtype=float, device=device)
-        """What has been found out since they were read: see `kernels.touch.surfaces`."""
+        self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
+        """What has been found out since they were read, in each world: see `kernels.touch.surfaces`."""
         self.unread = wp.zeros_like(self.flags)
-        """The same of what is only looked at."""
         owner, a, b = data.owner.numpy(), *surfaces.ends.T
-        x, share = data.x.numpy(), surfaces.share[:, None]
-        data.in_order = wp.array(curve(surfaces.body[a], x[a] + share * (x[b] - x[a])), dtype=int, device=device)
+        x, share = data.x.numpy()[: len(surfaces.particle)], surfaces.share[:, None]
+        in_order = curve(surfaces.body[a], x[a] + share * (x[b] - x[a]))
+        data.in_order = each.alike(in_order, int, len(surfaces.share))
         self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
         self._box()
-        self._bodies = wp.Bvh(boxes[0], boxes[1])
+        whose = wp.array(np.arange(bodies) // (bodies // model.worlds), dtype=int, device=device)
+        self._bodies = wp.Bvh(boxes[0], boxes[1], groups=whose if model.in_worlds else None)
+        if model.in_worlds:
+            data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
+            wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
         # A point is looked for among the facets of the bodies beside its own, one body after the other.
         self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)
         wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
         data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
         data.busy_count = wp.zeros(1, dtype=int, device=device)
-        data.body_of = wp.array(surfaces.body, dtype=int, device=device)
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
@@ -114,7 +119,7 @@ class Nearby:
         while stale:
             self.flags.zero_()
             self._find_rows()
-            found = self.flags.numpy()
+            found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
             stale = self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE]))
         self.flags.zero_()
 
@@ -132,7 +137,7 @@ class Nearby:
         compensated = model.compensated and lost is not None
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
-        kernel = place_vertices(model.dim, model.scalar, compensated)
+        kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits]
         self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
@@ -148,25 +153,27 @@ class Nearby:
         self._bodies.refit()
         wp.copy(data.x_found, data.x)
         self._find_rows()
-        lanes = PIECE if self._model.device.is_cuda else 1
-        self.share(range_of_speeds(self._model.scalar, lanes), len(data.share), [data], [], most=MOST_THREADS)
+        if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
+            lanes = PIECE if self._model.device.is_cuda else 1
+            self.share(range_of_speeds(self._model.scalar, lanes), len(data.share), [data], [], most=MOST_THREADS)
         self._found_at = self.now
 
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""
-        data, device, scalar = self._data, self._model.device, self._model.scalar
+        data, device, kinds = self._data, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._farthest, self.skin]
         inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
-        wp.launch(box_neighbours(scalar), len(data.kind), inputs, self._limits, device=device)
+        wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
         inputs = [data, self._tree.id, *self._boxes, *self._limits, *around]
-        self.share(find_rows(scalar), len(data.share), inputs, [self.flags])
+        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags])
 
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""
         device, boxes = self._model.device, self._boxes
         wp.launch(forget_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
-        kernel, threads = box_facets(self._model.scalar, lanes), lanes * len(self._piece)
+        kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
+        threads = lanes * len(self._piece)
         wp.launch(kernel, threads, [self._data, self._piece], outputs, device=device)
 
     def judge(self, flags: NDArray[Any], substeps: int) -> tuple[bool, bool]:
@@ -204,10 +211,10 @@ class Nearby:
         (points, room), (bodies, room_beside) = data.row.shape, data.beside.shape
         if longest <= ROOM_TO_SPARE * room and (beside <= ROOM_TO_SPARE * room_beside or room_beside >= bodies):
             return False
-        more = max(room, 1 << max(int(longest / ROOM_TO_SPARE) - 1, 0).bit_length())
+        more = max(room, room_for(longest))
         if more * points > MOST_ROOM:
             raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-        self._give_room(more, min(bodies, max(room_beside, 1 << int(beside / ROOM_TO_SPARE).bit_length())))
+        self._give_room(more, min(bodies, max(room_beside, room_for(beside))))
         return True
 
     def _give_room(self, room: int, beside: int) -> None:
@@ -219,3 +226,8 @@ class Nearby:
         data.beside = wp.zeros((bodies, beside), dtype=int, device=device)
         data.length.zero_()
         data.beside_count.zero_()
+
+
+def room_for(many: int) -> int:
+    """Return room for so many entries, with some to spare: a power of 2."""
+    return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

@@ -235,7 +235,7 @@ class Straddling(Effect):
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
         for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
-            more = np.maximum(each - others, 0.0)
+            more = np.maximum(each - others[0], 0.0)
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
 
     def energy(self, x: wp.array) -> float:

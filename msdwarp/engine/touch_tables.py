@@ -62,7 +62,7 @@ def led_apart(
 
 
 def contact_blocks(
-    model: "Model",
+    mass: NDArray[np.float64],
     surfaces: TouchingSurfaces,
     rules: Sequence[Touch],
     kind: NDArray[np.int32],
@@ -103,12 +103,11 @@ def contact_blocks(
     bare &= ~surfaces.closed & (surfaces.radius > 0.2 * spacing)
     contacts = np.where(surfaces.spacing == 0, CONTACTS_OF_A_SPHERE, np.where(bare, CONTACTS_OF_A_ROPE, 1.0))
     each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
-    mass = np.where(np.isfinite(model.mass), model.mass, 0.0)
-    mass = np.broadcast_to(mass, model.particle_count)
+    mass = np.where(np.isfinite(mass), mass, 0.0)
     heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
     k_point = np.maximum(stiff, reaction)[body]
     damped = contacts[body] * ratio[body] * density[body] * np.sqrt(EDGE_FACTOR * k_point * heavy) * 2 * weights
-    stiffness, damping = np.zeros(model.particle_count), np.zeros(model.particle_count)
+    stiffness, damping = np.zeros(len(mass)), np.zeros(len(mass))
     for total, values in ((stiffness, each), (damping, damped)):
         np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
     return stiffness, damping

@@ -19,7 +19,7 @@ from ..kernels.touch import (
     touch,
     touching_piece,
 )
-from ..world import Load, Touch
+from ..world import Touch
 from .effect import Effect
 from .nearby import Nearby
 from .overrun import Overrun
@@ -33,6 +33,7 @@ from .touch_tables import (
     rules_by_kind,
     stiffness_of_pairs,
 )
+from .touch_worlds import Repeated, blocks_by_row, surfaces_by_row
 
 if TYPE_CHECKING:
     from .model import Model
@@ -45,14 +46,6 @@ MOST_THREADS = 2**17
 """Threads that a GPU keeps busy at a time with contacts; more would only begin and end."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
-
-
-def touching(model: "Model", loads: Sequence[Load], felt: bool) -> Effect | None:
-    """Return the effect of contact between the bodies of a scene, if they touch; `felt` as for `Touching`."""
-    rules = [one for one in loads if isinstance(one, Touch)]
-    if not any(one.between != "none" for one in rules):
-        return None
-    return Touching(model, rules, felt)
 
 
 class Touching(Effect):
@@ -75,39 +68,41 @@ class Touching(Effect):
     def __init__(self, model: "Model", rules: Sequence[Touch], felt: bool = False) -> None:
         self._model, self._rules, self._dt = model, rules, 0.0
         surfaces = self._surfaces = touching_surfaces(model.system)
+        by_row, each = surfaces_by_row(model, surfaces), Repeated(model)
         scalar, device, dtype = model.scalar, model.device, model.dtype
         kind, rule = rules_by_kind(model, surfaces, rules)
-        check_stiffness(surfaces, rules, kind, rule)
-
-        def array(values: Any, kind: Any) -> wp.array:
-            return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
-
-        vertices, points, bodies = len(surfaces.particle), len(surfaces.share), len(surfaces.closed)
-        data = self._touch = Surfaces(scalar)()
-        each = surfaces.weight != 0
-        data.first = array(np.append(0, np.cumsum(each.sum(axis=1))), int)
-        data.particle, data.weight = array(surfaces.particle[each], int), array(surfaces.weight[each], scalar)
-        inverse = np.broadcast_to(1.0 / model.mass, model.particle_count)
-        mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
-        data.mobility = array(mobility, scalar)
-        start = np.einsum("vk,vkd->vd", surfaces.weight, model.system.position[surfaces.particle])
+        for one in by_row:
+            check_stiffness(one, rules, kind, rule)
+        worlds, bodies = model.worlds, len(surfaces.closed)
+        vertices, points = len(surfaces.particle), len(surfaces.share)
+        data = self._touch = Surfaces(scalar, model.in_worlds)()
+        present = surfaces.weight != 0
+        data.first = each.starts(present.sum(axis=1))
+        data.particle = each.alike(surfaces.particle[present], int, model.stride)
+        data.weight = each.alike(surfaces.weight[present], scalar)
+        inverse = np.broadcast_to(1.0 / model.row_of("mass"), (len(model.row_of("mass")), model.particle_count))
+        mobility = (surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2)
+        data.mobility = each.by_row(mobility, scalar)
         first, near = neighbourhoods(surfaces, hops_apart(surfaces, rules, kind, rule))
-        data.first_near, data.near = array(first, int), array(near, int)
-        for name in ("x", "v", "x_found"):
-            setattr(data, name, wp.zeros(vertices, dtype=model.vector, device=device))
-        data.force = wp.zeros((vertices, 3), dtype=wp.int64, device=device)
-        data.ends, data.share = array(surfaces.ends, wp.vec2i), array(surfaces.share, scalar)
-        data.body = array(surfaces.body[surfaces.ends[:, 0]], int)
-        data.slip = wp.zeros((HISTORY, points), dtype=model.vector, device=device)
-        data.allowed = wp.zeros(points, dtype=scalar, device=device)
-        data.partner = wp.full((HISTORY, points), -1, dtype=int, device=device)
+        data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
+        data.body_of = each.alike(surfaces.body, int, bodies)
+        start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
+        data.x = each.by_row(start.astype(dtype), model.vector)
+        for name in ("v", "x_found"):
+            setattr(data, name, wp.zeros_like(data.x))
+        data.force = wp.zeros((worlds * vertices, 3), dtype=wp.int64, device=device)
+        data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
+        data.body = each.alike(surfaces.body[surfaces.ends[:, 0]], int, bodies)
+        data.slip = wp.zeros((HISTORY, worlds * points), dtype=model.vector, device=device)
+        data.allowed = wp.zeros(worlds * points, dtype=scalar, device=device)
+        data.partner = wp.full((HISTORY, worlds * points), -1, dtype=int, device=device)
         data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
         self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
-        data.corner = array(surfaces.corner, wp.vec3i)
-        data.owner = array(surfaces.body[surfaces.corner[:, 0]], int)
-        data.kind, data.closed = array(kind, int), array(surfaces.closed.astype(np.int32), int)
+        data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
+        data.owner = each.alike(surfaces.body[surfaces.corner[:, 0]], int, bodies)
+        data.kind, data.closed = each.alike(kind, int), each.alike(surfaces.closed.astype(np.int32), int)
         # A lattice is one spacing thick at least: what is past its middle has come from the other side.
-        depth = np.where(surfaces.closed, 0.5 * surfaces.spacing, 0.0)
+        depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in by_row]
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
         carriers = np.unique(surfaces.particle[surfaces.weight != 0])
         carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -115,40 +110,46 @@ class Touching(Effect):
         density = np.minimum(carrying, on_vertices) / np.maximum(on_points, 1)
         for name, values in (
             ("depth", depth),
-            ("stiffness", surfaces.stiffness),
-            ("density", density),
-            ("radius", surfaces.radius),
+            ("stiffness", [one.stiffness for one in by_row]),
+            ("density", [density]),
+            ("radius", [one.radius for one in by_row]),
         ):
-            setattr(data, name, array(values, scalar))
-        data.rule = array(rule, int)
-        data.among = array([one.between == "all" for one in rules], int)
+            setattr(data, name, each.by_row(np.array(values), scalar))
+        data.rule = wp.array(rule, dtype=int, device=device)
+        data.among = wp.array([int(one.between == "all") for one in rules], dtype=int, device=device)
         for name, values in (
             ("friction", [one.friction for one in rules]),
             ("damping", [one.damping_ratio for one in rules]),
             ("thickness", [-1.0 if one.thickness is None else one.thickness for one in rules]),
             ("given", [-1.0 if one.stiffness is None else one.stiffness for one in rules]),
         ):
-            setattr(data, name, array(values, scalar))
+            setattr(data, name, wp.array(values, dtype=scalar, device=device))
         given = [one.thickness for one in rules if one.thickness is not None]
-        own = 2.0 * float(surfaces.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0
-        self._farthest = max(own, float(depth.max(initial=0.0)), *given, 0.0)
-        self.blocks = contact_blocks(model, surfaces, rules, kind, rule, density)
-        """What it adds to the blocks of K [N/m] and B [N s/m] of each particle, as numbers."""
+        own = [2.0 * float(one.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0 for one in by_row]
+        reach = [max(wide, float(one.max(initial=0.0)), *given, 0.0) for wide, one in zip(own, depth, strict=True)]
+        self._farthest = max(reach)
+        self.blocks = blocks_by_row(
+            model, by_row, lambda mass, one: contact_blocks(mass, one, rules, kind, rule, density)
+        )
+        """What it adds to the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
 
         self.piece = touching_piece(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
-        owner = surfaces.particle[each]
-        order, first = rows(owner, model.particle_count)
+        order, first = rows(surfaces.particle[present], model.particle_count)
         self.members = np.diff(first) > 0
-        self.data.first = array(first, int)
-        self.data.vertex = array(np.repeat(np.arange(vertices), each.sum(axis=1))[order], int)
-        self.data.weight = array(surfaces.weight[each][order], scalar)
+        self.data.first = wp.array(first, dtype=int, device=device)
+        vertex = np.repeat(np.arange(vertices), present.sum(axis=1))
+        self.data.vertex = wp.array(vertex[order], dtype=int, device=device)
+        self.data.weight = wp.array(surfaces.weight[present][order], dtype=scalar, device=device)
         self.data.force = data.force
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if felt else None
         """What other bodies have pushed each particle with since it was zeroed [N s]; None where nobody asks."""
-        stiffest = max(float(surfaces.stiffness.max(initial=0.0)), *(one.stiffness or 0.0 for one in rules))
-        self.data.unit = stiffest * max(self._farthest, 1e-30) * UNITS
-        data.x.assign(start.astype(dtype))
+        given = [one.stiffness or 0.0 for one in rules]
+        stiffest = [max(float(one.stiffness.max(initial=0.0)), *given) for one in by_row]
+        units = [k * max(far, 1e-30) * UNITS for k, far in zip(stiffest, reach, strict=True)]
+        self.data.unit = units[0]
+        if model.in_worlds:
+            data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)
         self._nearby = Nearby(model, surfaces, data, self._farthest)
         self._nearby.every = self.search_every
         self._flags, self._nowhere = self._nearby.flags, wp.zeros(0, dtype=wp.float64, device=device)
@@ -160,27 +161,39 @@ class Touching(Effect):
 
     def _sink(self) -> None:
         """Find out which points start inside other bodies, and let them stay there for a moment."""
+        model, data = self._model, self._touch
+        self._sunk, self._overlapping = False, None
+        found = self._sunken()
+        if found is None:
+            return
+        bodies, deepest, points, deep = found
+        allowed = np.zeros(len(data.share))
+        allowed[points] = deep
+        data.allowed.assign(allowed.astype(model.dtype))
+        self._sunk, data.outwards = True, deepest / LED_APART_IN
+        self.done = data.done = wp.zeros(len(allowed), dtype=wp.float64, device=model.device)
+        self._overlapping = led_apart(self._surfaces, bodies, deepest, len(points), LED_APART_IN)
+
+    def _sunken(self) -> tuple[tuple[int, int], float, NDArray, NDArray] | None:
+        """Return the bodies that overlap most at the start, by how much, all points that do, and theirs [m].
+
+        None where none do but by touching.
+        """
         model, data, surfaces = self._model, self._touch, self._surfaces
         x = model.vectors()
         x.assign(model.system.position.astype(model.dtype))
-        self._sunk, self._overlapping = False, None
         stored = self._stored_and_heated(x, model.vectors())[0].numpy()
         points = np.flatnonzero(stored)
         if not len(points):
-            return
+            return None
         a, b = data.body.numpy()[points], data.whose.numpy()[points, 0]
         kind = data.kind.numpy()
         k = stiffness_of_pairs(surfaces, self._rules, data.rule.numpy()[kind[a], kind[b]], a, b)
         deep = np.sqrt(2 * stored[points] / (k * data.density.numpy()[a]))
         p = int(np.argmax(deep))
         if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
-            return
-        allowed = np.zeros(len(stored))
-        allowed[points] = deep
-        data.allowed.assign(allowed.astype(model.dtype))
-        self._sunk, data.outwards = True, float(deep[p]) / LED_APART_IN
-        self.done = data.done = wp.zeros(len(stored), dtype=wp.float64, device=model.device)
-        self._overlapping = led_apart(surfaces, (int(a[p]), int(b[p])), float(deep[p]), len(points), LED_APART_IN)
+            return None
+        return (int(a[p]), int(b[p])), float(deep[p]), points, deep
 
     def overlapping(self) -> str | None:
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
@@ -227,7 +240,7 @@ class Touching(Effect):
         lanes = ON_GPU if model.device.is_cuda else 1
         inputs = [data, *times, self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
-        composed = kernel(model.scalar, self._sunk, lanes)
+        composed = kernel(model.scalar, self._sunk, lanes, model.in_worlds)
         self._nearby.share(composed, many, inputs, [self._flags, *sums], most=MOST_THREADS)
 
     def add_up(self, seconds: float) -> None:
@@ -284,7 +297,7 @@ class Touching(Effect):
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
         """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
-            blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
+            blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 
     def energy(self, x: wp.array) -> float:
         """Return what contacts store [J]."""

@@ -1,8 +1,8 @@
 """Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,16 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import (
-    Baseline,
-    EnsembleDynamics,
-    EnsembleModel,
-    EnsembleStepper,
-    EnsembleWatch,
-    Rates,
-    Steps,
-    world_rates,
-)
+from ..engine import Baseline, EnsembleModel, Rates, State, world_rates
 from ..integrators import (
     SAFETY,
     Integrator,
@@ -30,13 +21,14 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene
+from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene, Touch
 from .arguments import forced, frame_count
+from .changing import check_bears_touch
 from .divergence import SimulationDiverged
 from .ensemble_parameters import parameter_rows, rubbing, taken_from
 from .ensemble_results import dataset, import_xarray, observations
+from .ensemble_stepping import EnsembleStepping
 from .simulation import Simulation
-from .stepping import RECORDING
 
 STATUS = ("running", "not finite", "energy")
 """What has become of a world."""
@@ -59,7 +51,7 @@ class Ensemble:
     Parameters
     ----------
     scene
-        A `Scene`, or a `System`. Of a scene the system, colliders, loads and gravity count.
+        A `Scene`, or a `System`. Of a scene all but its look, duration and probes count.
     worlds
         How many.
     stiffness, damping, rest_length
@@ -74,8 +66,8 @@ class Ensemble:
         [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a number for all.
     friction
         Of the obstacles, shape [entries] (all alike) or [entries, collider_count].
-    colliders, loads
-        Of a `System`: obstacles, which stand still, and constant `Force`s.
+    colliders, loads, touch
+        Of a `System`: obstacles, which stand still, constant `Force`s, and how bodies touch.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. The substeps are one number for all: "auto" takes those of the world that needs most.
     route
@@ -89,8 +81,6 @@ class Ensemble:
     ----------
     worlds
         How many.
-    choice
-        The substeps of a frame, and why: of the world that needs most.
     frame_index
         Frames since the start.
 
@@ -118,6 +108,7 @@ class Ensemble:
         friction: ArrayLike | None = None,
         colliders: Sequence[Collider] = (),
         loads: Sequence[Load] = (),
+        touch: Touch | Sequence[Touch] | None = None,
         contact: str = "coulomb",
         integrator: Integrator | None = None,
         fps: float = 60.0,
@@ -132,7 +123,8 @@ class Ensemble:
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
         self.fps = checks.positive("fps", fps)
-        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads)
+        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, touch)
+        self._observe = scene.observe if isinstance(scene, Scene) else {}
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)
@@ -150,6 +142,7 @@ class Ensemble:
         self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
         self._method = SymplecticEuler() if integrator is None else integrator
         checks.instance("integrator", self._method, Integrator, "RK4()")
+        check_bears_touch(self._method, self._loads)
         if not self._method.one_kernel:
             raise ValueError(
                 f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
@@ -167,35 +160,14 @@ class Ensemble:
     def reset(self) -> None:
         """Go back to the start."""
         self.frame_index = 0
-        model = self.model
-        self.state = model.start(self._method.carried)
-        choices = self._choices()
-        self.choice = max(choices, key=lambda choice: (choice.substeps, choice.rates.stiffness))
-        fitting = Rates(
-            max(one.rates.stiffness for one in choices),
-            max(one.rates.damping for one in choices),
-            min(one.rates.least_ratio for one in choices),
-        )
-        step = self.choice.step
-        self.integrator = self._method.fitted(fitting, step)
-        self._dynamics = EnsembleDynamics(model)
-        own = self.integrator
-        steps = Steps(self.fps, self.choice.substeps, own.stage_times, own.weights, own.lag, own.lagging)
-        self._dynamics.begin(steps)
-        self._dynamics.hold(0.0)
-        self._work = own.workspace(self.state)
-        swing = np.array([choose_forced(one.rates, own, self.fps, self.substeps).energy_swing for one in choices])
-        limit = self._energy_limit * swing[np.arange(self.worlds) % len(swing)]
-        self._watch = EnsembleWatch(self._dynamics, self.state, limit)
-        substep = partial(own.step, self._dynamics, self.state, self._work, step)
-        self._stepper = EnsembleStepper(self._dynamics, self.state, substep, self._threads)
-        self._graph: Any = None
-        own.start(self._dynamics, self.state, self._work, step)
+        how: dict[str, Any] = {"energy_limit": self._energy_limit, "threads": self._threads}
+        self._stepping = EnsembleStepping(self.model, self._method, self._choices(), **how)
+        self._overrun_told = False
 
     def _choices(self) -> list[StepChoice]:
         """Return the substeps that each world asks for, of those that differ."""
         found = []
-        for k, (stiffness, damping) in enumerate(world_rates(self.model, self.state.x)):
+        for k, (stiffness, damping) in enumerate(world_rates(self.model)):
             rates = Rates(float(stiffness), float(damping), self._least_ratio(k))
             if self._forced is not None and self._allow_unstable:
                 found.append(choose_forced(rates, self._method, self.fps, self._forced))
@@ -220,6 +192,21 @@ class Ensemble:
         return rows[world % len(rows)]
 
     @property
+    def choice(self) -> StepChoice:
+        """The substeps of a frame, and why: of the world that needs most."""
+        return self._stepping.choice
+
+    @property
+    def integrator(self) -> Integrator:
+        """The method as it is best used with these substeps."""
+        return self._stepping.integrator
+
+    @property
+    def state(self) -> State:
+        """What moves, on the device."""
+        return self._stepping.state
+
+    @property
     def substeps(self) -> int:
         """Substeps of a frame."""
         return self.choice.substeps
@@ -227,7 +214,7 @@ class Ensemble:
     @property
     def threads(self) -> int | None:
         """Threads that take all substeps of a world in one launch; None where each stage is a launch."""
-        return self._stepper.threads
+        return self._stepping.threads
 
     @property
     def time(self) -> float:
@@ -236,15 +223,13 @@ class Ensemble:
 
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one frame or more; what diverges meanwhile is frozen."""
+        touching = self.model.touching
         for _ in range(checks.count("frames", frames, 1)):
-            if self._graph is None:
-                with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-                    self._watch.begin()
-                    self._stepper.take(self.substeps)
-                    self._watch.end()
-                self._graph = capture.graph
-            wp.capture_launch(self._graph)
+            self._stepping.advance()
             self.frame_index += 1
+            if touching is not None and not self._overrun_told and (doubt := touching.doubt()):
+                self._overrun_told = True
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return what was observed of each world, as an `xarray.Dataset`.
@@ -263,7 +248,7 @@ class Ensemble:
             "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
             positions and velocities, of shape [worlds, particle_count, d] each, that returns an array whose first
             axis is of worlds.
-            By default the position and velocity of all particles' centre of mass.
+            By default what the scene observes, else the position and velocity of all particles' centre of mass.
         every
             It is observed at the start, and then after every so many frames.
 
@@ -278,7 +263,7 @@ class Ensemble:
         import_xarray()  # what is missing is said before anything runs
         everyone = np.ones(self.model.particle_count, dtype=bool)
         centre = {what: Probe(everyone, what) for what in (POSITION, VELOCITY)}
-        seen, times = observations(self, centre if observe is None else observe), []
+        seen, times = observations(self, (self._observe or centre) if observe is None else observe), []
         for frame in range(frames + 1):
             if frame:
                 self.step()
@@ -310,23 +295,23 @@ class Ensemble:
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions [m/s], on the device."""
-        return self.integrator.velocity(self._dynamics, self.state, self._work, self.choice.step)
+        return self._stepping.velocity()
 
     @property
     def status(self) -> NDArray[np.str_]:
         """What has become of each world: "running", "not finite" or "energy" (it grew from nothing)."""
-        return np.array(STATUS)[self._watch.found()[0]]
+        return np.array(STATUS)[self._stepping.watch.found()[0]]
 
     @property
     def diverged_at(self) -> NDArray[np.float64]:
         """When the last good frame of each world ended [s], at which it stays; NaN where it has not diverged."""
-        _, frame, _ = self._watch.found()
+        _, frame, _ = self._stepping.watch.found()
         return np.where(frame >= 0, frame / self.fps, np.nan)
 
     @property
     def diverged_particle(self) -> NDArray[np.int32]:
         """The first particle of each world that was no longer finite; −1 where there is none."""
-        return self._watch.found()[2]
+        return self._stepping.watch.found()[2]
 
     def system_of(self, world: int, *, start: bool = False) -> System:
         """Return a world's system with its parameters, as it is now, or as it started."""
@@ -352,6 +337,7 @@ class Ensemble:
             "colliders": colliders,
             "contact": self._contact,
             "loads": self._loads,
+            "touch": [one for one in self._loads if isinstance(one, Touch)],
             "integrator": self.integrator,
             "fps": self.fps,
             "substeps": self.substeps,
@@ -387,7 +373,7 @@ class Ensemble:
         if self.status[world] == STATUS[0]:
             raise ValueError(f"world {world} has not diverged")
         alone, when = self.simulation_of(world, start=False), float(self.diverged_at[world])
-        baseline = Baseline(float(self._watch.energy[world]), float(self._watch.scale[world]))
+        baseline = Baseline(float(self._stepping.watch.energy[world]), float(self._stepping.watch.scale[world]))
         alone.stepping.watch.compare_with(baseline)
         try:
             alone.step(2)

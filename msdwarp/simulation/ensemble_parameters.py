@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..world import Collider, Gravity, Load, Scene
+from ..world import Collider, Gravity, Load, Scene, with_touch
 
 Limit = tuple[Callable[[NDArray], NDArray], str]
 FINITE: Limit = (np.isfinite, "finite")
@@ -117,17 +117,19 @@ def _without_pinned(
 
 
 def taken_from(
-    scene: Any, colliders: Any, loads: Any
+    scene: Any, colliders: Any, loads: Any, touch: Any
 ) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
     """Return system, colliders, loads and gravity: of a scene, or of a system with these beside it."""
     if isinstance(scene, System):
         obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
-        return scene, obstacles, checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), 9.82
+        given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        return scene, obstacles, with_touch(given, touch), 9.82
     if not isinstance(scene, Scene):
         raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
-    for name, given in (("colliders", colliders), ("loads", loads)):
-        if len(given):
-            raise ValueError(f"{name} are given beside a Scene, which has its own; they must be in the scene")
+    given = {"colliders are": colliders, "loads are": loads, "touch is": () if touch is None else (touch,)}
+    for named, values in given.items():
+        if len(values):
+            raise ValueError(f"{named} given beside a Scene, which has its own; that must be in the scene")
     if len(scene.schedule):
         raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
     return scene.system, tuple(scene.colliders), tuple(scene.loads), scene.gravity

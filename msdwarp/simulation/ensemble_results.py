@@ -126,7 +126,10 @@ def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
     def energy() -> NDArray:
         each = sums.read(state.x, ensemble.velocity(), state.lost.x)
         chosen = ENERGIES if what == "energy" else (what,)
-        return np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
+        total = np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
+        if what == "energy" and model.touching is not None:
+            total += model.touching.energies(state.x, ensemble.velocity())
+        return total
 
     return Observation(name, (), "J", energy)
 

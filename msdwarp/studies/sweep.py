@@ -171,7 +171,7 @@ def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, floa
                 simulation.step()
             if writer is not None and readback is not None:
                 writer.write_pending(readback.take(), {})
-    numbers = final_numbers(simulation, dict(scene.probes))
+    numbers = final_numbers(simulation, scene)
     for name, function in task.observe.items():
         numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
     return numbers

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from .. import disk
 from ..simulation import Simulation, SimulationDiverged
-from ..world import Probe
+from ..world import Scene
 from .energy_log import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
@@ -117,17 +117,21 @@ def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool) -> Row:
     return row | {"seconds": time.perf_counter() - began}
 
 
-def final_numbers(simulation: Simulation, probes: dict[str, Probe]) -> dict[str, float]:
-    """Return what is kept of the end of a run: energies, strain, and what each probe told last.
+def final_numbers(simulation: Simulation, scene: Scene) -> dict[str, float]:
+    """Return what is kept of the end of a run: energies, strain, what each probe told last, and what is observed.
 
     Names and units are those of the log of energies and of the table of probes.
     """
     measures = simulation.measure()
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
-    for name, probe in probes.items():
+    for name, probe in scene.probes.items():
         told = simulation.readings[name].values
         if len(told):
             columns = (f"{name}_{column}" for column in probe.columns(simulation.system.dim))
             numbers |= dict(zip(columns, told[-1], strict=True))
+    _, *now = simulation.frame()
+    for name, told in scene.observed(*now).items():
+        each = {f"{name}_{k}": value for k, value in enumerate(told.ravel())}
+        numbers |= each if told.ndim else {name: told}
     return {name: float(value) for name, value in numbers.items()}

@@ -1,9 +1,10 @@
 """Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System, counted, headline
@@ -16,6 +17,8 @@ from .probes import Probe, checked_probes
 from .schedule import Change
 from .touch import Touch, with_touch
 
+Observed = Callable[[NDArray, NDArray], NDArray]
+"""What is told of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
 _SHOWN = 3
 """Colliders that the text of a scene shows; of more it says how many there are."""
 
@@ -49,6 +52,11 @@ class Scene:
         Sensors by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes their values to
         probes.csv, and those read by substep to probes_by_substep.csv.
 
+    observe
+        What to tell of the bodies beside pictures, by name: functions of positions and velocities, of shape
+        [worlds, particle_count, d] each, that return an array whose first axis is of worlds. `Ensemble.run`
+        observes it, `msdwarp run` prints it at the end, `msdwarp sweep` keeps it.
+
     Raises
     ------
     ValueError
@@ -66,6 +74,7 @@ class Scene:
     looks: Mapping[str, Look] = field(default_factory=dict)
     schedule: Sequence[Change] = ()
     probes: Mapping[str, Probe] = field(default_factory=dict)
+    observe: Mapping[str, Observed] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -90,6 +99,14 @@ class Scene:
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
+        observe = dict(checks.mapping("observe", self.observe))
+        for name, one in observe.items():
+            checks.instance("a name in observe", name, str, "'faces'")
+            if not callable(one):
+                raise ValueError(
+                    f"observe[{name!r}] is {checks.said(one)}; it must be a function (position, velocity)"
+                )
+        object.__setattr__(self, "observe", observe)
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
 
@@ -126,6 +143,24 @@ class Scene:
         if self.probes:
             lines.append(f"probes: {', '.join(f'{name} {one!r}' for name, one in self.probes.items())}")
         return "\n  ".join(lines)
+
+    def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
+        """Return what `observe` tells of one world, of shape [particle_count, d] each.
+
+        Raises
+        ------
+        ValueError
+            If a function returns no array whose first axis is of the one world.
+        """
+        found = {}
+        for name, tell in self.observe.items():
+            told = np.asarray(tell(position[None], velocity[None]))
+            if told.shape[:1] != (1,):
+                raise ValueError(
+                    f"observe[{name!r}] returned shape {told.shape}; the first axis must be of worlds"
+                )
+            found[name] = told[0]
+        return found
 
     @property
     def ground(self) -> Plane | None:

@@ -275,3 +275,10 @@ def test_scenes_that_share_a_kernel_run_beside_each_other():
         simulation = Simulation(both, touch=Touch(), device="cpu", **around)
         simulation.step(2)
         assert np.isfinite(simulation.frame().position).all()
+
+
+def test_lists_get_room_to_spare():
+    for many in range(300):
+        room = nearby.room_for(many)
+        # With less, room would be made again and again.
+        assert many <= nearby.ROOM_TO_SPARE * room

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from alone import assert_each_is_as_alone
 
 from msdwarp import (
     RK4,
@@ -57,26 +58,6 @@ def parameters(seed: int = 1) -> dict[str, np.ndarray]:
         "friction": draw(0.0, 1.0, WORLDS),
         "velocity": draw(-1.0, 1.0, (WORLDS, 3)),
     }
-
-
-def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
-    """Compare positions and velocities with those of simulations of each world, to the last bit.
-
-    On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their own: by
-    one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
-    """
-    by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
-    atol = 1000 * float(np.finfo(ensemble.model.dtype).eps) if by_rounding else 0.0
-    ensemble.step(frames)
-    _, position, velocity = ensemble.frame()
-    assert (ensemble.status == "running").all()
-    for world in range(ensemble.worlds):
-        alone = ensemble.simulation_of(world)
-        alone.step(frames)
-        frame = alone.frame()
-        assert np.isfinite(frame.position).all()
-        np.testing.assert_allclose(position[world], frame.position, rtol=0, atol=atol)
-        np.testing.assert_allclose(velocity[world], frame.velocity, rtol=0, atol=10 * atol)
 
 
 def in_order(device: str, route: str) -> None:
@@ -252,7 +233,7 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ({"scene": block().replace(break_strain=0.1)}, "break"),
         ({"scene": Scene(system=block(), loads=[Wind((1, 0, 0))])}, r"loads\[0\] is Wind"),
         ({"loads": [Force(lambda t: (0, 0, t))]}, r"loads\[0\] is Force"),
-        ({"scene": Scene(system=block(), touch=Touch())}, r"loads\[0\] is Touch"),
+        ({"scene": Scene(system=block(), touch=Touch()), "touch": Touch()}, "touch is given beside a Scene"),
         ({"scene": Scene(system=block(), schedule=[at(1.0, gravity=0.0)])}, "the scene has a schedule"),
         ({"scene": 3}, "scene is 3"),
         (

@@ -1,0 +1,188 @@
+"""Bodies touch in each world of an ensemble as they do alone, whatever happens in the others."""
+
+import numpy as np
+import pytest
+from alone import assert_each_is_as_alone
+
+from msdwarp import RK4, RKC2, Ensemble, Leapfrog, Plane, System, Touch, UnstableStep, box, chain, sheet
+from msdwarp.checks import ContactOverrun
+
+WORLDS = 4
+TOUCH = Touch(friction=0.5, restitution=0.3)
+LIFTED = np.repeat([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 27, axis=0)
+"""Upwards for the particles of the upper die."""
+METHODS = {"leapfrog": Leapfrog(), "extrapolated": Leapfrog(damper_extrapolation=0.5), "rk4": RK4()}
+
+
+def two_dice() -> System:
+    """Return a die that falls onto another one."""
+    die = box((3, 3, 3), 0.1, mass=0.02, stiffness=2e4, damping=8.0)
+    upper = die.rotate(0.3).translate((0.02, 0.0, 0.345)).with_velocity((0.0, 0.0, -1.0))
+    return die.translate((0.0, 0.0, 0.12)) + upper
+
+
+def around(device: str, **more) -> dict:
+    return {"colliders": [Plane(friction=0.4)], "touch": TOUCH, "device": device, "route": "gather"} | more
+
+
+def parameters() -> dict[str, np.ndarray]:
+    """Return parameters of all kinds, of which some serve several worlds; lengths of contacts differ too."""
+    draw = np.random.default_rng(1).uniform
+    system = two_dice()
+    return {
+        "stiffness": draw(1e4, 3e4, WORLDS),
+        "damping": draw(2.0, 8.0, WORLDS // 2),
+        "rest_length": np.array([[1.0], [1.01]]) * system.rest_length,
+        "mass": draw(0.01, 0.03, WORLDS),
+        "friction": draw(0.0, 1.0, 1),
+        "velocity": draw(-0.5, 0.5, (WORLDS, system.particle_count, 3)) * 0.1 + system.velocity,
+    }
+
+
+@pytest.mark.parametrize("route", ["gather", pytest.param("stencil", marks=pytest.mark.slow)])
+def test_worlds_touch_as_alone(plain_device, route):
+    ensemble = Ensemble(two_dice(), WORLDS, **around(plain_device, route=route), **parameters())
+    assert_each_is_as_alone(ensemble, 10)
+    # That is worth something only where they do: what falls freely for that long ends in the lower one.
+    upper = ensemble.frame().position[:, 27:, 2].mean(axis=1)
+    assert (upper > 0.25).all()
+    ensemble.reset()  # what sticks is forgotten
+    assert_each_is_as_alone(ensemble, 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("route", ["scatter", "gather"])
+def test_worlds_touch_as_alone_by_every_method(plain_device, route, method, precision):
+    if route == "scatter" and plain_device != "cpu":
+        pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
+    how = around(plain_device, integrator=METHODS[method], precision=precision, route=route)
+    assert_each_is_as_alone(Ensemble(two_dice(), WORLDS, **how, **parameters()), 12)
+
+
+def hammock() -> System:
+    """Return a cloth that is held by two edges, on which a ball of rope falls."""
+    cloth = sheet((6, 6), 0.1, mass=0.01, stiffness=200.0, damping=0.3).pin([0, 5, 30, 35])
+    rope = chain(6, 0.08, mass=0.01, stiffness=200.0, damping=0.3).translate((0.02, 0.03, 0.06))
+    return cloth + rope
+
+
+@pytest.mark.slow
+def test_worlds_of_sheets_and_ropes(plain_device):
+    how = around(plain_device, colliders=[], touch=Touch(friction=0.5, between="all"))
+    ensemble = Ensemble(hammock(), 3, **how, gravity=[5.0, 10.0, 15.0])
+    assert_each_is_as_alone(ensemble, 20)
+
+
+def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
+    # One world is so stiff that its step is far too long: its bodies fly apart, through each other and away.
+    stiffness, velocity = np.full(WORLDS, 2e4), np.random.default_rng(3).uniform(-0.5, 0.5, (WORLDS, 3))
+    stiffness[1] = 1e7
+    how = around(plain_device, substeps=130, allow_unstable=True)
+    sound = Ensemble(two_dice(), WORLDS, **how, velocity=velocity, stiffness=[2e4])
+    ensemble = Ensemble(two_dice(), WORLDS, **how, velocity=velocity, stiffness=stiffness)
+    for one in (sound, ensemble):
+        one.step(12)
+    assert (sound.status == "running").all()
+    assert ensemble.status[1] in ("not finite", "energy")
+    others = np.arange(WORLDS) != 1
+    assert (ensemble.status[others] == "running").all()
+    for a, b in zip(sound.frame()[1:], ensemble.frame()[1:], strict=True):
+        np.testing.assert_array_equal(a[others], b[others])
+        assert np.isfinite(b[1]).all()
+    alone = ensemble.simulation_of(1)
+    if ensemble.diverged_at[1] > 0:
+        alone.step(round(60 * ensemble.diverged_at[1]))
+    np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[1])
+    assert "world 1" in str(ensemble.explain(1))
+
+
+def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_device, monkeypatch):
+    from msdwarp.engine import nearby
+
+    system = two_dice()
+    system = system.replace(position=system.position + 0.2 * LIFTED)
+    velocity = np.array([-3.0, -4.0])[:, None, None] * LIFTED
+    long_enough = Ensemble(system, 2, **around(plain_device), velocity=velocity)
+    monkeypatch.setattr(nearby, "ROOM", 1)
+    short = Ensemble(system, 2, **around(plain_device), velocity=velocity)
+    # At the start no facet is near any point; what comes near while they fall is too much for the lists.
+    assert short.model.touching._touch.row.shape[1] < 4
+    for one in (long_enough, short):
+        one.step(10)
+    assert short.model.touching._touch.row.shape[1] >= 8
+    np.testing.assert_array_equal(short.frame().position, long_enough.frame().position)
+
+
+def test_worlds_do_not_see_each_other():
+    """A search looks at the bodies of one world alone: none is beside those of the others in the same place."""
+    ensemble = Ensemble(two_dice(), 64, **around("cpu"))
+    ensemble.step(2)
+    data = ensemble.model.touching._touch
+    beside, count = data.beside.numpy(), data.beside_count.numpy()
+    assert count.max() == 1
+    for body in np.flatnonzero(count):
+        assert beside[body, 0] == body ^ 1  # of each pair of bodies the other one
+
+
+def test_substeps_count_contact(plain_device):
+    how = around(plain_device)
+    ensemble = Ensemble(two_dice(), 2, **how, stiffness=[2e4, 1e4], mass=[0.02, 0.03])
+    needs_most = []
+    for world in range(2):
+        alone = ensemble.simulation_of(world, substeps="auto", allow_unstable=False)
+        assert ensemble.substeps >= alone.substeps
+        if ensemble.choice.substeps == alone.substeps:
+            # Rates of worlds are summed in another order: to a few units of float64 of some hundred summands.
+            rates, own = alone.choice.rates, ensemble.choice.rates
+            assert own.stiffness == pytest.approx(rates.stiffness, rel=1e-12)
+            assert own.damping == pytest.approx(rates.damping, rel=1e-12)
+            needs_most.append(world)
+    assert needs_most == [0]
+    with pytest.raises(UnstableStep, match="in world 0 substeps is 3"):
+        Ensemble(two_dice(), 2, **how, substeps=3)
+
+
+def test_a_contact_that_is_overrun_is_told_with_its_world():
+    fast = np.zeros((2, 54, 3))
+    fast[1, 27:, 2] = -80.0
+    ensemble = Ensemble(two_dice(), 2, **around("cpu"), velocity=fast)
+    with pytest.warns(ContactOverrun, match="in world 1 a point of"):
+        ensemble.step()
+
+
+@pytest.mark.parametrize(
+    ("own", "said"),
+    [
+        ({"integrator": RKC2(stages=4)}, "where bodies touch it must be another"),
+        ({"threads": 1}, "threads is 1; it must be 'auto' or None where bodies touch"),
+        (
+            {"touch": Touch(obstacles=True)},
+            "touch has obstacles=True, which worlds of an ensemble cannot have yet",
+        ),
+        (
+            {"position": two_dice().position - np.array([0.0, 0.1])[:, None, None] * LIFTED},
+            "in world 1 the body of particle",
+        ),
+    ],
+)
+def test_what_cannot_be_is_said(own, said):
+    given = {"scene": two_dice(), **around("cpu", colliders=[])} | own
+    with pytest.raises(ValueError, match=said):
+        Ensemble(given.pop("scene"), 2, **given)
+
+
+@pytest.mark.slow
+def test_energies_hold_what_contacts_store(plain_device):
+    pytest.importorskip("xarray")
+    ensemble = Ensemble(two_dice(), 2, **around(plain_device), gravity=[5.0, 9.82])
+    observed = ensemble.run(0.25, observe={"energy": "energy"}, every=15)
+    for world in range(2):
+        alone = ensemble.simulation_of(world)
+        alone.step(15)
+        measures = alone.measure()
+        stored = measures.kinetic_energy + measures.elastic_energy + measures.gravitational_energy
+        assert measures.effect_energy > 0
+        # Sums of 54 particles and 316 springs in another order; positions are those of float32 in both.
+        assert observed.energy[world, -1] == pytest.approx(stored + measures.effect_energy, rel=1e-9)
