@@ -4,7 +4,9 @@ import os
 import signal
 from pathlib import Path
 
-from msdwarp import Plane, Probe, Scene, Simulation, chain
+import numpy as np
+
+from msdwarp import Plane, Probe, Scene, Simulation, Wind, box, chain
 
 
 def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mark: str = "") -> Scene:
@@ -23,3 +25,29 @@ def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mar
 def tip_height(simulation: Simulation) -> float:
     """Return how high the last particle is [m]."""
     return float(simulation.frame().position[-1, 2])
+
+
+def thrown(
+    *,
+    stiffness: float = 400.0,
+    damping: float = 0.3,
+    friction: float = 0.3,
+    gravity: float = 9.82,
+    size: int = 2,
+    seed: int = 0,
+    probes: bool = False,
+    wind: bool = False,
+) -> Scene:
+    """Throw a block onto a floor, each seed in its own way."""
+    random = np.random.default_rng(seed)
+    body = box((size, size, 2), 0.1, mass=0.02, stiffness=stiffness, damping=damping)
+    body = body.rotate(random.uniform(0, 3), random.normal(size=3)).translate((0, 0, 0.15))
+    sensors = {"block": Probe(slice(None), "position"), "floor": Probe([0, 1], "contact force")}
+    return Scene(
+        system=body.with_velocity((random.uniform(0, 2), 0, -1)),
+        colliders=[Plane(restitution=0.4, friction=friction)],
+        gravity=gravity,
+        loads=[Wind((1, 0, 0))] if wind else [],
+        probes=sensors if probes else {},
+        duration=0.15,
+    )
