@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 import warnings
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 import swept
 
 import msdwarp as msd
+from msdwarp.studies import sweep_ensembles
 
+sweep_module = sys.modules["msdwarp.studies.sweep"]  # its face has the function of that name
 pytest.importorskip("h5netcdf")
 xarray = pytest.importorskip("xarray")
 
@@ -111,10 +114,29 @@ def test_a_world_that_diverges_is_told_of_as_its_run_is(tmp_path):
     [
         ({"keep": "run"}, "keep is 'run'; it must be 'summary' where jobs is 'ensemble'"),
         ({"executor": os}, "executor is"),
-        ({"jobs": "ensembles"}, "jobs is 'ensembles'; it must be a whole number of at least 1, 'auto' or 'ensemble'"),
+        (
+            {"jobs": "ensembles"},
+            "jobs is 'ensembles'; it must be a whole number of at least 1, 'auto' or 'ensemble'",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_before_a_file_is_touched(tmp_path, options, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         msd.sweep(swept.thrown, grid(), tmp_path / "out", **({"jobs": "ensemble"} | options))
     assert not list(tmp_path.iterdir())
+
+
+def test_by_itself_it_takes_ensembles_where_there_is_one_gpu_and_substeps_are_set(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(sweep_module, "gpus_for", lambda device: 1)  # here there may be none
+    monkeypatch.setattr(
+        sweep_module, "workers_for", lambda *_: swept.Here()
+    )  # which no process has to be begun for
+    monkeypatch.setattr(sweep_ensembles, "Ensemble", lambda *a, **k: made.append(1) or msd.Ensemble(*a, **k))
+    stiffness = {"stiffness": [300.0, 400.0]}
+    for k, (substeps, keep, ensembles) in enumerate([(12, "summary", 1), ("auto", "summary", 0), (12, "run", 0)]):
+        made.clear()
+        folder, how = tmp_path / str(k), {"substeps": substeps, "keep": keep, "device": "cpu"}
+        found = msd.sweep(swept.thrown, stiffness, folder, jobs="auto", **how)
+        assert (found["status"] == "done").all()
+        assert len(made) == ensembles
