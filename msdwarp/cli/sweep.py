@@ -172,7 +172,7 @@ def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, fl
     def act(origin: Origin, options: SweepOptions) -> None:
         start_warp(options.verbose)
         scene = origin.scene()
-        ended.append((run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene.probes))
+        ended.append((run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene))
 
     try:
         _follow(task, act)
@@ -187,8 +187,7 @@ def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, fl
         if said is None:
             raise
         raise ValueError(said) from error
-    simulation, probes = ended[0]
-    return final_numbers(simulation, dict(probes))
+    return final_numbers(*ended[0])
 
 
 def asked_by_words(task: Words) -> Asked:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from .. import checks, disk
 from ..simulation import Simulation, SimulationDiverged
-from ..world import Probe, Scene
+from ..world import Scene
 from .energy_log import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
@@ -118,17 +118,7 @@ def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool, began: 
     return row | {"seconds": time.perf_counter() - began}
 
 
-def numbers_of(
-    simulation: Simulation, scene: Scene, observe: Mapping[str, Callable[[Simulation], float]]
-) -> dict[str, float]:
-    """Return what is kept of the end of a run, and what functions tell of it."""
-    numbers = final_numbers(simulation, dict(scene.probes))
-    for name, function in observe.items():
-        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
-    return numbers
-
-
-def final_numbers(simulation: Simulation, probes: dict[str, Probe]) -> dict[str, float]:
+def final_numbers(simulation: Simulation, scene: Scene) -> dict[str, float]:
     """Return what is kept of the end of a run: energies, strain, and what each probe told last.
 
     Names and units are those of the log of energies and of the table of probes.
@@ -136,9 +126,19 @@ def final_numbers(simulation: Simulation, probes: dict[str, Probe]) -> dict[str,
     measures = simulation.measure()
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
-    for name, probe in probes.items():
+    for name, probe in scene.probes.items():
         told = simulation.readings[name].values
         if len(told):
             columns = (f"{name}_{column}" for column in probe.columns(simulation.system.dim))
             numbers |= dict(zip(columns, told[-1], strict=True))
     return {name: float(value) for name, value in numbers.items()}
+
+
+def numbers_of(
+    simulation: Simulation, scene: Scene, observe: Mapping[str, Callable[[Simulation], float]]
+) -> dict[str, float]:
+    """Return what is kept of the end of a run, and what functions tell of it."""
+    numbers = final_numbers(simulation, scene)
+    for name, function in observe.items():
+        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
+    return numbers
