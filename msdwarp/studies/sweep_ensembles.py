@@ -129,8 +129,8 @@ def _why_not(asked: Asked, looks_back: bool, fixed_only: bool) -> str:
         return "its number of substeps is automatic, and changes while it runs"
     if asked.scene.probes and looks_back:
         return "what is observed may ask for all readings of its probes"
-    if asked.scene.probes and any(isinstance(one, Touch) for one in asked.scene.loads):
-        return "it has probes, and bodies that touch"
+    if any(isinstance(one, Touch) for one in asked.scene.loads):
+        return "bodies touch: what they stick to is not handed over yet to what measures the end"
     return ""
 
 
