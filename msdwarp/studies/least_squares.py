@@ -46,8 +46,8 @@ GUESS = 0.5
 So a stage in which a parameter can hardly be seen does not lead it astray.
 """
 JAGGED, UNEVEN = 1e-3, 0.1
-"""Over such a difference of θ, changes to both sides, or a change and what derivatives say of it, differ by more than
-this share only where there are jumps."""
+"""Over such a difference of θ, changes to both sides, or a change and what derivatives say of it, differ by more
+than this share only where there are jumps."""
 CLOUD = 24
 """Worlds of a cloud for each parameter."""
 CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)

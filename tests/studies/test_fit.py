@@ -48,8 +48,8 @@ def test_a_dropped_block_tells_them_too(times):
 
 @pytest.mark.parametrize(("jumps", "jagged"), [((), False), ((3e-4,), True), ((5e-7, -3e-4), True)])
 def test_jumps_are_seen_wherever_they_are(jumps, jagged):
-    # Of the two jumps of the last case one lies within the difference that a derivative is taken over, which is far
-    # too large for it; and to both sides of θ = 0 all changes alike.
+    # Of the two jumps of the last case one lies within the difference that a derivative is taken over, which is
+    # far too large for it; and to both sides of θ = 0 all changes alike.
     def residuals(theta, end):
         return np.sin(theta) * [1.0, 2.0, 3.0] + 2e-3 * sum(np.sign(theta - at) for at in jumps)
 
