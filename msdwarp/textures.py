@@ -1,15 +1,32 @@
 """Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial, wraps
+from typing import Any, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
 
+P = ParamSpec("P")
 BOX_TILES = (3, 2)
 """Faces of a box side by side in its texture: columns and rows."""
+
+
+def _kept(paint: Callable[P, NDArray[np.uint8]]) -> Callable[P, NDArray[np.uint8]]:
+    """Paint what is asked for again only once: a sweep builds a scene, texture and all, for each of its points."""
+    kept: Any = lru_cache(maxsize=4)(paint)
+
+    @wraps(paint)
+    def copied(*arguments: P.args, **named: P.kwargs) -> NDArray[np.uint8]:
+        try:
+            hash((arguments, tuple(named.values())))
+        except TypeError:  # a list among them
+            return paint(*arguments, **named)
+        return kept(*arguments, **named).copy()
+
+    return copied
 
 
 def _mix(weight: NDArray, colour: str, other: str) -> NDArray[np.uint8]:
@@ -44,6 +61,7 @@ def _step(distance: NDArray, width: float) -> NDArray:
     return np.clip(distance / width + 0.5, 0, 1)
 
 
+@_kept
 def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray[np.uint8]:
     """Return, for a box, faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
@@ -54,6 +72,7 @@ def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray
     return _on_box(_mix(np.clip((distance - 0.86) / (2 * edge) + 0.5, 0, 1), colour, line))
 
 
+@_kept
 def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
     """Return a woven check: bands of `colour` both ways on `ground`, darkest where they cross."""
     u, v = _grid(size)
@@ -61,6 +80,7 @@ def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> N
     return _mix(1 - 0.46 * (bands[0] + bands[1]), colour, ground)
 
 
+@_kept
 def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
     """Return `count` rings around a round body, such as a ball: v runs along it."""
     _, v = _grid(size)
@@ -88,6 +108,7 @@ DIE = (5, 2, 4, 3, 6, 1)
 """Dots on the faces −x, +x, −y, +y, −z, +z of a die: opposite ones sum to 7; 1, 2, 3 go round anticlockwise."""
 
 
+@_kept
 def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return, for a box, the faces of a die: one to six dots, hollowed out of faces with worn edges."""
     u, v = (2 * w - 1 for w in _grid(size))
@@ -112,6 +133,7 @@ def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) ->
     return np.round(below + share[..., None] * (above.astype(float) - below)).astype(np.uint8)
 
 
+@_kept
 def waffle(
     colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
 ) -> NDArray[np.uint8]:
@@ -143,6 +165,7 @@ def waffle(
     return _shaded(_mix(floor, colour, groove), 1 + 0.22 * wall * side - 0.06 * _step(edge - 0.93, 0.1))
 
 
+@_kept
 def waffle_box(
     colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), size: int = 512
 ) -> NDArray[np.uint8]:
@@ -159,6 +182,7 @@ def waffle_box(
     return _faces([*crust, waffle(colour, groove, counts=(counts[1], counts[0]), size=size), upper])
 
 
+@_kept
 def ticking(
     colour: str,
     stripe: str,
@@ -234,6 +258,7 @@ def _bands(place: NDArray) -> NDArray:
     return np.maximum(1 - _step(off - 0.11, 0.03), 1 - _step(np.abs(off - 0.2) - 0.025, 0.03))
 
 
+@_kept
 def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
     """Return, for a ball (u around it, v from pole to pole), ice cream: softly mottled, with flecks.
 
@@ -287,6 +312,7 @@ def _direction(random: np.random.Generator) -> NDArray:
     return vector / np.linalg.norm(vector)
 
 
+@_kept
 def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return, for a box, faces that light seems to come through: deep in the middle, bright at the edges."""
     u, v = (2 * w - 1 for w in _grid(size))

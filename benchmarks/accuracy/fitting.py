@@ -94,23 +94,17 @@ def starts(device: str, some: slice, keep: Callable[[list[dict]], None]) -> None
             keep(rows)
 
 
-def with_noise(device: str, seeds: int) -> list[dict]:
-    """Return by how many standard deviations fits to noisy points are off."""
-    rows = []
-    for build in (hung, dropped):
-        for seed in range(seeds):
-            points = measured(build(), NEARER_SUBSTEPS, device, NOISE, seed)
-            scene = build(1.6 * STIFFNESS, 0.5 * DAMPING)
-            how = {"bounds": NEARER, "substeps": NEARER_SUBSTEPS, "device": device}
-            found = fit(scene, points, ["stiffness", "damping"], **how)
-            said = found.standard_deviations
-            off = {
-                "stiffness": (found.values["stiffness"] - STIFFNESS) / said["stiffness"],
-                "damping": (found.values["damping"] - DAMPING) / said["damping"],
-            }
-            rows.append({"scene": build.__name__, "seed": seed} | off)
-            print(rows[-1], flush=True)
-    return rows
+def with_noise(build: Callable[..., Scene], seed: int, device: str) -> dict:
+    """Return by how many standard deviations a fit to noisy points is off, and how large one is."""
+    points = measured(build(), NEARER_SUBSTEPS, device, NOISE, seed)
+    scene = build(1.6 * STIFFNESS, 0.5 * DAMPING)
+    how = {"bounds": NEARER, "substeps": NEARER_SUBSTEPS, "device": device}
+    found = fit(scene, points, ["stiffness", "damping"], **how)
+    row = {"scene": build.__name__, "seed": seed}
+    for name, true in (("stiffness", STIFFNESS), ("damping", DAMPING)):
+        said = found.standard_deviations[name]
+        row |= {name: (found.values[name] - true) / said, f"{name}_deviation": said / true}
+    return row | {"worlds": found.runs}
 
 
 def draw(shape: list[dict], ends: list[dict]) -> None:
@@ -152,7 +146,11 @@ def main() -> None:
         some = slice(2, 4) if options.quick else slice(None)
         starts(options.device, some, lambda rows: write_csv(paths[1], rows, machine(options.device)))
         if options.seeds:
-            rows = with_noise(options.device, options.seeds)
+            rows = []
+            for build in (hung, dropped):
+                for seed in range(options.seeds):
+                    rows.append(with_noise(build, seed, options.device))
+                    print(rows[-1], flush=True)
             write_csv(paths[2], rows, machine(options.device))
             for scene in ("hung", "dropped"):
                 off = [max(abs(r["stiffness"]), abs(r["damping"])) for r in rows if r["scene"] == scene]

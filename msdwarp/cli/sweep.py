@@ -7,7 +7,7 @@ import re
 import shlex
 import signal
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from multiprocessing import parent_process
 from pathlib import Path
@@ -16,17 +16,30 @@ from typing import Annotated, Any, Literal, NamedTuple
 from cyclopts import Parameter
 from rich.console import Console
 
+from ..integrators import DEFAULT, METHODS
 from ..simulation import Simulation
-from ..studies import RESULTS, Point, check_size, complete, final_numbers, import_xarray, plain, points, values_of
+from ..studies import (
+    RESULTS,
+    Asked,
+    Point,
+    check_size,
+    complete,
+    final_numbers,
+    import_xarray,
+    in_words,
+    plain,
+    points,
+    values_of,
+)
 from .blame import told_by_line
 from .options import Options, Pictures
 from .process import progress_on, start_warp, understood
 from .provenance import as_json
-from .run import run_scene
+from .run import last_frame, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, word
-from .whole import WholeOrAuto
+from .whole import WholeOrWord
 
 _LONG = 86400.0
 """Seconds over which the pace of points is taken, of which each may take minutes."""
@@ -53,14 +66,15 @@ class SweepOptions(Options):
     out
         Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep.
     jobs
-        Number of processes; auto takes one for each GPU, or one for each core if there is no GPU.
+        Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
+        points that are alike enough are simulated side by side in one process (with --keep summary).
     keep
         What to keep of each point: the whole run, as `msdwarp run` does, or only a summary.
     """
 
     out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
     pictures: Pictures = field(default_factory=Undrawn)
-    jobs: WholeOrAuto = "auto"
+    jobs: WholeOrWord = "auto"
     keep: Literal["run", "summary"] = "run"
 
     def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
@@ -121,6 +135,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
+    together: list[str] = []
     try:
         with progress_on(talk, over=_LONG) as progress:
             task = progress.add_task("sweeping", total=None)
@@ -133,6 +148,8 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
                 jobs=options.jobs,
                 device=options.device,
                 report=lambda done, all_: progress.update(task, completed=done, total=all_),
+                ask=asked_by_words,
+                say=lambda done, refused: together.append(in_words(done, refused)),
             )
     except (KeyboardInterrupt, Terminated) as error:
         number = error.args[0] if isinstance(error, Terminated) else signal.SIGINT
@@ -140,6 +157,8 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
+        for said in together:
+            print(said)
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for said in sorted(wrong)[:3]:
             print(f"  {said}")
@@ -156,10 +175,7 @@ def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, fl
         ended.append((run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene))
 
     try:
-        found = find_scene(task.place)
-        if found.script != task.script:
-            raise ValueError(f"{task.place} has changed since the sweep began")
-        understood(flags_app(found, "msdwarp sweep", SweepOptions, act), task.words)
+        _follow(task, act)
     except Interrupted as error:
         if parent_process() is not None:  # a worker that was told to end: lost, and the sweep knows what to do
             os._exit(error.code)
@@ -172,6 +188,33 @@ def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, fl
             raise
         raise ValueError(said) from error
     return final_numbers(*ended[0])
+
+
+def asked_by_words(task: Words) -> Asked:
+    """Return what a command line asks to be simulated; raise ValueError for what only a run of its own does."""
+    found: list[Asked] = []
+
+    def act(origin: Origin, options: SweepOptions) -> None:
+        scene = origin.scene()
+        own = replace(options, duration=scene.duration if options.duration is None else options.duration)
+        own.check(last_frame(own))
+        if own.tolerance is not None:
+            raise ValueError("its method and substeps are chosen by a tolerance")
+        assert own.duration is not None
+        how = {name: getattr(own, name) for name in ("fps", "substeps", "allow_unstable", "device", "route")}
+        how |= {"integrator": METHODS[own.integrator or DEFAULT], "precision": own.precision or "float32"}
+        found.append(Asked(scene, own.duration, how))
+
+    _follow(task, act)
+    return found[0]
+
+
+def _follow(task: Words, act: Callable[[Origin, SweepOptions], None]) -> None:
+    """Do something with the scene and options of a command line; raise ValueError if its script has changed."""
+    found = find_scene(task.place)
+    if found.script != task.script:
+        raise ValueError(f"{task.place} has changed since the sweep began")
+    understood(flags_app(found, "msdwarp sweep", SweepOptions, act), task.words)
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:

@@ -38,6 +38,8 @@ Whole = Annotated[int, Parameter(converter=_whole)]
 """The type of a flag that takes whole numbers and no others."""
 WholeOrAuto = Annotated[int | Literal["auto"], Parameter(converter=_whole)]
 """The same, or the word auto."""
+WholeOrWord = Annotated[int | Literal["auto", "ensemble"], Parameter(converter=_whole)]
+"""The same, or the words that say how points of a sweep are shared out."""
 
 
 def with_wholes(kind: Any) -> Any:

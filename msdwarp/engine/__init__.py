@@ -21,6 +21,7 @@ from .shares import THREADS, cores, threads_for
 from .start import doubt_start, starting_state
 from .state import State
 from .stepper import Blocks, Stepper, check_blocks
+from .touching import Touching
 from .touching_worlds import TouchingWorlds
 from .watch import Backup, Baseline, Watch
 
@@ -46,6 +47,7 @@ __all__ = [
     "State",
     "Stepper",
     "Steps",
+    "Touching",
     "TouchingWorlds",
     "Watch",
     "WorldEnergies",

@@ -120,7 +120,7 @@ def world_rates(model: EnsembleModel) -> NDArray[np.float64]:
         device=model.device,
     )
     if model.touching is not None:
-        for block, each in zip(blocks, model.touching.blocks(model.different), strict=True):
+        for block, each in zip(blocks, model.touching.blocks_of(model.different), strict=True):
             block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
     wp.launch(

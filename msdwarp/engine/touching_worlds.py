@@ -89,6 +89,17 @@ class TouchingWorlds(Touching):
         words = found.described(self._model.system, self._surfaces, self.steps.substeps, self._dt)
         return f"in world {world} {words}"
 
+    def checkpoints(self) -> list[dict[str, NDArray]]:
+        """Return of each world what `Touching.restore` takes: how its points stick."""
+        points, bodies, arrays = len(self._surfaces.share), len(self._surfaces.closed), self.checkpoint()
+        found = []
+        for world in range(self._model.worlds):
+            own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
+            partner = own["touch.partner"]
+            own["touch.partner"] = np.where(partner >= 0, partner - world * bodies, partner)
+            found.append(own)
+        return found
+
     def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
         """Return what contacts store in each world when particles are at x and move at v [J], shape [worlds]."""
         stored, _ = self._stored_and_heated(x, v)
@@ -104,7 +115,7 @@ class TouchingWorlds(Touching):
         """How far the forces on one world's vertices lie from the next one's, in bytes."""
         return self._touch.force.size // self._model.worlds * wp.types.type_size_in_bytes(wp.int64)
 
-    def blocks(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what contacts add to the blocks of K [N/m] and B [N s/m] in so many worlds.
 
         They are of shape [worlds, particle_count], as `contact_blocks` says.

@@ -10,13 +10,16 @@ from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
 from .measured import Tracked
 from .sweep import complete, sweep
+from .sweep_ensembles import ENSEMBLE, Asked, in_words
 from .sweep_plot import plot_sweep
 from .sweep_points import Point, final_numbers
 from .sweep_results import RESULTS, import_xarray
 from .table import GrowingTable
 
 __all__ = [
+    "ENSEMBLE",
     "RESULTS",
+    "Asked",
     "EnergyLog",
     "Fitted",
     "GrowingTable",
@@ -29,6 +32,7 @@ __all__ = [
     "final_numbers",
     "fit",
     "import_xarray",
+    "in_words",
     "particle_energies",
     "plain",
     "plot_history",

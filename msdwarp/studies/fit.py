@@ -169,7 +169,7 @@ def fit(
     linear, jumps = problem.linear(best[None], end, DIFFERENCE[precision])[0], np.zeros((len(sought),) * 2)
     for k in range(ROUNDS):
         cost, exact = problem.cost(linear.residuals), problem.floor(end) ** 2 * len(linear.residuals)
-        if cost <= exact or (k == 0 and not problem.is_jagged(best, end)):
+        if cost <= exact or (k == 0 and not problem.is_jagged(best, end, linear)):
             break
         report("clouds of worlds, as contact makes jumps")
         near, trend, spread = problem.smooth(best, end, seed + k)

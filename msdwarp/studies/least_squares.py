@@ -46,7 +46,8 @@ GUESS = 0.5
 So a stage in which a parameter can hardly be seen does not lead it astray.
 """
 JAGGED, UNEVEN = 1e-3, 0.1
-"""Over such a difference of θ, changes to both sides differ by more than this share only where there are jumps."""
+"""Over such a difference of θ, changes to both sides, or a change and what derivatives say of it, differ by more
+than this share only where there are jumps."""
 CLOUD = 24
 """Worlds of a cloud for each parameter."""
 CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
@@ -199,19 +200,21 @@ class Problem:
         )
         return found.x, found.status > 0
 
-    def is_jagged(self, theta: NDArray[np.float64], end: float) -> bool:
+    def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
         """Tell whether what is simulated jumps as θ changes, as it does with contact.
 
-        What is smooth changes to one side by the opposite of its change to the other side, but for a share of the
-        order of the difference.
+        What is smooth changes to one side by the opposite of its change to the other side, and by what the
+        derivatives at θ say, but for a share of the order of the difference. Derivatives are differences over
+        less. They miss most jumps. Where they meet one they are far too large, and values would seem certain.
         """
         steps = JAGGED * np.eye(self.count)
         residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)
         above, below = residuals[1 : self.count + 1], residuals[self.count + 1 :]
         uneven = np.linalg.norm(above + below - 2 * residuals[0], axis=1)
         changed = np.linalg.norm(above - below, axis=1)
+        unforeseen = np.linalg.norm(above - below - 2 * JAGGED * linear.jacobian.T, axis=1)
         rounding = 2 * JAGGED * ABOVE_FLOOR * self.floor(end) * np.sqrt(residuals.shape[1])
-        return bool(((uneven > UNEVEN * changed) & (changed > rounding)).any())
+        return bool(((np.maximum(uneven, unforeseen) > UNEVEN * changed) & (changed > rounding)).any())
 
     def spread(self, linear: Linear) -> NDArray[np.float64]:
         """Return a matrix L with which θ is as uncertain as L times independent normal numbers are."""

@@ -1,14 +1,11 @@
 """Sweeps: a scene at all points of a grid, each point a run of its own, on as many machines as there are."""
 
-import hashlib
-import importlib
 import inspect
-import json
-import math
-import pickle
 import time
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +16,9 @@ from ..files import TrajectoryWriter
 from ..integrators import METHODS
 from ..simulation import Readback, Simulation, frame_count
 from ..world import Scene
-from .grid import checked_grid, plain, points
+from .grid import checked_grid, points
+from .sweep_arguments import OPTIONS, as_stored, check_names, check_travels, found, source
+from .sweep_ensembles import ENSEMBLE, Asked, as_worlds, in_words
 from .sweep_points import (
     LOST,
     MISSING,
@@ -28,18 +27,13 @@ from .sweep_points import (
     Row,
     Simulate,
     carry_out,
-    final_numbers,
+    numbers_of,
     remove_unfinished,
     stored_row,
 )
 from .sweep_results import RESULTS, dataset, import_xarray, write_results
-from .workers import workers_for
+from .workers import gpus_for, workers_for
 
-OPTIONS = (
-    "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
-    "route", "contact",
-)  # fmt: skip
-"""What may be swept or set beside the parameters of a scene."""
 _TRIES = 3
 """How often a point is begun whose worker is lost."""
 _PAUSE = 0.05
@@ -47,6 +41,8 @@ _PAUSE = 0.05
 
 Report = Callable[[int, int], None]
 """Called with how many of the points that were to be simulated are, and how many there are."""
+Say = Callable[[int, Mapping[int, str]], None]
+"""Called with how many points were worlds of ensembles, and why the others, by number, were not."""
 
 
 def sweep(
@@ -87,7 +83,11 @@ def sweep(
         submitit's executors among them. By default processes on this machine.
     jobs
         How many processes there are then; "auto" for one on each GPU, or on each core where there is no GPU. With
-        1, points are simulated in this process.
+        1, points are simulated in this process. With "ensemble", those that differ only in what worlds of an
+        `Ensemble` may differ in are simulated side by side in this process, and the others as with "auto"; of
+        these a warning tells. Automatic substeps are then those of the world that needs most, and do not become
+        more on the way. Where there is a single GPU "auto" does so too with points that have a set number of
+        substeps, of which only summaries are kept.
     keep
         "summary" keeps the parameters and the results of a point, "run" its trajectory too.
     report
@@ -110,11 +110,11 @@ def sweep(
         If the folder cannot be written to, or holds something else.
     """
     import_xarray()
-    build, name = _found(scene)
+    build, name = found(scene)
     values = checked_grid(grid)
     fixed = dict(checks.mapping("parameters", parameters or {}))
     watched = dict(checks.mapping("observe", observe or {}))
-    _check_names(build, values, fixed, options)
+    check_names(build, values, fixed, options)
     checks.one_of("keep", keep, ("summary", "run"))
     known = inspect.signature(build).parameters
     defaults = {key: one.default for key, one in known.items() if one.default is not one.empty}
@@ -124,16 +124,32 @@ def sweep(
         simulated = options | {key: value for key, value in given.items() if key not in built_with}
         said = {
             "scene": name,
-            "source": _source(build),
-            "parameters": _stored(defaults | built_with),
-            "options": _stored(simulated),
-            "observe": {key: _source(function) for key, function in watched.items()},
+            "source": source(build),
+            "parameters": as_stored(defaults | built_with),
+            "options": as_stored(simulated),
+            "observe": {key: source(function) for key, function in watched.items()},
         }
         planned.append(Point(given, said, Task(build, built_with, simulated, watched)))
     if executor is None and jobs != 1:
-        _check_travels(planned[0].task)
+        check_travels({"scene": build} | {f"observe[{key!r}]": one for key, one in watched.items()})
+
+    def say(done: int, refused: Mapping[int, str]) -> None:
+        if refused and jobs == ENSEMBLE:
+            warnings.warn(in_words(done, refused), stacklevel=4)
+
     return complete(
-        values, planned, Path(folder), simulate_task, keep == "run", executor, jobs, options.get("device"), report
+        values,
+        planned,
+        Path(folder),
+        simulate_task,
+        keep == "run",
+        executor,
+        jobs,
+        options.get("device"),
+        report,
+        ask=asked_of,
+        observe=watched,
+        say=say,
     )
 
 
@@ -146,8 +162,8 @@ class Task(NamedTuple):
     observe: dict[str, Callable[[Simulation], float]]
 
 
-def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
-    """Simulate a scene to its end, and return the numbers that are kept of it."""
+def asked_of(task: Task) -> Asked:
+    """Return what is to be simulated for a task: the scene is built."""
     scene = task.build(**task.parameters)
     checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
     options = dict(task.options)
@@ -155,7 +171,13 @@ def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, floa
     if isinstance(integrator, str):
         checks.one_of("integrator", integrator, METHODS)
         integrator = METHODS[integrator]
-    simulation = Simulation.of(scene, integrator=integrator, **options)
+    return Asked(scene, duration, options | {"integrator": integrator})
+
+
+def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
+    """Simulate a scene to its end, and return the numbers that are kept of it."""
+    scene, duration, options = asked_of(task)
+    simulation = Simulation.of(scene, **options)
     last = frame_count(duration, simulation.fps)
     with ExitStack() as stack:
         writer = readback = None
@@ -171,10 +193,7 @@ def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, floa
                 simulation.step()
             if writer is not None and readback is not None:
                 writer.write_pending(readback.take(), {})
-    numbers = final_numbers(simulation, scene)
-    for name, function in task.observe.items():
-        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
-    return numbers
+    return numbers_of(simulation, scene, task.observe)
 
 
 def complete(
@@ -187,6 +206,10 @@ def complete(
     jobs: int | str = "auto",
     device: str | None = None,
     report: Report | None = None,
+    *,
+    ask: Callable[[Any], Asked],
+    observe: Mapping[str, Callable[[Simulation], float]] | None = None,
+    say: Say | None = None,
 ) -> Any:
     """Simulate those of the points that are not there yet, write the results of all, and return them.
 
@@ -202,6 +225,12 @@ def complete(
         What a worker does for a point's task.
     device
         The device that is asked for; by default processes share out the GPUs.
+    ask
+        Returns what is to be simulated for a point's task, where that may be a world of an ensemble.
+    observe
+        See `sweep`; of what is such a world.
+    say
+        Told of points that were, and of those that were not.
 
     Raises
     ------
@@ -212,12 +241,17 @@ def complete(
         raise ValueError(
             f"executor is {checks.said(executor)}; it must have `submit`, as concurrent.futures has it"
         )
+    together = jobs == ENSEMBLE
+    if together and (keeps_files or executor is not None):
+        wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"
+        raise ValueError(f"{wrong} where jobs is 'ensemble': worlds are simulated side by side in this process")
     _check_folder(folder)
     runs = (folder / RUNS).absolute()
     with ExitStack() as stack:
         if executor is None and jobs != 1:
             new = sum(stored_row(runs / point.digest) is None for point in planned)
-            executor = stack.enter_context(workers_for(jobs, device, new))
+            executor = stack.enter_context(workers_for("auto" if together else jobs, device, new))
+            together = together or (jobs == "auto" and not keeps_files and gpus_for(device) == 1)
         disk.writable_folder("folder", folder, runs)
         stack.enter_context(disk.alone_in(folder))
         remove_unfinished(runs)
@@ -229,8 +263,12 @@ def complete(
             k: (simulate, planned[k].task, planned[k].parameters, planned[k].digest, runs, keeps_files)
             for k in left
         }
+        worlds = iter(())
+        if together:
+            fixed_only = jobs != ENSEMBLE
+            worlds = _in_ensembles(planned, calls, ask, dict(observe or {}), fixed_only, say)
         try:
-            for count, (k, row) in enumerate(_carried_out(calls, executor), 1):
+            for count, (k, row) in enumerate(chain(worlds, _carried_out(calls, executor)), 1):
                 rows[k] = row
                 if report is not None:
                     report(count, len(left))
@@ -240,6 +278,29 @@ def complete(
             results = dataset(grid, planned, rows)
             write_results(results, folder)
     return results
+
+
+def _in_ensembles(
+    planned: Sequence[Point],
+    calls: dict[int, tuple[Any, ...]],
+    ask: Callable[[Any], Asked],
+    observe: Mapping[str, Callable[[Simulation], float]],
+    fixed_only: bool,
+    say: Say | None,
+) -> Iterator[tuple[int, Row]]:
+    """Yield (number, row) of points that can be worlds of ensembles, and take these out of the calls."""
+    refused: dict[int, str] = {}
+    tasks, done = {k: planned[k].task for k in calls}, 0
+    for world in as_worlds(tasks, ask, refused, looks_back=bool(observe), fixed_only=fixed_only):
+
+        def simulate(of: Any, folder: Path, keeps_files: bool) -> dict[str, float]:
+            return numbers_of(of.alone(), of.asked.scene, observe)
+
+        _, _, *rest = calls.pop(world.number)
+        yield world.number, carry_out(simulate, world, *rest, spent=world.seconds)
+        done += 1
+    if say is not None and (done or not fixed_only):
+        say(done, refused)
 
 
 def _carried_out(calls: Mapping[int, tuple[Any, ...]], executor: Any) -> Any:
@@ -293,83 +354,3 @@ def _check_folder(folder: Path) -> None:
     there = [path for path in folder.iterdir() if not disk.is_unfinished(path)] if folder.exists() else []
     if there and not (folder / RUNS).is_dir() and not (folder / RESULTS).exists():
         raise FileExistsError(f"folder is {folder}, which holds something that is no sweep; name another")
-
-
-def _found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
-    """Return what builds a scene, and its name."""
-    if isinstance(scene, str):
-        try:
-            if not scene.isidentifier():
-                raise ModuleNotFoundError
-            return importlib.import_module(f"msdwarp.scenes.{scene}").build, scene
-        except (ModuleNotFoundError, AttributeError):
-            raise ValueError(
-                f"scene is {scene!r}; it must be a name that `msdwarp list` shows, or a function"
-            ) from None
-    if not callable(scene) or not hasattr(scene, "__qualname__"):
-        raise ValueError(f"scene is {checks.said(scene)}; it must be the name of a scene, or a function")
-    return scene, scene.__qualname__
-
-
-def _check_names(
-    build: Callable[..., Scene], grid: Mapping[str, Any], fixed: Mapping[str, Any], options: Mapping[str, Any]
-) -> None:
-    """Raise ValueError that names what neither the scene nor `Simulation` takes, or what is given twice."""
-    known = inspect.signature(build).parameters
-    anything = any(one.kind is one.VAR_KEYWORD for one in known.values())
-    own = [] if anything else list(known)
-    for given, label, allowed in ((grid, "grid", [*own, *OPTIONS]), (fixed, "parameters", own)):
-        for name in given:
-            if not anything:
-                checks.one_of(f"a name in {label}", name, allowed)
-    for name in options:
-        checks.one_of("an option", name, OPTIONS)
-    for name in grid:
-        if name in fixed or name in options:
-            raise ValueError(f"{name} is in grid, and given for all points too; it must be one of both")
-
-
-def _check_travels(task: Task) -> None:
-    """Raise ValueError if worker processes could not be given a task."""
-    where = "it must be at the top of a module that they can import, or jobs be 1"
-    main = importlib.import_module("__main__")
-    for label, function in (
-        ("scene", task.build),
-        *((f"observe[{key!r}]", one) for key, one in task.observe.items()),
-    ):
-        try:
-            pickle.dumps(function)
-        except Exception as error:
-            raise ValueError(f"{label} cannot be given to worker processes ({error}); {where}") from error
-        if function.__module__ == "__main__" and not hasattr(main, "__file__"):
-            raise ValueError(f"{label} was typed in, which worker processes do not see; {where}")
-
-
-def _source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of the source of a function, None where there is none; of what it calls it knows nothing."""
-    try:
-        return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
-    except (OSError, TypeError):
-        return None
-
-
-def _stored(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values as JSON has them: what it cannot hold by its text."""
-    return {name: _as_json(value) for name, value in values.items()}
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    try:
-        return plain("it", value)
-    except ValueError:
-        pass
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_as_json(one) for one in value]
-    try:
-        return json.loads(json.dumps(value, sort_keys=True))
-    except TypeError:
-        return repr(value)

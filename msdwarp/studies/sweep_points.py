@@ -7,11 +7,11 @@ import secrets
 import shutil
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .. import disk
+from .. import checks, disk
 from ..simulation import Simulation, SimulationDiverged
 from ..world import Scene
 from .energy_log import COLUMNS
@@ -66,9 +66,11 @@ def carry_out(
     runs: Path,
     keeps_files: bool,
     attempt: int = 1,
+    spent: float = 0.0,
 ) -> Row:
     """Simulate a point, and return its row; its folder appears whole, or not at all. A worker does this.
 
+    `spent` is how many seconds it has taken already.
     What goes wrong is in the row, so that whatever is raised from here is the fault of a lost worker.
     """
     folder = runs / digest
@@ -78,7 +80,7 @@ def carry_out(
     try:
         runs.mkdir(parents=True, exist_ok=True)
         made.mkdir()
-        row = _row(simulate, task, made, keeps_files)
+        row = _row(simulate, task, made, keeps_files, time.perf_counter() - spent)
         if row["status"] == FAILED:
             return row
         if not keeps_files:
@@ -99,9 +101,8 @@ def carry_out(
         shutil.rmtree(made, ignore_errors=True)
 
 
-def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool) -> Row:
+def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool, began: float) -> Row:
     """Simulate, and return what has become of it."""
-    began = time.perf_counter()
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("default")
         try:
@@ -135,3 +136,13 @@ def final_numbers(simulation: Simulation, scene: Scene) -> dict[str, float]:
         each = {f"{name}_{k}": value for k, value in enumerate(told.ravel())}
         numbers |= each if told.ndim else {name: told}
     return {name: float(value) for name, value in numbers.items()}
+
+
+def numbers_of(
+    simulation: Simulation, scene: Scene, observe: Mapping[str, Callable[[Simulation], float]]
+) -> dict[str, float]:
+    """Return what is kept of the end of a run, and what functions tell of it."""
+    numbers = final_numbers(simulation, scene)
+    for name, function in observe.items():
+        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
+    return numbers

@@ -137,6 +137,11 @@ def gpus_here() -> list[str]:
     return visible[:count] if visible else [str(k) for k in range(count)]
 
 
+def gpus_for(device: str | None) -> int:
+    """Return how many GPUs runs are shared out to: all, or the one that is asked for."""
+    return len(gpus_here()) if device is None else int(device.startswith("cuda"))
+
+
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
     """Return so many workers, for "auto" one for each GPU, or else for each core; no more than there are points.
 
@@ -147,8 +152,7 @@ def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
     """
     gpus = gpus_here() if device is None else []
     if jobs == "auto":
-        on_gpu = device is not None and device.startswith("cuda")
-        jobs = len(gpus) or (1 if on_gpu else cores())
+        jobs = gpus_for(device) or cores()
     elif isinstance(jobs, str):
-        raise ValueError(f"jobs is {jobs!r}; it must be a whole number of at least 1, or 'auto'")
+        raise ValueError(f"jobs is {jobs!r}; it must be a whole number of at least 1, 'auto' or 'ensemble'")
     return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus)

@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class Worlds:
         corners = self._corners()
         try:
             ensemble = self._ensemble(corners)
-            self._seen(ensemble)
+            self._readers(ensemble)
             self.substeps, self.on_gpu = ensemble.substeps, ensemble.model.device.is_cuda
         except UnstableStep as error:
             raise UnstableStep(f"at a corner of the bounds, {error}") from error
@@ -98,28 +99,36 @@ class Worlds:
     def _simulation(self, values: NDArray[np.float64]) -> Simulation:
         return Simulation.of(scene_with(self._scene, self._parameters, values), **self._options)
 
-    def _seen(self, ensemble: Ensemble) -> list[Any]:
-        """Return what is to be observed of an ensemble; raise ValueError if it cannot be."""
+    def _readers(self, ensemble: Ensemble) -> list[Callable[[], NDArray[np.float64]]]:
+        """Return what reads each channel off an ensemble as it is; raise ValueError if that cannot be."""
+        others = {one.name: one.what for one in self._channels if not isinstance(one.what, np.ndarray)}
+        seen = {one.name: one for one in observations(ensemble, others)}
+        model, state = ensemble.model, ensemble.state
 
-        def points(numbers: NDArray[np.int64]) -> Any:
-            return lambda position, velocity: position[:, numbers].astype(float)
+        def positions(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+            """Return positions alone: velocities, which a whole frame has too, would be computed for nothing."""
+            found = model.by_world(state.x)[:, numbers].astype(float)
+            return found - model.by_world(state.lost.x)[:, numbers] if model.compensated else found
 
-        wanted = {
-            one.name: points(one.what) if isinstance(one.what, np.ndarray) else one.what for one in self._channels
-        }
-        return observations(ensemble, wanted)
+        def looked(name: str) -> NDArray[np.float64]:
+            seen[name].look()
+            return seen[name].values[-1]
+
+        return [
+            partial(looked, one.name) if one.name in seen else partial(positions, np.asarray(one.what))
+            for one in self._channels
+        ]
 
     def _together(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
         """Return what an ensemble tells in each frame, by channel: shape [frame_count, worlds, ...]."""
         ensemble = self._ensemble(values)
-        seen = self._seen(ensemble)
+        readers, told = self._readers(ensemble), list[list[NDArray[np.float64]]]()
         for frame in range(frames + 1):
             if frame:
                 ensemble.step()
-            for one in seen:
-                one.look()
+            told.append([read() for read in readers])
         self.diverged = bool(ensemble.status[0] != "running")
-        return [np.stack(one.values) for one in seen]
+        return [np.stack([frame[k] for frame in told]) for k in range(len(readers))]
 
     def _one_by_one(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
         """Return the same of simulations, one after the other."""

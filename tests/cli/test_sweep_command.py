@@ -68,6 +68,23 @@ def test_a_summary_keeps_no_files_and_a_wrong_scene_is_a_row(msdwarp, tmp_path):
     assert [one["status"] for one in lines(tmp_path / "out")] == ["done", "failed"]
 
 
+def test_worlds_of_an_ensemble_leave_what_runs_leave(msdwarp, tmp_path):
+    points = ["cube", "--stiffness", "300,400", "--substeps", "60", *SHORT]
+    words = [*points, "--keep", "summary"]
+    assert msdwarp("sweep", *words, "--jobs", "1", "-o", "runs")[0] == 0
+    code, out, err = msdwarp("sweep", *words, "--jobs", "ensemble", "-o", "worlds")
+    assert (code, err) == (0, "")
+    assert out.startswith("2 points: 2 done\n2 of 2 points were worlds of ensembles\n")
+    for one, other in zip(lines(tmp_path / "worlds"), lines(tmp_path / "runs"), strict=False):
+        assert float(one.pop("seconds")) > 0
+        other.pop("seconds")
+        assert one == other
+        assert (tmp_path / "worlds" / "runs" / one["run"] / "summary.json").exists()
+    code, out, err = msdwarp("sweep", *points, "--jobs", "ensemble", "-o", "kept", "--keep", "run")
+    assert (code, out) == (1, "")
+    assert err.startswith("error: keep is 'run'; it must be 'summary' where jobs is 'ensemble'")
+
+
 @pytest.mark.parametrize(
     ("flags", "said"),
     [

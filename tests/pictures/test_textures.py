@@ -30,6 +30,17 @@ def face(image, k):
     return image[top : top + rows, columns * (k % 3) : columns * (k % 3 + 1)]
 
 
+def test_what_is_painted_once_is_nobodys_to_spoil():
+    first = textures.tiles("#e4633f", "#f2b591", size=16)
+    kept = first.copy()
+    first[:] = 0
+    np.testing.assert_array_equal(textures.tiles("#e4633f", "#f2b591", size=16), kept)
+    np.testing.assert_array_equal(textures.tiles.__wrapped__("#e4633f", "#f2b591", size=16), kept)
+    counts: list = [3, 4]  # a list is no key to what was painted before
+    image = textures.waffle("#dca350", "#b9742a", counts=counts, size=16)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(image, textures.waffle("#dca350", "#b9742a", counts=(3, 4), size=16))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_a_texture_is_an_image_that_is_always_the_same(name):

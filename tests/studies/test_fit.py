@@ -1,5 +1,8 @@
 """Fits find the parameters that made a motion, say how certain they are, and which cannot be seen."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from measurements import BOUNDS, DAMPING, HOW, METHOD, STIFFNESS, SUBSTEPS, dropped, hung, tracked
@@ -7,6 +10,7 @@ from PIL import Image
 
 import msdwarp as msd
 from msdwarp import DoubtfulFit, Probe, Scene, Simulation, Touch, Tracked, TrajectoryWriter, fit
+from msdwarp.studies.least_squares import Problem
 
 BOTH = ["stiffness", "damping"]
 FAR = (1.6 * STIFFNESS, 0.5 * DAMPING)
@@ -40,6 +44,18 @@ def test_a_hung_block_tells_its_stiffness_and_damping():
 def test_a_dropped_block_tells_them_too(times):
     start = dropped(times[0] * STIFFNESS, times[1] * DAMPING)
     assert_found(fit(start, tracked(dropped()), BOTH, **HOW), EXACT)
+
+
+@pytest.mark.parametrize(("jumps", "jagged"), [((), False), ((3e-4,), True), ((5e-7, -3e-4), True)])
+def test_jumps_are_seen_wherever_they_are(jumps, jagged):
+    # Of the two jumps of the last case one lies within the difference that a derivative is taken over, which is
+    # far too large for it; and to both sides of θ = 0 all changes alike.
+    def residuals(theta, end):
+        return np.sin(theta) * [1.0, 2.0, 3.0] + 2e-3 * sum(np.sign(theta - at) for at in jumps)
+
+    made_up: Any = SimpleNamespace(count=1, high=np.ones(1), floor=lambda end: 1e-9, residuals=residuals)
+    linear = Problem.linear(made_up, np.zeros((1, 1)), 1.0, 1e-6)[0]
+    assert Problem.is_jagged(made_up, np.zeros(1), 1.0, linear) is jagged
 
 
 @pytest.mark.slow
