@@ -49,14 +49,8 @@ def build(
         height = position[:, :, 2].reshape(len(position), count, -1)
         return np.array(DIE)[np.argmax([height[..., side].mean(axis=2) for side in sides], axis=0)]
 
-    return Scene(
-        system=sum(thrown[1:], thrown[0]),
-        colliders=colliders,
-        touch=touch,
-        duration=5.0,
-        look=look,
-        observe={"dots": up},
-    )
+    bodies = sum(thrown[1:], thrown[0])
+    return Scene(system=bodies, colliders=colliders, touch=touch, duration=5.0, look=look, observe={"dots": up})
 
 
 if __name__ == "__main__":

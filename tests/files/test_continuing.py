@@ -74,7 +74,7 @@ def test_every_nth_frame_goes_on_in_step(tmp_path):
         assert_holds(path, expected[::3])
 
 
-SLOW = [pytest.param(compress, 3, marks=pytest.mark.slow) for compress in (False, True)]
+SLOW = [pytest.param(compress, 7, marks=pytest.mark.slow) for compress in (False, True)]
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_it_goes_on_after_each_single_write_to_disk(tmp_path, monkeypatch, compr
         go_on(path, system, expected, behind)
         assert_holds(path, expected)
         assert [when for when, _ in vtk_frames(path)] == [frame.time for frame in expected]
-        if step == 3 and k % 90 == 0:
+        if step == 7 and k % 105 == 0:
             path.write_bytes(content)
             check_that_it_can_be_killed_too(monkeypatch, path, again, system, expected, behind)
     assert vtk_output.GetOutput() == ""

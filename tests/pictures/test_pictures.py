@@ -340,7 +340,7 @@ def test_a_scene_of_nothing_to_draw_is_refused():
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_memory_stays_flat_over_a_thousand_frames(scene, backend):
+def test_memory_stays_flat_over_hundreds_of_frames(scene, backend):
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
@@ -349,9 +349,9 @@ def test_memory_stays_flat_over_a_thousand_frames(scene, backend):
     for k in range(100):
         renderer.image(positions[k % 10])
     before = resident()
-    for k in range(1000):
+    for k in range(300):
         renderer.image(positions[k % 10])
-    # A picture is 173 kB: keeping as much as one in ten would show.
+    # A picture is 173 kB: keeping as much as one in three would show.
     assert resident() - before < 17e6
 
 

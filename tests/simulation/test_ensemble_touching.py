@@ -51,9 +51,17 @@ def test_worlds_touch_as_alone(plain_device, route):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("route", ["scatter", "gather"])
+@pytest.mark.parametrize(
+    ("route", "method", "precision"),
+    [
+        ("scatter", "leapfrog", "float32"),
+        ("gather", "leapfrog", "float32-compensated"),
+        ("gather", "extrapolated", "float64"),
+        ("scatter", "extrapolated", "float32-compensated"),
+        ("gather", "rk4", "float32"),
+        ("scatter", "rk4", "float64"),
+    ],
+)
 def test_worlds_touch_as_alone_by_every_method(plain_device, route, method, precision):
     if route == "scatter" and plain_device != "cpu":
         pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
