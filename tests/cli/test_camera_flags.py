@@ -147,6 +147,7 @@ def test_opengl_is_refused_where_there_is_none_before_a_file_is_touched(msdwarp,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_ray_caster_draws_a_run_and_its_trajectory_alike(msdwarp, cube, tmp_path):
     how = ("--renderer", "raycast", "--video", "none", "--resolution", "64x64")
     assert msdwarp("render", "out/cube", *how)[0] == 0

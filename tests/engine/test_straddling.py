@@ -200,6 +200,7 @@ def test_an_obstacle_that_moves_does_work(plain_device):
     assert end.energy - start.energy == pytest.approx(done, abs=0.01 * lifted)
 
 
+@pytest.mark.slow
 def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
     def begun() -> Simulation:
         body = block().translate((0, 0, 0.001)).replace(velocity=(0.2, 0.0, -0.5))

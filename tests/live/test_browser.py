@@ -118,6 +118,7 @@ def pictures(socket_, count):
     return found
 
 
+@pytest.mark.slow
 def test_a_client_is_sent_images_one_at_a_time(view):
     view.post("send", value="images")
     until(lambda: view.screens[0]._images is not None)

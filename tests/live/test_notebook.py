@@ -62,6 +62,7 @@ def test_a_trajectory_is_shown_as_a_film(cell, tmp_path):
     assert film.n_frames == 4
 
 
+@pytest.mark.slow
 def test_a_simulation_is_shown_from_all_sides(cell):
     simulation = msd.Simulation.of(SCENE)
     msd.show(simulation, resolution=(96, 64))

@@ -81,6 +81,7 @@ def test_pause_and_single_frames():
     assert screen.shown[-1] == view.source.time
 
 
+@pytest.mark.slow
 def test_every_key_has_a_command_that_says_something():
     for name, several in KEYS.items():
         for key in several:
@@ -112,6 +113,7 @@ def top(view):
     return position[position[:, 2].argmax()].astype(float)
 
 
+@pytest.mark.slow
 def test_a_drag_moves_the_body_and_lets_go():
     lifted = []
 

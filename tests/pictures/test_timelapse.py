@@ -104,6 +104,7 @@ def test_without_ground_and_obstacles_poses_lie_on_the_backdrop(backend):
         assert (picture[pixel_of(renderer, place)] != (0xEE, 0xF1, 0xF4)).any()
 
 
+@pytest.mark.slow
 def test_strain_colours_come_with_their_legend(scene):
     positions = poses(scene)
     renderer = msd.Renderer(scene, positions, resolution=(640, 360), colouring="strain", backend="raycast")

@@ -39,7 +39,8 @@ def parameters() -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("route", ["gather", pytest.param("stencil", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ["gather", "stencil"])
 def test_worlds_touch_as_alone(plain_device, route):
     ensemble = Ensemble(two_dice(), WORLDS, **around(plain_device, route=route), **parameters())
     assert_each_is_as_alone(ensemble, 10)
@@ -83,6 +84,7 @@ def test_worlds_of_sheets_and_ropes(plain_device):
     assert_each_is_as_alone(ensemble, 20)
 
 
+@pytest.mark.slow
 def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
     # One world is so stiff that its step is far too long: its bodies fly apart, through each other and away.
     stiffness, velocity = np.full(WORLDS, 2e4), np.random.default_rng(3).uniform(-0.5, 0.5, (WORLDS, 3))
@@ -106,6 +108,7 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
     assert "world 1" in str(ensemble.explain(1))
 
 
+@pytest.mark.slow
 def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_device, monkeypatch):
     from msdwarp.engine import nearby
 
