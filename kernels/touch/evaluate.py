@@ -19,13 +19,11 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
+from .friction import TANGENTIAL, friction
 from .lanes import least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
 from .surfaces import DEEPEST, Surfaces, first_flag
-
-TANGENTIAL = 2.0 / 7.0
-"""Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
 
 
 @functools.cache
@@ -111,7 +109,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
     next_body, note, first_of = body_in_row(lanes), note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
-    tangential = scalar(TANGENTIAL)
+    tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
 
     @wp.func
     def add_to(force: wp.array2d(dtype=wp.int64), vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
@@ -277,15 +275,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                             slip = data.slip[1, p]
                         slip = slip - wp.dot(slip, normal) * normal + h * u_t
                         k_t = tangential * k_n
-                        most = data.friction[rule] * f_n
-                        stretched = k_t * wp.length(slip)
-                        if stretched > most:
-                            slip = slip * (most / stretched)
-                        f_t = -k_t * slip - b_t * u_t
-                        pull = wp.length(f_t)
-                        slides = pull > most
-                        if slides:
-                            f_t = f_t * (most / pull)
+                        slip, f_t, slides = stick_or_slide(slip, u_t, k_t, b_t, data.friction[rule] * f_n)
                         if wp.static(measuring):
                             energy += wp.float64(
                                 scalar(0.5) * (k_n * overlap * overlap + k_t * wp.dot(slip, slip))

@@ -8,7 +8,7 @@ a whole, with the velocity u of the mean place by δ,
 
     f_n = max(0, |Σ k δ n| − b_n u·n)
 
-and friction as between bodies; see `evaluate`.
+and friction as between bodies.
 
 What is deep in a thin obstacle may be nearer to its other side. So the plane of the side that it came in by is
 kept, and δ is the depth below it, up to twice the distance from the nearest side: nothing jumps where it goes in
@@ -25,7 +25,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..contact import signed_distance
-from .evaluate import TANGENTIAL
+from .friction import TANGENTIAL, friction
 from .straddled import PLACES, Straddled
 from .surfaces import HISTORY
 
@@ -41,7 +41,7 @@ def straddle(scalar: type, kinds: tuple[str, ...], moving: bool, sunk: bool, mea
     depth that is allowed, which shrinks to nothing. Forces are summed as whole numbers, as between bodies.
     """
     V, Data = vector(3, scalar), Straddled(scalar, moving)
-    distance_from = signed_distance(3, scalar, kinds)
+    distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
     @wp.func
@@ -187,15 +187,7 @@ def straddle(scalar: type, kinds: tuple[str, ...], moving: bool, sunk: bool, mea
                     b_t = b_t / (one + behind * b_t * mobility)
                     f_n = wp.max(zero, k * size - late * b_n * u_n)
                     slip = slip - wp.dot(slip, normal) * normal + h * u_t
-                    most = data.friction[p] * f_n
-                    stretched = k_t * wp.length(slip)
-                    if stretched > most:
-                        slip = slip * (most / stretched)
-                    f_t = -k_t * slip - b_t * u_t
-                    pull = wp.length(f_t)
-                    slides = pull > most
-                    if slides:
-                        f_t = f_t * (most / pull)
+                    slip, f_t, slides = stick_or_slide(slip, u_t, k_t, b_t, data.friction[p] * f_n)
                     if wp.static(measuring):
                         energy += wp.float64(scalar(0.5) * (k * squares + k_t * wp.dot(slip, slip)))
                         heat = (k * size - f_n) * u_n - wp.dot(f_t, u_t)
