@@ -261,13 +261,11 @@ class Dynamics:
 
         With a thread for each particle and connection, each would begin with a copy of its arguments.
         """
-        shares = self.shares if self._is_shared else None
-        kernel: Any = persistent(self.composition, method, 1) if shares is None else shares.kernel(method)
-        steps = self._as_steps(step, kernel, 1)
-        if shares is not None:
-            shares.launch(method, self.world, steps, 1)
+        if self.shares is not None and self._is_shared:
+            self.shares.launch(method, self.world, self._as_steps(step, self.shares.kernel(method), 1), 1)
             return
-        inputs = [self.world, steps, 1, self.model.connection_count, 1]
+        kernel: Any = persistent(self.composition, method, 1)
+        inputs = [self.world, self._as_steps(step, kernel, 1), 1, self.model.connection_count, 1]
         wp.launch(kernel, 1, inputs, device=self.model.device)
 
     def _as_steps(self, step: Any, kernel: Any, argument: int) -> wp.array:

@@ -79,11 +79,8 @@ class Fitted:
         for (name, (time, left)), (over_time, often) in zip(self.residuals.items(), grid, strict=True):
             unit = self.residual_units[name]
             over_time.plot(np.repeat(time, left.shape[1]), left.ravel(), ".", color=BLUE, ms=2, alpha=0.5)
-            instants = np.unique(time)
-            size = [
-                np.sqrt(np.nanmean(left[time == t] ** 2)) for t in instants if np.isfinite(left[time == t]).any()
-            ]
-            seen = [t for t in instants if np.isfinite(left[time == t]).any()]
+            seen = [t for t in np.unique(time) if np.isfinite(left[time == t]).any()]
+            size = [np.sqrt(np.nanmean(left[time == t] ** 2)) for t in seen]
             over_time.plot(seen, size, color=RED, lw=1.5, label="root mean square")
             over_time.axhline(0, color=DARK, lw=0.8)
             over_time.set_ylabel(f"{name}: simulated − measured" + (f" [{unit}]" if unit else ""))

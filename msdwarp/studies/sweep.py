@@ -118,18 +118,14 @@ def sweep(
     checks.one_of("keep", keep, ("summary", "run"))
     known = inspect.signature(build).parameters
     defaults = {key: one.default for key, one in known.items() if one.default is not one.empty}
+    sources = {key: source(function) for key, function in watched.items()}
+    always = {"scene": name, "source": source(build), "observe": sources}
     planned = []
     for given in points(values):
         built_with = fixed | {key: value for key, value in given.items() if key not in OPTIONS or key in known}
         simulated = options | {key: value for key, value in given.items() if key not in built_with}
-        said = {
-            "scene": name,
-            "source": source(build),
-            "parameters": as_stored(defaults | built_with),
-            "options": as_stored(simulated),
-            "observe": {key: source(function) for key, function in watched.items()},
-        }
-        planned.append(Point(given, said, Task(build, built_with, simulated, watched)))
+        own = {"parameters": as_stored(defaults | built_with), "options": as_stored(simulated)}
+        planned.append(Point(given, always | own, Task(build, built_with, simulated, watched)))
     if executor is None and jobs != 1:
         check_travels({"scene": build} | {f"observe[{key!r}]": one for key, one in watched.items()})
 
