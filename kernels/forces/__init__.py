@@ -10,6 +10,7 @@ from .breaking import NO_SUBSTEP, Breaking, breaking, leave_out_broken
 from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
 from .dampers import Law, damper_force
 from .gather import CHUNK, SLICE, gather
+from .lanes import MOST_NEIGHBOURS, lane_of, stencil_of_lanes
 from .linearised import add_blocks
 from .plasticity import plastic_flow, yielding
 from .route import Route
@@ -22,6 +23,7 @@ __all__ = [
     "CONSTANTS",
     "KIND_SHIFT",
     "MOST_KINDS",
+    "MOST_NEIGHBOURS",
     "NO_SUBSTEP",
     "SLICE",
     "Breaking",
@@ -31,10 +33,12 @@ __all__ = [
     "breaking",
     "damper_force",
     "gather",
+    "lane_of",
     "leave_out_broken",
     "plastic_flow",
     "scatter",
     "stencil",
+    "stencil_of_lanes",
     "stencil_rows",
     "yielding",
 ]

@@ -31,6 +31,8 @@ class Route(NamedTuple):
     """Whether connections break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
     """Whether threads may take several particles (`wp.kernel`): False needs less, but made stencils slower."""
+    lanes: int = 1
+    """Threads that share a particle: `force_at` is called by all of them, and all get the force."""
 
 
 @functools.cache

@@ -10,7 +10,7 @@ from ..basis import vector
 from ..compensation import compensation
 from ..contact import NO_CONTACT, Contact
 from ..effect import Driving, Piece
-from ..forces import Route
+from ..forces import Route, lane_of
 from ..loads import measured
 from ..records import records
 
@@ -184,6 +184,35 @@ def loads(composition: Composition) -> Any:
     if working:
         silent.append(measured(composition.dim, composition.scalar, World, _joined(both, working), Lost, marks))
     return _joined(both, silent)
+
+
+@functools.cache
+def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
+    """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
+
+    Only the first of them does what they do. Where a particle has one thread they are the functions themselves.
+    """
+    V, World, Lost, *_ = tools(composition)
+    (Step, advance, _), load = method(composition), loads(composition)
+    if composition.route.lanes == 1:
+        return advance, load
+    lane = lane_of(composition.route.lanes)
+
+    @wp.func
+    def advance_once(world: World, step: Step, force: V, i: int):
+        if lane() == 0:
+            advance(world, step, force, i)
+
+    @wp.func
+    def load_once(
+        world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+    ) -> V:
+        total = V()
+        if lane() == 0:
+            total = load(world, lost, x, v, i, mark)
+        return total
+
+    return advance_once, None if load is None else load_once
 
 
 @functools.cache

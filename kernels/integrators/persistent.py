@@ -7,7 +7,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..forces import NO_SUBSTEP
-from .composition import Composition, beginning, loads, tools
+from .composition import Composition, beginning, by_first_lane, tools
 
 MOST_THREADS = 512
 """Threads in a block; the compiler leaves registers for so many."""
@@ -34,10 +34,11 @@ def persistent(composition: Composition, method: Any, blocks: int):
     of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
     """
     _, World, *_ = tools(composition)
-    begin, load, marked = beginning(composition), loads(composition), bool(composition.selective)
-    evaluate, force_at = composition.route.evaluate, composition.route.force_at
+    begin, marked = beginning(composition), bool(composition.selective)
+    evaluate, force_at, lanes = composition.route.evaluate, composition.route.force_at, composition.route.lanes
     moving, timed, tears = composition.contact.moving, composition.timed, composition.route.tears
-    Step, advance, _ = method(composition)
+    Step = method(composition).Step
+    advance, load = by_first_lane(composition, method)
 
     def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
@@ -71,6 +72,8 @@ def persistent(composition: Composition, method: Any, blocks: int):
             if wp.static(moving):
                 world.colliders.substep = first + k / (steps.shape[0] / 2)
             i = thread
+            if wp.static(lanes > 1):
+                i = thread / wp.static(lanes)
             while i < world.inverse_mass.shape[0]:
                 if wp.static(load is None):
                     advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
@@ -80,7 +83,10 @@ def persistent(composition: Composition, method: Any, blocks: int):
                     if wp.static(marked):
                         mark = world.marks[i]
                     advance(world, step, own + load(world, step.lost, step.x, step.v, i, mark), i)
-                i += threads
+                if wp.static(lanes > 1):
+                    i += threads / wp.static(lanes)
+                else:
+                    i += threads
             wait()
 
     return kernel(take_steps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..forces import COLUMN
-from .composition import Composition, Stage, beginning, driving, loads, tools
+from .composition import Composition, Stage, beginning, by_first_lane, driving, loads, tools
 
 
 @functools.cache
@@ -47,12 +47,15 @@ def each_particle(composition: Composition, method: Any):
     Where particles that have marks are apart, the forces of their connections are handed to `each_marked`.
     """
     V, World, _, _, store, _ = tools(composition)
-    route, load, marked = composition.route, loads(composition), bool(composition.selective)
-    (Step, advance, forced), force_at = method(composition), route.force_at
+    route, marked = composition.route, bool(composition.selective)
+    (Step, _, forced), force_at, lanes = method(composition), route.force_at, route.lanes
+    advance, load = by_first_lane(composition, method)
     apart = composition.apart and forced
 
     def advance_particles(world: World, step: Step):
         i = wp.tid()
+        if wp.static(lanes > 1):
+            i = i / wp.static(lanes)
         force = V()
         if wp.static(forced):
             force = force_at(world.forces, step.lost, step.x, step.v, i)

@@ -1,14 +1,16 @@
 """Sums and extremes over particles and connections."""
 
-from .divergence import look_over
+from .divergence import LOOKING_BLOCK, look_over, look_over_in_blocks
 from .measure import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
 from .probes import sum_of_group, sum_strain
 from .stability import largest_rate
 
 __all__ = [
+    "LOOKING_BLOCK",
     "fold",
     "largest_rate",
     "look_over",
+    "look_over_in_blocks",
     "put_in_order",
     "strain_each",
     "sum_connections",

@@ -31,7 +31,7 @@ from .tearing import Tearing
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
-LEAST_IN_COLUMNS = 30_000
+LEAST_IN_COLUMNS = 100_000
 """Fewer particles are too few columns to keep a GPU busy."""
 MOST_APART = 0.25
 """Share of particles with marks up to which these are advanced apart."""
@@ -289,6 +289,7 @@ class Dynamics:
             kernel, threads = each_column(self.composition, method), self._columns
         else:
             kernel, threads = each_particle(self.composition, method), model.particle_count
+            threads *= self.composition.route.lanes
         wp.launch(kernel, threads, [self.world, step], device=model.device, block_dim=self.composition.route.block)
         if forced and self.composition.apart:
             if self._side is not None:

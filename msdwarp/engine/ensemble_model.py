@@ -143,24 +143,13 @@ class EnsembleModel(Model):
         view._ref = once  # a view does not own its memory
         return view
 
-    def vectors(self) -> wp.array:
-        """Return zeros, one vector for each particle of each world, with the margins between worlds.
+    @property
+    def vectors_each(self) -> int:
+        """Vectors in an array of them: one for each particle of each world, and the margins between worlds.
 
-        World w begins at w times `stride`. As many as `margin` may be read before the first and after the last.
+        World w begins at w times `stride`.
         """
-        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
-        count = self.worlds * self.stride
-        storage = wp.zeros((count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
-        view = wp.array(
-            ptr=int(storage.ptr or 0) + self.margin * length * size,
-            dtype=self.vector,
-            shape=count,
-            strides=(length * size,),
-            device=self.device,
-            capacity=storage.capacity,
-        )
-        view._ref = storage
-        return view
+        return self.worlds * self.stride
 
     @property
     def stride_in_bytes(self) -> int:

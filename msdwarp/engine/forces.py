@@ -11,9 +11,26 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import System, is_uniform
-from ..kernels.forces import CHUNK, CONSTANTS, KIND_SHIFT, MOST_KINDS, SLICE, gather, scatter, stencil, tables
+from ..kernels.forces import (
+    CHUNK,
+    CONSTANTS,
+    KIND_SHIFT,
+    MOST_KINDS,
+    MOST_NEIGHBOURS,
+    SLICE,
+    gather,
+    scatter,
+    stencil,
+    stencil_of_lanes,
+    stencil_rows,
+    tables,
+)
+from .lattice_search import Lattice
 from .model import Model
 from .tearing import Tearing
+
+LANES = ((2_048, 8), (30_000, 4))
+"""Up to how many particles so many threads share one (benchmarks/results/nvidia-h200/throughput.csv)."""
 
 
 class Scatter:
@@ -83,18 +100,24 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     table, kind = kinds
     if len(table) == 1:
         return "one", {"all": three(*map(float, table[0]))}
-    padded = np.zeros((len(table), 4))
-    padded[:, :3] = table
-    records = wp.array(padded.ravel(), dtype=model.scalar, device=device)
+    held = _records_of_three(model, table)
+    return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
+
+
+def _records_of_three(model: Model, values: NDArray) -> wp.array:
+    """Return values of shape [count, 3] on the device, in records as `msdwarp.kernels.records` has them."""
+    padded = np.zeros((len(values), 4))
+    padded[:, :3] = values
+    records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
     held = wp.array(
         ptr=records.ptr,
-        dtype=three,
-        shape=len(table),
+        dtype=wp.types.vector(3, model.scalar),
+        shape=len(values),
         strides=(4 * wp.types.type_size_in_bytes(model.scalar),),
-        device=device,
+        device=model.device,
     )
     held._ref = records
-    return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
+    return held
 
 
 def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
@@ -173,8 +196,13 @@ class Stencil:
         lattice, device = model.lattice, model.device
         assert lattice is not None
         damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
+        tearing, count = model.tearing, lanes(model)
+        if count > 1:
+            kinds = (model.dim, model.scalar, damper, model.compensated, 2 * len(lattice.steps), count)
+            self.route = stencil_of_lanes(*kinds)
+            self._share(model, lattice)
+            return
         kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
-        tearing = model.tearing
         self.route = stencil(*kinds, tearing and tearing.breaking)
         data = self.data = self.route.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
@@ -201,6 +229,17 @@ class Stencil:
         for name in CONSTANTS:
             setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
 
+    def _share(self, model: Model, lattice: Lattice) -> None:
+        """Fill in what lanes read: neighbours in the order of their bits."""
+        offset, constants = np.zeros(MOST_NEIGHBOURS, dtype=np.int32), np.ones((MOST_NEIGHBOURS, 3))
+        places, own = lattice.neighbours()
+        bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
+        offset[bits], constants[bits] = places, own
+        self.data = self.route.Forces()
+        self.data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
+        self.data.offset = wp.array(offset, dtype=int, device=model.device)
+        self.data.constants = _records_of_three(model, constants)
+
     def _clear(self, model: Model, tearing: Tearing, numbers: NDArray[np.int32]) -> None:
         """Clear the bits of broken connections, whose numbers are by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
@@ -209,6 +248,15 @@ class Stencil:
             mask[first] &= ~np.uint32(1 << d)
             mask[model.system.connections[numbers[d, first], 1]] &= ~np.uint32(1 << (d + directions))
         self.data.mask.assign(mask)
+
+
+def lanes(model: Model) -> int:
+    """Return how many threads share a particle by the stencil's route: several where particles are few."""
+    lattice = model.lattice
+    shared = model.device.is_cuda and not model.in_worlds and model.tearing is None
+    if lattice is None or not (shared and lattice.uniform):
+        return 1
+    return next((count for most, count in LANES if model.particle_count <= most), 1)
 
 
 ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}

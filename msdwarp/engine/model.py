@@ -31,6 +31,10 @@ from .tearing import Tearing
 from .work import Work
 
 CONTACT_RULES = ("coulomb", "report")
+ALIGNED = 64
+"""Arrays of vectors that lie together begin at multiples of so many numbers: at lines of a GPU's cache."""
+MOST_NUMBERS = 2**31 - 1
+"""Numbers in an array of Warp's."""
 
 
 class Model:
@@ -218,18 +222,33 @@ class Model:
 
         As many particles as `margin` says may be read before the first and after the last.
         """
+        return self.vectors_together(1)[0]
+
+    def vectors_together(self, count: int) -> tuple[wp.array, ...]:
+        """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
         length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
-        storage = wp.zeros((self.particle_count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
-        view = wp.array(
-            ptr=int(storage.ptr or 0) + self.margin * length * size,
-            dtype=self.vector,
-            shape=self.particle_count,
-            strides=(length * size,),
-            device=self.device,
-            capacity=storage.capacity,
-        )
-        view._ref = storage
-        return view
+        each = -(-(self.vectors_each + 2 * self.margin) * length // ALIGNED) * ALIGNED
+        if count > 1 and count * each > MOST_NUMBERS:
+            return tuple(self.vectors() for _ in range(count))
+        storage = wp.zeros(count * each, dtype=self.scalar, device=self.device)
+        views = []
+        for k in range(count):
+            view = wp.array(
+                ptr=int(storage.ptr or 0) + (k * each + self.margin * length) * size,
+                dtype=self.vector,
+                shape=self.vectors_each,
+                strides=(length * size,),
+                device=self.device,
+                capacity=storage.capacity,
+            )
+            view._ref = storage  # a view does not own its memory
+            views.append(view)
+        return tuple(views)
+
+    @property
+    def vectors_each(self) -> int:
+        """Vectors in an array of them: one a particle."""
+        return self.particle_count
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
         """Upload what connections have, 0 for broken ones; where any can break, a number for each."""

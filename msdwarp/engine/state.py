@@ -1,5 +1,6 @@
 """State: what moves, as arrays on a device."""
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -89,7 +90,7 @@ class State:
 
     def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
         """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
-        return tuple(self.model.vectors() for _ in range(count))
+        return self.model.vectors_together(count)
 
     def flip(self) -> None:
         """Make what has been written `there` the present."""
@@ -99,8 +100,7 @@ class State:
         """Bring the present back to the arrays that held it at first, which is where a graph expects it."""
         if not self._at_home:
             self.flip()
-            for to, source in zip(moving(self.here), moving(self.there), strict=True):
-                copy_vectors(to, source)
+            copy_vectors(moving(self.here), moving(self.there))
 
 
 def moving(instant: Instant) -> list[wp.array]:
@@ -108,6 +108,8 @@ def moving(instant: Instant) -> list[wp.array]:
     return [array for array in (instant.x, instant.v, *instant.carried, instant.lost.x) if array.size]
 
 
-def copy_vectors(to: Any, source: Any) -> None:
-    """Copy arrays that `Model.vectors` made, as one piece of memory."""
-    wp.copy(to._ref, source._ref)
+def copy_vectors(to: Iterable[Any], source: Iterable[Any]) -> None:
+    """Copy arrays that `Model.vectors_together` made, piece of memory by piece: all arrays of each are named."""
+    pieces = {id(one._ref): (other._ref, one._ref) for other, one in zip(to, source, strict=True)}
+    for there, here in pieces.values():
+        wp.copy(there, here)

@@ -5,15 +5,15 @@ from typing import NamedTuple, Self
 import numpy as np
 import warp as wp
 
-from ..kernels.reductions import look_over
+from ..kernels.reductions import LOOKING_BLOCK, look_over, look_over_in_blocks
 from .balance import rounding_energy, size, weight
 from .contact import Contact
 from .measures import measure
 from .model import Model
 from .state import State, copy_vectors, moving
 
-MOST_SHARES = 16384
-"""Threads that look over the particles on a GPU: enough to be done soon, few enough to be added up soon."""
+MOST_BLOCKS = 512
+"""Blocks of threads that look over the particles on a GPU: some for each multiprocessor."""
 
 
 class Baseline(NamedTuple):
@@ -48,16 +48,19 @@ class Watch:
     def __init__(self, model: Model, state: State, energy_limit: float, baseline: Baseline | None = None) -> None:
         self._model, self._state = model, state
         self._energy_limit = energy_limit
-        self._look_over = look_over(model.dim, model.scalar)
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
-        self._first = wp.empty(1, dtype=int, device=model.device)
-        threads = min(model.particle_count, MOST_SHARES) if model.device.is_cuda else 1
-        self._energies = wp.zeros((threads, 2), dtype=wp.float64, device=model.device)
-        # What the host reads: on a GPU pinned, so that reading waits for nothing but the look itself.
-        self._found = [self._first, self._energies]
         if model.device.is_cuda:
-            self._found = [wp.empty_like(array, device="cpu", pinned=True) for array in self._found]
+            blocks = min(-(-model.particle_count // LOOKING_BLOCK), MOST_BLOCKS)
+            self._blocks = wp.zeros((blocks, 3), dtype=wp.float64, device=model.device)
+            self._done = wp.zeros(1, dtype=int, device=model.device)
+            # The GPU writes where the host reads: nothing needs to be copied.
+            self._found = wp.empty(3, dtype=wp.float64, device="cpu", pinned=True)
+            self._seen = self._found.numpy()
+            self._there = wp.array(ptr=self._found.ptr, dtype=wp.float64, shape=3, device=model.device)
+        else:
+            self._first = wp.empty(1, dtype=int, device=model.device)
+            self._energies = wp.zeros((1, 2), dtype=wp.float64, device=model.device)
         self._work, self._most_work = model.work, 0.0
         if self._work is not None:  # what loads have done is no sign of divergence
             self._shares = self._work.shares()
@@ -76,13 +79,15 @@ class Watch:
     def look(self) -> None:
         """Launch what finds out about the present state."""
         model, state = self._model, self._state
-        self._first.fill_(model.particle_count)
         inputs = [model.inverse_mass, model.gravity, state.x, state.v]
-        threads, outputs = len(self._energies), [self._first, self._energies]
-        wp.launch(self._look_over, threads, inputs, outputs, device=model.device)
         if model.device.is_cuda:
-            for there, here in zip(self._found, outputs, strict=True):
-                wp.copy(there, here)
+            threads, inputs = LOOKING_BLOCK * len(self._blocks), [*inputs, self._blocks, self._done]
+            kernel = look_over_in_blocks(model.dim, model.scalar)
+            wp.launch(kernel, threads, inputs, [self._there], device=model.device, block_dim=LOOKING_BLOCK)
+        else:
+            self._first.fill_(model.particle_count)
+            kernel, outputs = look_over(model.dim, model.scalar), [self._first, self._energies]
+            wp.launch(kernel, 1, inputs, outputs, device=model.device)
         if self._work is not None:
             self._work.launch(state.x, state.v, self._shares)
             if model.device.is_cuda:
@@ -90,21 +95,28 @@ class Watch:
 
     def finds_trouble(self) -> bool:
         """Tell whether the state last looked at has diverged."""
-        if self._model.device.is_cuda:
-            wp.synchronize_stream(self._model.device.stream)
-        first, energies = (array.numpy() for array in self._found)
-        self.energy = float(energies.sum())
+        kinetic, potential, first = self._look_up()
+        self.energy = kinetic + potential
         most = self._most
         if self._work is not None:
             work = self._work.found(self._found_work)
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
             most += self._most_work  # work is known to first order in the step only, also what has come back
-        return int(first[0]) < self._model.particle_count or not self.energy <= most
+        return first < self._model.particle_count or not self.energy <= most
+
+    def _look_up(self) -> tuple[float, float, int]:
+        """Wait for what was launched last: kinetic and potential energy [J], the first particle not finite."""
+        if self._model.device.is_cuda:
+            wp.synchronize_stream(self._model.device.stream)
+            kinetic, potential, first = self._seen
+            return float(kinetic), float(potential), int(first)
+        kinetic, potential = self._energies.numpy()[0]
+        return float(kinetic), float(potential), int(self._first.numpy()[0])
 
     def culprit(self) -> int:
         """Return the first particle that is not finite, else the fastest."""
-        first = int(self._first.numpy()[0])
+        _, _, first = self._look_up()
         if first < self._model.particle_count:
             return first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
@@ -115,7 +127,9 @@ class Backup:
 
     def __init__(self, state: State) -> None:
         self._state = state
-        self.kept = state.empty_vectors(len(self.live()))
+        here, live = state.here, self.live()
+        together = state.empty_vectors(2 + len(here.carried))
+        self.kept = together + tuple(state.model.vectors() for _ in live[len(together) :])
         changing = (array for effect in state.model.effects for array in effect.changing)
         self._changing = [(live, wp.clone(live)) for live in changing]
 
@@ -126,14 +140,12 @@ class Backup:
 
     def save(self) -> None:
         """Keep the present state."""
-        for live, kept in zip(self.live(), self.kept, strict=True):
-            copy_vectors(kept, live)
+        copy_vectors(self.kept, self.live())
         for live, kept in self._changing:
             wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
-        for live, kept in zip(self.live(), self.kept, strict=True):
-            copy_vectors(live, kept)
+        copy_vectors(self.live(), self.kept)
         for live, kept in self._changing:
             wp.copy(live, kept)

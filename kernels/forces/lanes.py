@@ -1,0 +1,99 @@
+"""The route to the forces for small lattices on a GPU: several threads share a particle.
+
+A thread for each particle waits for one neighbour after the other, and too few threads keep the GPU idle meanwhile.
+So each of a particle's threads, its lanes, takes every n-th neighbour, and all lanes learn the sum by shuffles.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensation
+from ..records import records
+from .dampers import Law
+from .law import spring_damper
+from .route import Route, difference
+
+MOST_NEIGHBOURS = 32
+"""Neighbours that the bits of a mask tell apart."""
+LANE = """
+#if defined(__CUDA_ARCH__)
+    return threadIdx.x % {lanes};
+#else
+    return 0;
+#endif
+"""
+SUM = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    for (int far = {half}; far > 0; far /= 2)
+        for (int c = 0; c < {dim}; ++c)
+            value[c] += __shfl_xor_sync(sharing, value[c], far);
+#endif
+    return value;
+"""
+"""Lanes are neighbours in a warp. Each adds the same numbers in the same pairs, so all get the same sum."""
+
+
+@functools.cache
+def lane_of(lanes: int):
+    """Compose the number of this thread among the lanes of its particle."""
+
+    @wp.func_native(LANE.format(lanes=lanes))
+    def lane() -> int: ...
+
+    return lane
+
+
+@functools.cache
+def stencil_of_lanes(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, neighbours: int, lanes: int
+) -> Route:
+    """Compose the stencil's route for a uniform lattice, `lanes` threads to a particle.
+
+    Neighbour k of a particle lies `offset[k]` particles further on, and bit k of the particle's mask says whether
+    they are connected. On the CPU, where kernels have no lanes, it may have one only.
+    """
+    V, Three = vector(dim, scalar), vector(3, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, constants_of, lane_here = records(dim, scalar).load, records(3, scalar).load, lane_of(lanes)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    damped, rounds = damper is not None, -(-neighbours // lanes)
+
+    @wp.struct
+    class SharedLattice:
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        # Of each neighbour, shape [MOST_NEIGHBOURS]; what pads is the particle itself:
+        offset: wp.array(dtype=int)  # how far off it lies, in particles
+        constants: wp.array(dtype=Three)  # in the order of CONSTANTS
+
+    @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
+    def sum_of_lanes(value: V) -> V: ...
+
+    @wp.func
+    def force_at(forces: SharedLattice, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        lane = lane_here()
+        mask = forces.mask[i]
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        for n in range(wp.static(rounds)):
+            k = n * wp.static(lanes) + lane
+            j = i + forces.offset[k]
+            own = constants_of(forces.constants, k)
+            dx = apart(lost, x, x_i, i, j)
+            if wp.static(damped):
+                dv = v_i - load(v, j)
+            q = force_density(dx, dv, own[0], own[1], own[2])
+            # What is read of a missing neighbour may be any other particle's: it does not count.
+            if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
+                q = scalar(0.0)
+            force -= q * dx
+        return sum_of_lanes(force)
+
+    return Route(SharedLattice, force_at, block=128, grid_stride=False, lanes=lanes)
