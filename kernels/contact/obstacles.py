@@ -109,7 +109,10 @@ def fixed_contact(
         if wp.static(swept):
             v_free = v
             passed = bool(False)
-        for p in range(obstacles.count):
+        count = int(1)  # known when it is compiled, so that what is read of a single one is asked for early
+        if wp.static(several):
+            count = obstacles.count
+        for p in range(count):
             found = distance_from(obstacles.solids, p, x)
             normal = V()
             for k in range(wp.static(dim)):

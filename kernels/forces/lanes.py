@@ -15,6 +15,7 @@ from ..records import records
 from .dampers import Law
 from .law import spring_damper
 from .route import Route, difference
+from .stencil import stencil_layout, stencil_rows
 
 MOST_NEIGHBOURS = 32
 """Neighbours that the bits of a mask tell apart."""
@@ -49,25 +50,36 @@ def lane_of(lanes: int):
 
 @functools.cache
 def stencil_of_lanes(
-    dim: int, scalar: type, damper: Law | None, compensated: bool, neighbours: int, lanes: int
+    dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, lanes: int
 ) -> Route:
     """Compose the stencil's route for a uniform lattice, `lanes` threads to a particle.
 
-    Neighbour k of a particle lies `offset[k]` particles further on, and bit k of the particle's mask says whether
-    they are connected. On the CPU, where kernels have no lanes, it may have one only.
+    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which is that of the mask's bits here. On the
+    CPU, where kernels have no lanes, there may be one only.
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
     load, constants_of, lane_here = records(dim, scalar).load, records(3, scalar).load, lane_of(lanes)
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
-    damped, rounds = damper is not None, -(-neighbours // lanes)
+    rows, neighbours = stencil_rows(steps)
+    each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
+    damped, rounds, layout = damper is not None, -(-len(each) // lanes), stencil_layout(lanes, rows, neighbours)
+    Shifts = wp.types.vector(len(rows), int)
+
+    def there(k: int) -> bool:
+        return k < len(each)
+
+    def row_of(k: int) -> int:
+        return each[k][0] if there(k) else 0
+
+    def along(k: int) -> int:
+        return each[k][1] if there(k) else 0
 
     @wp.struct
     class SharedLattice:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
-        # Of each neighbour, shape [MOST_NEIGHBOURS]; what pads is the particle itself:
-        offset: wp.array(dtype=int)  # how far off it lies, in particles
-        constants: wp.array(dtype=Three)  # in the order of CONSTANTS
+        shift: Shifts  # how far off each row of neighbours lies, in particles
+        constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
 
     @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
     def sum_of_lanes(value: V) -> V: ...
@@ -75,6 +87,8 @@ def stencil_of_lanes(
     @wp.func
     def force_at(forces: SharedLattice, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
         lane = lane_here()
+        if wp.static(layout) < 0:  # never: see stencil_layout
+            return V()
         mask = forces.mask[i]
         x_i = load(x, i)
         v_i = V()
@@ -83,12 +97,17 @@ def stencil_of_lanes(
             v_i = load(v, i)
         force = V()
         for n in range(wp.static(rounds)):
+            # Chosen from what the kernel is launched with: read from a table, positions would be asked for later.
+            offset = int(0)
+            for m in range(wp.static(lanes)):
+                if wp.static(there(n * lanes + m)):
+                    shift = forces.shift[wp.static(row_of(n * lanes + m))] + wp.static(along(n * lanes + m))
+                    offset = wp.where(lane == m, shift, offset)
             k = n * wp.static(lanes) + lane
-            j = i + forces.offset[k]
             own = constants_of(forces.constants, k)
-            dx = apart(lost, x, x_i, i, j)
+            dx = apart(lost, x, x_i, i, i + offset)
             if wp.static(damped):
-                dv = v_i - load(v, j)
+                dv = v_i - load(v, i + offset)
             q = force_density(dx, dv, own[0], own[1], own[2])
             # What is read of a missing neighbour may be any other particle's: it does not count.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):

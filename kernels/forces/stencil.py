@@ -40,13 +40,13 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
     return rows, [sorted(found[row]) for row in rows]
 
 
-def _layout(rows: tuple, neighbours: list) -> int:
-    """Return a number for what a stencil's loops compile in.
+def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
+    """Return a number for what a stencil's loops compile in, and for how many things they take together.
 
     Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
     without this number in their sources two stencils of equally many rows would be taken for one.
     """
-    return zlib.crc32(repr((COLUMN, rows, neighbours)).encode()) >> 1
+    return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 
 
 @functools.cache
@@ -166,7 +166,7 @@ def stencil(
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
-    layout = _layout(rows, neighbours)
+    layout = stencil_layout(COLUMN, rows, neighbours)
 
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
@@ -201,7 +201,7 @@ def stencil(
     @wp.func
     def force_at(forces: Forces, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
         mask = forces.mask[i]
-        if wp.static(layout) < 0:  # never: see _layout
+        if wp.static(layout) < 0:  # never: see stencil_layout
             return V()
         x_i = load(x, i)
         v_i = V()
@@ -265,6 +265,7 @@ def stencil(
         bounds=bounds,
         column_bounds=column_bounds,
         tears=tears,
+        grid_stride=None if compensated else False,
     )
 
 
@@ -302,7 +303,7 @@ def column_forces(
     found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
-    layout, tears = _layout(rows, neighbours), breaking is not None
+    layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
     remaining_force = is_suspect = None
     if breaking is not None:
         remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
@@ -331,7 +332,7 @@ def column_forces(
         masks = Masks()
         if wp.static(tears):
             suspects = Masks()
-        if wp.static(layout) < 0:  # never: see _layout
+        if wp.static(layout) < 0:  # never: see stencil_layout
             return total
         for d in range(wp.static(COLUMN)):
             own = i + d * forces.stride

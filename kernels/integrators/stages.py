@@ -107,7 +107,8 @@ def each_column(composition: Composition, method: Any):
                         forces[d] += load(world, step.lost, step.x, step.v, i + d * stride, mark)
                     advance(world, step, forces[d], i + d * stride)
 
-    return kernel(advance_columns, launch_bounds=composition.route.column_bounds)
+    route = composition.route
+    return kernel(advance_columns, launch_bounds=route.column_bounds, grid_stride=route.grid_stride)
 
 
 @functools.cache

@@ -29,8 +29,14 @@ from .lattice_search import Lattice
 from .model import Model
 from .tearing import Tearing
 
-LANES = ((2_048, 8), (30_000, 4))
-"""Up to how many particles so many threads share one (benchmarks/results/nvidia-h200/throughput.csv)."""
+MANY_NEIGHBOURS = 12
+"""With more of them, several threads to a particle are worth more."""
+LANES_OF_MANY = ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4))
+LANES_OF_FEW = ((32, 8), (64, 4), (2_048, 1), (30_000, 4))
+"""Up to how many particles so many threads share one, with many and with few neighbours; one thread beyond.
+
+From measurements on an H200; what has one thread in between is advanced by one block or cluster for a whole frame.
+"""
 
 
 class Scatter:
@@ -198,7 +204,7 @@ class Stencil:
         damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
         tearing, count = model.tearing, lanes(model)
         if count > 1:
-            kinds = (model.dim, model.scalar, damper, model.compensated, 2 * len(lattice.steps), count)
+            kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, count)
             self.route = stencil_of_lanes(*kinds)
             self._share(model, lattice)
             return
@@ -230,14 +236,17 @@ class Stencil:
             setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill in what lanes read: neighbours in the order of their bits."""
-        offset, constants = np.zeros(MOST_NEIGHBOURS, dtype=np.int32), np.ones((MOST_NEIGHBOURS, 3))
-        places, own = lattice.neighbours()
-        bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
-        offset[bits], constants[bits] = places, own
+        """Fill in what lanes read, with a mask whose bits are in the order in which they take neighbours."""
+        constants = np.ones((MOST_NEIGHBOURS, 3))
+        _, own = lattice.neighbours()
+        constants[: len(own)] = own
+        bits = [one.bit for row in stencil_rows(lattice.steps)[1] for one in row]
+        mask = np.zeros_like(lattice.mask)
+        for k, bit in enumerate(bits):
+            mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
         self.data = self.route.Forces()
-        self.data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
-        self.data.offset = wp.array(offset, dtype=int, device=model.device)
+        self.data.mask = wp.array(mask, dtype=wp.uint32, device=model.device)
+        self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
         self.data.constants = _records_of_three(model, constants)
 
     def _clear(self, model: Model, tearing: Tearing, numbers: NDArray[np.int32]) -> None:
@@ -251,12 +260,13 @@ class Stencil:
 
 
 def lanes(model: Model) -> int:
-    """Return how many threads share a particle by the stencil's route: several where particles are few."""
+    """Return how many threads share a particle by the stencil: several on a GPU where they are few."""
     lattice = model.lattice
     shared = model.device.is_cuda and not model.in_worlds and model.tearing is None
     if lattice is None or not (shared and lattice.uniform):
         return 1
-    return next((count for most, count in LANES if model.particle_count <= most), 1)
+    table = LANES_OF_MANY if 2 * len(lattice.steps) > MANY_NEIGHBOURS else LANES_OF_FEW
+    return next((count for most, count in table if model.particle_count <= most), 1)
 
 
 ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}

@@ -54,7 +54,7 @@ class Stepper:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
         self._behind_each = behind_each
         if blocks == "auto":
-            blocks = persistent_blocks(dynamics.model)
+            blocks = persistent_blocks(dynamics.model, dynamics.composition.route.lanes)
         one_kernel = one_kernel and behind_each is None and not dynamics.launches_before_forces
         self.blocks: tuple[int, int] | None = blocks if one_kernel else None
         """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
@@ -95,15 +95,19 @@ class Stepper:
         self._dynamics.have_begun()
 
 
-def persistent_blocks(model: Model) -> tuple[int, int] | None:
-    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not."""
+def persistent_blocks(model: Model, lanes: int = 1) -> tuple[int, int] | None:
+    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not.
+
+    `lanes` threads share a particle.
+    """
     device = model.device
     if not device.is_cuda:
         return 1, 1
-    work = model.connection_count if model.route == "scatter" else model.particle_count
+    work = model.connection_count if model.route == "scatter" else model.particle_count * lanes
     if work <= MOST_IN_ONE_BLOCK:
         return 1, power_of_two(work)
-    if device.arch < 90 or work > MOST_IN_CLUSTER[model.route]:
+    most = MOST_IN_CLUSTER[model.route] if lanes == 1 else CLUSTER * MOST_THREADS
+    if device.arch < 90 or work > most:
         return None
     return CLUSTER, min(MOST_THREADS, power_of_two(-(-work // CLUSTER)))
 

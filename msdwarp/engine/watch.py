@@ -55,7 +55,7 @@ class Watch:
             self._blocks = wp.zeros((blocks, 3), dtype=wp.float64, device=model.device)
             self._done = wp.zeros(1, dtype=int, device=model.device)
             # The GPU writes where the host reads: nothing needs to be copied.
-            self._found = wp.empty(3, dtype=wp.float64, device="cpu", pinned=True)
+            self._found = wp.zeros(3, dtype=wp.float64, device="cpu", pinned=True)
             self._seen = self._found.numpy()
             self._there = wp.array(ptr=self._found.ptr, dtype=wp.float64, shape=3, device=model.device)
         else:

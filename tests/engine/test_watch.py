@@ -268,3 +268,26 @@ def test_refresh_has_no_say_over_forced_substeps():
     )
     simulation.step(20)
     assert simulation.substeps == 40
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("count", [1, 255, 257, 5000, 200_001])
+def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
+    rng = np.random.default_rng(count)
+    mass = rng.uniform(1, 2, count)
+    system = System(rng.normal(size=(count, 3)), [], mass=mass, velocity=rng.normal(size=(count, 3)))
+    simulation = Simulation(system, device="cuda:0", gravity=9.82, substeps=1)
+    watch, state = simulation.stepping.watch, simulation.stepping.state
+    for _ in range(2):  # what the first leaves behind is what the second begins with
+        watch.look()
+        assert not watch.finds_trouble()
+        kinetic = 0.5 * mass @ (state.v.numpy().astype(np.float64) ** 2).sum(axis=1)
+        potential = 9.82 * mass @ state.x.numpy()[:, 2].astype(np.float64)
+        # Each mass is the inverse of one that was rounded to float32; sums are in float64.
+        assert watch.energy == pytest.approx(kinetic + potential, rel=1e-7, abs=1e-6 * kinetic)
+    x = state.x.numpy()
+    x[count // 2 :, 1] = np.nan
+    state.x.assign(x)
+    watch.look()
+    assert watch.finds_trouble()
+    assert watch.culprit() == count // 2
