@@ -83,7 +83,9 @@ def plot(rows: list[dict]) -> None:
     for k, (row, colour) in enumerate(zip(rows, ("#0072b2", "#c8352b"), strict=True)):
         counts = np.array([float(row[f"side_{side}"]) for side in SIDES])
         total = counts.sum()
-        label = f"{row['dice']} dice: {total:.0f}, χ² = {float(row['chi_square']):.1f}, p = {float(row['p']):.2g}"
+        p, square = float(row["p"]), float(row["chi_square"])
+        chance = f"p = {p:.2g}" if p > 1e-300 else "p < 1e-300"
+        label = f"{total:.0f} {row['dice']} dice: χ² = {square:.3g}, {chance}"
         axes.bar(SIDES + 0.36 * (k - 0.5), counts / total, 0.34, color=colour, label=label)
     total = sum(float(rows[0][f"side_{side}"]) for side in SIDES)
     spread = 2 * np.sqrt(5 / 36 / total)
