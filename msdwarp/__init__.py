@@ -20,8 +20,8 @@ def _leave(number: int, _: object) -> None:
     _os._exit(128 + number)
 
 
-# Nothing is begun yet: Ctrl-C and SIGTERM end the process with a word, where an exception would end as a traceback,
-# or as whatever a half imported module makes of it. `msdwarp.cli.main` takes over from here.
+# Nothing is begun yet: Ctrl-C and SIGTERM end the process with a word. An exception would end as a traceback, or
+# as whatever a half imported module makes of it. `msdwarp.cli.main` takes over from here.
 if _is_the_command():
     for _number in (_signal.SIGINT, _signal.SIGTERM):
         if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):

@@ -2,8 +2,8 @@
 
 Warp greets, and says of each module that it was loaded, on standard output. What it says there is governed by its
 own setting `warp.config.log_level`, which is turned down from its default as soon as both Warp and msdwarp are
-imported, in whichever order; warnings and errors are still heard. Whoever sets that setting is respected: before to
-anything but the default, afterwards to anything at all.
+imported, in whichever order; warnings and errors are still heard. Whoever sets that setting is respected: before
+to anything but the default, afterwards to anything at all.
 
 Importing this does not import Warp, which takes longer than all else that a script or a command imports.
 """

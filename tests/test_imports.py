@@ -208,8 +208,8 @@ def test_importing_the_package_brings_in_nothing_large():
 
 
 def test_describing_a_scene_needs_no_warp():
-    needed = brought_in("import msdwarp as msd; msd.Scene(msd.System([[0, 0, 1]]), colliders=[msd.Plane()])")
-    assert needed == {"quiet", "bodies", "checks", "world", "numpy"}
+    needed = brought_in("import msdwarp as msd; msd.Scene(system=msd.box((2, 2, 2)), colliders=[msd.Plane()])")
+    assert needed == {"quiet", "bodies", "checks", "shapes", "world", "numpy"}
 
 
 @pytest.mark.slow
