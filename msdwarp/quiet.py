@@ -18,7 +18,10 @@ from types import ModuleType
 
 
 class _Finder:
-    """Waits on `sys.meta_path` until anybody imports Warp, and turns its messages down then."""
+    """Waits on `sys.meta_path` until anybody imports Warp, and turns its messages down then.
+
+    It stays there afterwards: another thread may be going through that list.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -31,7 +34,6 @@ class _Finder:
             def execute_and_turn_down(module: ModuleType) -> None:
                 execute(module)
                 _turn_down()
-                sys.meta_path.remove(self)
 
             spec.loader.exec_module = execute_and_turn_down
         return spec
