@@ -20,91 +20,104 @@ def _leave(number: int, _: object) -> None:
     _os._exit(128 + number)
 
 
-# Most of the command's first second goes by below. Nothing is begun yet: Ctrl-C and SIGTERM end the process with a
-# word, where an exception would end as a traceback, or as whatever a half imported module makes of it.
-# `msdwarp.cli.main` takes over from here.
+# Nothing is begun yet: Ctrl-C and SIGTERM end the process with a word. An exception would end as a traceback, or
+# as whatever a half imported module makes of it. `msdwarp.cli.main` takes over from here.
 if _is_the_command():
     for _number in (_signal.SIGINT, _signal.SIGTERM):
         if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):
             _signal.signal(_number, _leave)
 
-from .bodies import (
-    COTTON,
-    FOAM,
-    JELLY,
-    RUBBER,
-    STEEL_WIRE,
-    CoulombDamper,
-    Frame,
-    Material,
-    QuadraticDamper,
-    Surface,
-    System,
-)
-from .checks import ContactOverrun, DoubtfulFit, DoubtfulStart
-from .engine import Measures
-from .files import Trajectory, TrajectoryWriter
-from .integrators import (
-    RK4,
-    RKC2,
-    ExplicitEuler,
-    Integrator,
-    Leapfrog,
-    LinearlyImplicitEuler,
-    SymplecticEuler,
-    UnstableStep,
-    as_stiff_as,
-    stability_limit,
-)
 from .quiet import verbose
-from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
-from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
-from .world import (
-    Actuator,
-    Attachment,
-    Box,
-    Capsule,
-    Cone,
-    Drive,
-    Force,
-    Gas,
-    Look,
-    Plane,
-    Pressure,
-    Probe,
-    Scene,
-    Sphere,
-    Touch,
-    Wind,
-    at,
-)
 
 if _typing.TYPE_CHECKING:
+    from .bodies import (
+        COTTON,
+        FOAM,
+        JELLY,
+        RUBBER,
+        STEEL_WIRE,
+        CoulombDamper,
+        Frame,
+        Material,
+        QuadraticDamper,
+        Surface,
+        System,
+    )
+    from .checks import ContactOverrun, DoubtfulFit, DoubtfulStart
+    from .engine import Measures
+    from .files import Trajectory, TrajectoryWriter
+    from .integrators import (
+        RK4,
+        RKC2,
+        ExplicitEuler,
+        Integrator,
+        Leapfrog,
+        LinearlyImplicitEuler,
+        SymplecticEuler,
+        UnstableStep,
+        as_stiff_as,
+        stability_limit,
+    )
     from .live import View, show, view
     from .pictures import Renderer, Scale
+    from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
+    from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
     from .studies import Fitted, Tracked, fit, sweep
+    from .world import (
+        Actuator,
+        Attachment,
+        Box,
+        Capsule,
+        Cone,
+        Drive,
+        Force,
+        Gas,
+        Look,
+        Plane,
+        Pressure,
+        Probe,
+        Scene,
+        Sphere,
+        Touch,
+        Wind,
+        at,
+    )
 
 __version__ = "0.1.0"
 
-# What many scripts never ask for is imported when it is first asked for.
-_LATER = {
-    "live": ("View", "show", "view"),
-    "pictures": ("Renderer", "Scale"),
-    "studies": ("Fitted", "Tracked", "fit", "sweep"),
+# Where each name is found. A room is imported, and Warp with those that need it, when one of its names is first
+# asked for.
+_ROOMS = {
+    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System",
+    "checks": "ContactOverrun DoubtfulFit DoubtfulStart",
+    "engine": "Measures",
+    "files": "Trajectory TrajectoryWriter",
+    "integrators": (
+        "RK4 RKC2 ExplicitEuler Integrator Leapfrog LinearlyImplicitEuler SymplecticEuler UnstableStep "
+        "as_stiff_as stability_limit"
+    ),
+    "live": "View show view",
+    "pictures": "Renderer Scale",
+    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice sheet shell",
+    "simulation": "Ensemble Mean Simulation SimulationDiverged",
+    "studies": "Fitted Tracked fit sweep",
+    "world": (
+        "Actuator Attachment Box Capsule Cone Drive Force Gas Look Plane Pressure Probe Scene Sphere Touch Wind at"
+    ),
 }
 
 
 def __getattr__(name: str) -> object:
-    for room, names in _LATER.items():
-        if name == room or name in names:
+    for room, names in _ROOMS.items():
+        if name == room or name in names.split():
             module = _importlib.import_module(f".{room}", __name__)
-            globals().update({one: getattr(module, one) for one in names})
+            globals().update({one: getattr(module, one) for one in names.split()})
             return module if name == room else globals()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LATER, *__all__})
+    return sorted({*globals(), *_ROOMS, *__all__})
 
 
 __all__ = [

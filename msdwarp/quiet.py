@@ -1,22 +1,56 @@
 """Warp's messages: quiet unless somebody asks for them, with nothing lost that matters.
 
 Warp greets, and says of each module that it was loaded, on standard output. What it says there is governed by its
-own setting `warp.config.log_level`, which importing msdwarp turns down from its default; warnings and errors are
-still heard. Whoever sets that setting, to whatever, is respected: before the import to anything but the default,
-after it to anything at all.
+own setting `warp.config.log_level`, which is turned down from its default as soon as both Warp and msdwarp are
+imported, in whichever order; warnings and errors are still heard. Whoever sets that setting is respected: before
+to anything but the default, afterwards to anything at all.
+
+Importing this does not import Warp, which takes longer than all else that a script or a command imports.
 """
 
 import contextlib
 import os
 import sys
-import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
 
-import warp as wp
 
-if wp.config.log_level == wp.LOG_INFO:  # Warp's default
-    wp.config.log_level = wp.LOG_WARNING
+class _Finder:
+    """Waits on `sys.meta_path` until anybody imports Warp, and turns its messages down then.
+
+    It stays there afterwards: another thread may be going through that list.
+    """
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return how Warp is imported; nothing of any other module."""
+        spec = PathFinder.find_spec(fullname, path, target) if fullname == "warp" else None
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_turn_down(module: ModuleType) -> None:
+                execute(module)
+                _turn_down()
+
+            spec.loader.exec_module = execute_and_turn_down
+        return spec
+
+
+def _turn_down() -> None:
+    """Turn Warp's messages down, if they are as loud as they are by default."""
+    import warp as wp
+
+    if wp.config.log_level == wp.LOG_INFO:
+        wp.config.log_level = wp.LOG_WARNING
+
+
+if "warp" in sys.modules:
+    _turn_down()
+else:
+    sys.meta_path.insert(0, _Finder())
 
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
 """What Warp's C++ says, whatever its settings, where there is no GPU: nothing that needs to be known."""
@@ -28,6 +62,8 @@ def verbose(on: bool = True) -> None:
 
     It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
     """
+    import warp as wp
+
     level = wp.config.log_level
     wp.config.log_level = min(level, wp.LOG_INFO) if on else max(level, wp.LOG_WARNING)
 
@@ -35,6 +71,8 @@ def verbose(on: bool = True) -> None:
 def start_warp() -> None:
     """Start Warp, if nobody has, as quietly as its setting says."""
     global _started
+    import warp as wp
+
     with _lock:
         if _started or wp.config.log_level <= wp.LOG_INFO:
             wp.init()
@@ -51,6 +89,8 @@ def _without(unwanted: bytes) -> Iterator[None]:
     C++ writes to the file descriptor itself. What comes is kept in a file, and all else of it is passed on at the
     end; where that cannot be done nothing is left out.
     """
+    import tempfile
+
     try:
         if sys.__stderr__ is None:  # closed when Python started: 2 is nobody's, or another file's
             raise OSError

@@ -191,20 +191,40 @@ def test_heavy_packages_are_imported_late():
     assert not early
 
 
-@pytest.mark.slow
-def test_importing_the_package_brings_in_neither_pictures_nor_views():
-    code = """
+def brought_in(code):
+    """Return the rooms, and those of the large packages, that are imported once some code has run by itself."""
+    code += """
 import sys
-import msdwarp
 rooms = {name.split(".")[1] for name in sys.modules if name.startswith("msdwarp.")}
-print(*sorted(rooms & {"live", "pictures", "studies", "cli"} | sys.modules.keys() & set(sys.argv)))
-for name in msdwarp.__all__:
-    assert getattr(msdwarp, name).__class__ and name in dir(msdwarp)
-assert msdwarp.live.View is msdwarp.View
+print(*sorted(rooms | sys.modules.keys() & set(sys.argv)))
 """
-    command = [sys.executable, "-c", code, *LAZY, "PIL", "cyclopts", "rich"]
+    command = [sys.executable, "-c", code, *LAZY, "warp", "numpy", "PIL", "cyclopts", "rich"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    assert done.stdout.split() == []
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_brings_in_nothing_large():
+    assert brought_in("import msdwarp; dir(msdwarp)") == {"quiet"}
+
+
+def test_describing_a_scene_needs_no_warp():
+    needed = brought_in("import msdwarp as msd; msd.Scene(system=msd.box((2, 2, 2)), colliders=[msd.Plane()])")
+    assert needed == {"quiet", "bodies", "checks", "shapes", "world", "numpy"}
+
+
+@pytest.mark.slow
+def test_names_are_found_where_they_are_said_to_be():
+    code = """
+import msdwarp
+before = dir(msdwarp)
+from msdwarp import *
+assert set(msdwarp.__all__) <= set(before) & globals().keys()
+for room, names in msdwarp._ROOMS.items():
+    for name in names.split():
+        assert getattr(getattr(msdwarp, room), name) is globals()[name], name
+assert {name for names in msdwarp._ROOMS.values() for name in names.split()} | {"verbose"} == set(msdwarp.__all__)
+"""
+    assert "warp" in brought_in(code)
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if MODULES[name].path.name == "__init__.py"])

@@ -40,6 +40,16 @@ def test_who_asks_hears_warp(before, after):
 
 
 @pytest.mark.slow
+def test_warp_may_be_imported_later():
+    # Importing msdwarp leaves Warp alone until it is needed; who imports Warp in between finds it turned down.
+    code = "import msdwarp as msd\nimport warp as wp\nassert wp.config.log_level == wp.LOG_WARNING\n"
+    assert said(code + STEP) == ("", "")
+    assert GREETING in said(code + "wp.config.log_level = wp.LOG_INFO\n" + STEP)[0]
+    looked_for = "import importlib.util, msdwarp as msd\nassert importlib.util.find_spec('warp')\n"
+    assert said(looked_for + STEP) == ("", "")
+
+
+@pytest.mark.slow
 def test_what_was_asked_for_can_be_taken_back_and_less_is_respected():
     assert said("import msdwarp as msd\nmsd.verbose()\nmsd.verbose(False)\n" + STEP) == ("", "")
     code = "import warp as wp\nwp.config.log_level = wp.LOG_ERROR\nimport msdwarp as msd\n"

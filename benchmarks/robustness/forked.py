@@ -34,7 +34,11 @@ def import_all() -> None:
     import matplotlib.pyplot  # noqa: F401
     import pyvista  # noqa: F401
 
-    import msdwarp.cli.app  # noqa: F401
+    import msdwarp.cli.app
+    import msdwarp.cli.draw
+    import msdwarp.cli.rerun
+    import msdwarp.cli.resume
+    import msdwarp.cli.view  # noqa: F401
 
 
 def probed_once() -> None:

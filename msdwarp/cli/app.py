@@ -1,4 +1,7 @@
-"""The `msdwarp` command, and what a scene script runs when it is started by itself."""
+"""The `msdwarp` command, and what a scene script runs when it is started by itself.
+
+What a command does is imported once it is known that it will be done: Warp takes longer to import than help does.
+"""
 
 import ast
 import inspect
@@ -20,15 +23,12 @@ from .file_commands import (
     resume_command,
     view_command,
 )
-from .fit import FitOptions, fit_scene
 from .options import Options
+from .other_options import FitOptions, TuneOptions, ViewOptions
 from .process import finish, start_warp, understood
-from .run import run_scene
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .scene_flags import flags_app
-from .sweep import sweep_scene
-from .tune import TuneOptions, tune_scene
-from .view import ViewOptions, view_scene
+from .signals import at_once
 from .whole import with_wholes
 
 app = App(
@@ -46,7 +46,7 @@ def main() -> NoReturn:
 def scene_main(build: Build) -> NoReturn:
     """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
     origin = origin_of(build)
-    scene_app = partial(_scene_app, origin, f"{origin.name}.py", Options, run_scene)
+    scene_app = partial(_scene_app, origin, f"{origin.name}.py", Options, _run_scene)
     finish(lambda: understood(scene_app(), sys.argv[1:]))
 
 
@@ -111,7 +111,13 @@ def run(scene: Name, /, *flags: Words) -> None:
     flags
         The scene's parameters, and the flags of every run.
     """
-    _with_scene("run", scene, flags, Options, run_scene)
+    _with_scene("run", scene, flags, Options, _run_scene)
+
+
+def _run_scene(origin: Origin, options: Options) -> None:
+    with at_once():
+        from .run import run_scene
+    run_scene(origin, origin.scene(), options)
 
 
 @app.command(name="tune", help_flags=())
@@ -127,7 +133,13 @@ def tune_command(scene: Name, /, *flags: Words) -> None:
     flags
         The scene's parameters, and the flags of every tuning.
     """
-    _with_scene("tune", scene, flags, TuneOptions, tune_scene)
+    _with_scene("tune", scene, flags, TuneOptions, _tune_scene)
+
+
+def _tune_scene(origin: Origin, options: TuneOptions) -> None:
+    with at_once():
+        from .tune import tune_scene
+    tune_scene(origin, origin.scene(), options)
 
 
 @app.command(name="fit", help_flags=())
@@ -150,7 +162,13 @@ def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> No
         flags = (measured, *flags)
         if not {"--help", "-h"} & set(flags):
             raise ValueError("measured is missing; `msdwarp fit SCENE MEASURED` takes a CSV file or a trajectory")
-    _with_scene("fit", scene, flags, FitOptions, partial(fit_scene, measured))
+    _with_scene("fit", scene, flags, FitOptions, partial(_fit_scene, measured))
+
+
+def _fit_scene(measured: str, origin: Origin, options: FitOptions) -> None:
+    with at_once():
+        from .fit import fit_scene
+    fit_scene(measured, origin, origin.scene(), options)
 
 
 @app.command(name="sweep", help_flags=())
@@ -170,7 +188,10 @@ def sweep_command(scene: Name, /, *flags: Words) -> None:
     if scene in ("--help", "-h"):
         app.help_print(["sweep"])
         return
-    sweep_scene(find_scene(scene), f"msdwarp sweep {scene}", flags)
+    origin = find_scene(scene)
+    with at_once():
+        from .sweep import sweep_scene
+    sweep_scene(origin, f"msdwarp sweep {scene}", flags)
 
 
 @app.command(name="view", help_flags=())
@@ -192,7 +213,13 @@ def view(scene: Name, /, *flags: Words) -> None:
         play.default(partial(view_command, path))
         understood(play, flags)
         return
-    _with_scene("view", scene, flags, ViewOptions, view_scene)
+    _with_scene("view", scene, flags, ViewOptions, _view_scene)
+
+
+def _view_scene(origin: Origin, options: ViewOptions) -> None:
+    with at_once():
+        from .view import view_scene
+    view_scene(origin, origin.scene(), options)
 
 
 def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, action: Any) -> None:
@@ -207,6 +234,6 @@ def _scene_app(origin: Origin, command: str, options_type: type, action: Any) ->
 
     def act(chosen: Origin, options: Any) -> None:
         start_warp(options.verbose)
-        action(chosen, chosen.scene(), options)
+        action(chosen, options)
 
     return flags_app(origin, command, options_type, act)

@@ -1,52 +1,23 @@
-"""The commands that take a file of a run: describe, draw, plot, convert, continue and repeat it."""
+"""The commands that take a file of a run: describe, draw, plot, convert, continue and repeat it.
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
+Each imports what it needs when it is called, so that help and errors of the command line need not wait for it.
+"""
+
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
-from .. import checks, disk
-from ..files import Trajectory, export, probe
-from ..studies import RESULTS, plot_history, plot_sweep, write_history
-from ..world import Change, Scene, known_until, scene_from_stored
-from .draw import draw
-from .info import told
 from .options import Pictures
-from .printable import printable
+from .other_options import ViewOptions
 from .process import progress_on, start_warp
-from .provenance import UNTOLD, built_again
-from .rerun import rerun
-from .results import TRAJECTORY, free_folder, pictures_in
-from .resume import resume_run
-from .trust import Script
-from .view import ViewOptions, view_trajectory
+from .results import free_folder, pictures_in
+from .signals import at_once
+from .trust import UNTOLD, Script
 
 VIEW = ViewOptions()
 PICTURES = Pictures()
-_MOST_FPS = 60.0
-"""Pictures a second beyond which a film that is played faster leaves some out."""
 Flag = Annotated[bool, Parameter(negative=())]
-
-
-def trajectory_in(file: Path) -> Path:
-    """Return a trajectory that can be read, given by itself or by the folder of its run.
-
-    Raises
-    ------
-    OSError, ValueError
-        If there is none, or HDF5 cannot read it.
-    """
-    if file.is_dir() and not (file / TRAJECTORY).exists():
-        raise FileNotFoundError(f"file is {file}, a folder without {TRAJECTORY}; it must be the folder of a run")
-    if not file.exists():
-        raise FileNotFoundError(f"file is {file}, which does not exist; it must be a trajectory or a run's folder")
-    path = file / TRAJECTORY if file.is_dir() else file
-    probe(path)
-    return path
 
 
 def info_command(file: Path, /) -> None:
@@ -57,6 +28,10 @@ def info_command(file: Path, /) -> None:
     file
         A trajectory (*.vtkhdf) or a run's folder.
     """
+    with at_once():
+        from ..files import Trajectory
+        from .info import told
+        from .of_files import trajectory_in
     with Trajectory(trajectory_in(file)) as trajectory:
         print(told(trajectory), end="")
 
@@ -85,6 +60,9 @@ def export_command(
     force
         Overwrite existing files.
     """
+    with at_once():
+        from ..files import Trajectory, export
+        from .of_files import trajectory_in
     path = trajectory_in(file)
     with Trajectory(path) as trajectory:
         frames = slice(None) if frame is None else frame
@@ -135,10 +113,17 @@ def render_command(
         Print messages from Warp and VTK too.
     """
     start_warp(verbose)
+    with at_once():
+        from rich.console import Console
+
+        from .. import disk
+        from ..files import Trajectory
+        from .draw import draw
+        from .of_files import scene_of, shown_of, trajectory_in
     talk = Console(stderr=True, quiet=quiet_)
     path = trajectory_in(file)
     with Trajectory(path) as trajectory:
-        shown, fps = _shown(trajectory, first, last, every, speed)
+        shown, fps = shown_of(trajectory, first, last, every, speed)
         pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
@@ -167,63 +152,15 @@ def view_command(file: Path, *, options: ViewOptions = VIEW, script: Script = UN
         A trajectory (*.vtkhdf) or a run's folder.
     """
     start_warp(options.verbose)
+    with at_once():
+        from rich.console import Console
+
+        from ..files import Trajectory
+        from .of_files import scene_of, trajectory_in
+        from .view import view_trajectory
     with Trajectory(trajectory_in(file)) as trajectory:
         name, scene = scene_of(trajectory, Console(stderr=True), script)
         view_trajectory(trajectory, scene, name, options)
-
-
-def _shown(trajectory: Trajectory, first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return the numbers of the frames that are drawn, and how many of them the film shows in a second."""
-    count = len(trajectory)
-    if not count:
-        raise ValueError(f"{trajectory.path} has no frames to draw")
-    for name, k in (("first", first), ("last", last)):
-        if not -count <= k < count:
-            raise ValueError(
-                f"{name} is {k}; the run has {count} frames, and it must be from {-count} to {count - 1}"
-            )
-    shown = range(first % count, last % count + 1, checks.count("every", every, 1))
-    if not shown:
-        raise ValueError(f"last is {last}; it must not be before first, which is {first}")
-    usual = trajectory.fps / every
-    fps = usual * checks.between("speed", speed, 0.01, 100)
-    step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
-    return shown[::step], fps / step
-
-
-def scene_of(trajectory: Trajectory, talk: Console, script: Script) -> tuple[str, Scene]:
-    """Return the name and the scene of a trajectory; without obstacles where it does not tell what they were."""
-    system, stored = trajectory.system, trajectory.scene
-    kept = None if stored is None or script.asked_for else scene_from_stored(system, *stored)
-    end = trajectory.times[-1]
-    if kept is not None and end < known_until(kept) + 1e-9:
-        return _name_of(trajectory), kept
-    try:
-        origin, scene = built_again(trajectory.attributes, script)
-        if scene.system.position.shape != system.position.shape:
-            raise ValueError(f"scene {origin.place!r} has another system now")
-    except Exception as error:  # of a script of any kind, or none
-        if kept is not None:
-            without = f"drawn with moving obstacles that stand still from {known_until(kept):.4g} s on"
-        else:
-            without = "drawn without obstacles, in a plain look"
-        talk.print(f"{without}: {printable(str(error))}", soft_wrap=True, highlight=False, markup=False)
-        return (trajectory.path.stem, Scene(system=system)) if kept is None else (_name_of(trajectory), kept)
-    return origin.name, replace(scene, system=system)
-
-
-def _name_of(trajectory: Trajectory) -> str:
-    """Return what pictures are called: as the scene is, by the file, or as the file is."""
-    name = Path(str(trajectory.attributes.get("scene", ""))).stem
-    return name if name and name.isprintable() else trajectory.path.stem
-
-
-def _schedule_of(trajectory: Trajectory, script: Script) -> Sequence[Change]:
-    """Return what changes on the way: by the file, or by the scene's script where an earlier version wrote it."""
-    stored = trajectory.scene
-    if stored is None or script.asked_for:
-        return built_again(trajectory.attributes, script)[1].schedule
-    return scene_from_stored(trajectory.system, *stored).schedule
 
 
 def plot_command(
@@ -255,6 +192,11 @@ def plot_command(
         Print Warp's messages too.
     """
     start_warp(verbose)
+    with at_once():
+        from .. import checks
+        from ..files import Trajectory
+        from ..studies import RESULTS, plot_history, plot_sweep, write_history
+        from .of_files import schedule_of, trajectory_in
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
         print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
@@ -265,7 +207,7 @@ def plot_command(
     with Trajectory(path) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")
-        schedule = _schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
+        schedule = schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
         target = out or path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
@@ -305,6 +247,8 @@ def resume_command(
         Print messages from Warp and VTK too.
     """
     start_warp(verbose)
+    with at_once():
+        from .resume import resume_run
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
@@ -339,6 +283,9 @@ def rerun_command(
         Print messages from Warp and VTK too.
     """
     start_warp(verbose)
+    with at_once():
+        from .of_files import trajectory_in
+        from .rerun import rerun
     path = trajectory_in(file)
     differences = rerun(path, device=device, out=out, quiet=quiet_, script=script)
     if differences is not None:

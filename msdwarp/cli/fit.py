@@ -1,11 +1,8 @@
 """Fitting a scene's parameters to measured motion from the command line."""
 
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
@@ -13,64 +10,8 @@ from .. import checks
 from ..integrators import METHODS
 from ..studies import Fitted, fit
 from ..world import Scene
-from .options import MethodName
+from .other_options import FitOptions
 from .scene_files import Origin
-from .whole import Whole, WholeOrAuto
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class FitOptions:
-    """The flags of every fit, whatever the scene.
-
-    Parameters
-    ----------
-    parameters
-        What to fit, separated by commas: stiffness, damping, rest_length, mass, friction, gravity. The search
-        starts from the scene's values, or from those given: stiffness=500,damping.
-    bounds
-        Bounds of parameters: stiffness=100:2000,damping=0.1:5. Default: from a tenth of the start to ten times
-        it.
-    noise
-        Standard deviation of the measurement's noise, in the unit of the data.
-    loss
-        Loss function. All but linear give large differences less weight, and need --noise.
-    horizon
-        growing fits a short time first and then longer ones; whole fits all of it at once.
-    starts
-        Number of starting points of the search.
-    substeps
-        Integrator steps per frame; auto picks what is stable within the bounds.
-    fps
-        Frames per second of simulated time. Default: those of the file.
-    integrator
-        Time-stepping method. Default: leapfrog-extrapolated.
-    precision
-        Floating-point precision.
-    device
-        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
-    plot
-        Plot the residuals to this file, such as residuals.png.
-    quiet
-        Print the values only.
-    verbose
-        Print Warp's messages too.
-    """
-
-    parameters: str = "stiffness,damping"
-    bounds: str = ""
-    noise: float | None = None
-    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
-    horizon: Literal["growing", "whole"] = "growing"
-    starts: Whole = 1
-    substeps: WholeOrAuto = "auto"
-    fps: float | None = None
-    integrator: MethodName = "leapfrog-extrapolated"
-    precision: Literal["float64", "float32-compensated", "float32"] = "float64"
-    device: str | None = None
-    plot: Path | None = None
-    quiet: Annotated[bool, Parameter(negative=())] = False
-    verbose: Annotated[bool, Parameter(negative=())] = False
 
 
 def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) -> None:

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from cyclopts import Parameter
 
-from .. import checks
-from ..pictures import check_formats, no_opengl
-from ..world import Look
 from .results import overlay_path
 from .whole import Whole, WholeOrAuto
+
+if TYPE_CHECKING:  # `--help` needs none of it, and so imports neither Warp nor NumPy
+    from ..world import Look
 
 MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
@@ -85,7 +85,7 @@ class Pictures:
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
         return all(path.exists() for path in wanted)
 
-    def turned(self, look: Look) -> Look:
+    def turned(self, look: "Look") -> "Look":
         """Return a look from where the camera is to stand."""
         return replace(look, **self._turned())
 
@@ -95,6 +95,10 @@ class Pictures:
 
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
+        from .. import checks
+        from ..pictures import check_formats, no_opengl
+        from ..world import Look
+
         check_formats(self.frames, self.video)
         parse_resolution(self.resolution)
         checks.positive("zoom", self.zoom)
@@ -199,6 +203,8 @@ class Options:
 
     def check(self, last: int) -> None:
         """Raise ValueError unless a run up to frame `last` can be kept and drawn as they say."""
+        from .. import checks
+
         checks.non_negative("restart", self.restart)
         self.pictures.check(last // checks.count("every", self.every, 1) + 1)
 
@@ -231,6 +237,8 @@ class Options:
 
         What an earlier version did not know is as it is by default: so it was then.
         """
+        from .. import checks
+
         pictures = checks.mapping(
             "the run's pictures", checks.mapping("the run's options", values).get("pictures", {})
         )

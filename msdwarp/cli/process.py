@@ -5,18 +5,19 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from cyclopts import App, CycloptsError
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .. import quiet
-from ..simulation import SimulationDiverged
 from .blame import told_by_line
 from .misunderstood import misunderstood
 from .printable import printable_lines
-from .signals import ALL, Interrupted, Terminated, ask, heard, noted
+from .signals import ALL, Interrupted, Terminated, ask, at_once, heard, noted
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
@@ -41,7 +42,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         sys.exit(interruption.code)
     except Exception as error:
         said = told_by_line(error)
-        if said is None and not isinstance(error, ValueError | OSError | SimulationDiverged):
+        if said is None and not _explains_itself(error):
             raise  # a mistake of ours, which its traceback explains
         _fail(said or str(error))
     except KeyboardInterrupt:
@@ -51,6 +52,15 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         print("terminated", file=sys.stderr)
         sys.exit(128 + termination.args[0])
     sys.exit(0)
+
+
+def _explains_itself(error: Exception) -> bool:
+    """Tell whether an error is what was asked for, not a mistake of ours."""
+    if isinstance(error, ValueError | OSError):
+        return True
+    from ..simulation import SimulationDiverged
+
+    return isinstance(error, SimulationDiverged)
 
 
 def _fail(said: str) -> NoReturn:
@@ -65,7 +75,7 @@ def understood(app: App, words: Sequence[str]) -> None:
 
 
 @contextmanager
-def stop_asked_for(talk: Console) -> Iterator[list[int]]:
+def stop_asked_for(talk: "Console") -> Iterator[list[int]]:
     """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does.
 
     What was not acted upon meanwhile is acted upon at the end.
@@ -79,8 +89,10 @@ def stop_asked_for(talk: Console) -> Iterator[list[int]]:
         yield asked
 
 
-def progress_on(console: Console, *, over: float = 30.0) -> Progress:
+def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
     """Return bars that show how far something is, on a terminal; the pace of the last `over` seconds counts."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     columns = [TextColumn(c) if isinstance(c, str) else c for c in columns]
     return Progress(
@@ -90,6 +102,8 @@ def progress_on(console: Console, *, over: float = 30.0) -> Progress:
 
 def start_warp(verbose: bool) -> None:
     """Start Warp, and let it speak if `verbose`."""
+    with at_once():
+        import warp  # noqa: F401
     if verbose:
         quiet.verbose()
     with noted(lambda: None):  # not at once: standard error is turned aside meanwhile, and the word would be lost

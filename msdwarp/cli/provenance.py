@@ -30,10 +30,7 @@ from ..world import (
     with_potential,
 )
 from .scene_files import Origin
-from .trust import Script, script_as_stored
-
-UNTOLD = Script()
-"""Nothing was said of scripts: one that a file names runs only where this user ran it."""
+from .trust import UNTOLD, Script, script_as_stored
 
 
 def about(origin: Origin, scene: Scene) -> dict[str, Any]:

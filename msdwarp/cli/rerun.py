@@ -16,10 +16,10 @@ from ..live import FIRST_FRAME, Handling, Repeat, read_deeds, within_reach
 from ..studies import compare
 from ..world import Scene
 from .options import Options, Pictures
-from .provenance import UNTOLD, about, built_again
+from .provenance import about, built_again
 from .results import TRAJECTORY, result_folder
 from .run import Run, simulation_by, used
-from .trust import Script
+from .trust import UNTOLD, Script
 
 
 def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTOLD) -> str | None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from .. import disk
 from ..disk import alone_in, is_unfinished
-from ..pictures import FILM_FORMATS
 
 TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
 PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
@@ -103,6 +102,8 @@ def free_folder(wanted: Path, taken: Collection[Path] = ()) -> Path:
 
 def pictures_in(folder: Path, name: str) -> list[Path]:
     """Return the pictures in a folder that a run of this name would replace."""
+    from ..pictures import FILM_FORMATS
+
     films = [folder / f"{name}.{end}" for end in FILM_FORMATS]
     return [
         p for p in (*sorted(folder.glob("frame_[0-9]*.png")), *films, overlay_path(folder, name)) if p.exists()

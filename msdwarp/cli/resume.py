@@ -12,10 +12,10 @@ from ..files import Trajectory, probe, read_restart
 from ..simulation import Simulation
 from ..studies import EnergyLog
 from .options import Options
-from .provenance import UNTOLD, built_again, digest
+from .provenance import built_again, digest
 from .results import RESTART, TRAJECTORY, pictures_in
 from .run import Run, last_frame, simulation_by
-from .trust import Script
+from .trust import UNTOLD, Script
 
 
 def resume_run(

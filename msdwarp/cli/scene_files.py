@@ -7,14 +7,16 @@ import pkgutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import scenes
-from ..world import Scene
 from .blame import remember
 from .signals import at_once
 
-Build = Callable[..., Scene]
+if TYPE_CHECKING:
+    from ..world import Scene
+
+Build = Callable[..., "Scene"]
 
 
 class Origin(NamedTuple):
@@ -31,9 +33,11 @@ class Origin(NamedTuple):
     script: str | None = None
     """The SHA-256 of its script as it was run; None for a scene that comes with msdwarp."""
 
-    def scene(self) -> Scene:
+    def scene(self) -> "Scene":
         """Return the scene; raise ValueError if `build` returns something else."""
         with at_once():  # what it imports, PyVista for one, may not stand an exception meanwhile
+            from ..world import Scene
+
             scene = self.build(**self.parameters)
         if not isinstance(scene, Scene):
             raise ValueError(f"build of scene {self.name!r} returned {scene!r}; it must return a Scene")

@@ -8,12 +8,11 @@ import shlex
 import signal
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from multiprocessing import parent_process
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from ..integrators import DEFAULT, METHODS
@@ -32,58 +31,18 @@ from ..studies import (
     values_of,
 )
 from .blame import told_by_line
-from .options import Options, Pictures
+from .other_options import SweepOptions
 from .process import progress_on, start_warp, understood
 from .provenance import as_json
 from .run import last_frame, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, word
-from .whole import WholeOrWord
 
 _LONG = 86400.0
 """Seconds over which the pace of points is taken, of which each may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 """Flags that say how a sweep goes, and nothing of what is simulated."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class Undrawn(Pictures):
-    """What to draw of each point: nothing, if nothing is asked for."""
-
-    frames: Literal["png", "none"] = "none"
-    video: Literal["webp", "mp4", "gif", "none"] = "none"
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SweepOptions(Options):
-    """The flags of every sweep, whatever the scene.
-
-    Parameters
-    ----------
-    out
-        Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep.
-    jobs
-        Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
-        points that are alike enough are simulated side by side in one process (with --keep summary).
-    keep
-        What to keep of each point: the whole run, as `msdwarp run` does, or only a summary.
-    """
-
-    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
-    pictures: Pictures = field(default_factory=Undrawn)
-    jobs: WholeOrWord = "auto"
-    keep: Literal["run", "summary"] = "run"
-
-    def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
-        """Return the options of the run of a point in a folder."""
-        options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
-        options = replace(options, out=folder, quiet=True, force=False)
-        if not keeps_files:
-            options = replace(options, trajectory="none", pictures=Undrawn(), restart=0.0, log=None)
-        return options
 
 
 class Words(NamedTuple):

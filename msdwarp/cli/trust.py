@@ -55,6 +55,10 @@ class Script:
         return find_scene(place, check)
 
 
+UNTOLD = Script()
+"""Nothing was said of scripts: one that a file names runs only where this user ran it."""
+
+
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
     """Return what a file keeps of a script of this SHA-256: nothing of a scene that comes with msdwarp."""
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}

@@ -1,40 +1,15 @@
 """Tuning a scene from the command line: every method's error against its cost, and the choice."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from ..integrators import DEFAULT
 from ..studies import cheapest, tune
 from ..world import Scene
+from .other_options import TuneOptions
 from .scene_files import Origin
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class TuneOptions:
-    """The flags of every tuning, whatever the scene.
-
-    Parameters
-    ----------
-    tolerance
-        Largest allowed error, as a fraction of the body's size.
-    horizon
-        Simulated time after which errors are measured [s].
-    device
-        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
-    verbose
-        Print Warp's messages too.
-    """
-
-    tolerance: float = 1e-3
-    horizon: float = 1.0
-    device: str | None = None
-    verbose: Annotated[bool, Parameter(negative=())] = False
 
 
 def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:

@@ -1,87 +1,23 @@
 """Viewing a scene as it is simulated, or a trajectory, in a window or a browser."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from ..files import Trajectory
 from ..live import Browser, Played, Running, Screen, Source, View, has_display, screen_for, within_reach
 from ..world import Scene
-from .options import MethodName, Options, Pictures, PrecisionName, RouteName
+from .options import Pictures
+from .other_options import ViewOptions
 from .process import stop_asked_for
 from .provenance import about
 from .run import simulation_by, used
 from .scene_files import Origin, find_scene
-from .whole import Whole, WholeOrAuto
 
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ViewOptions:
-    """The flags of every view, whatever the scene.
-
-    Parameters
-    ----------
-    browser
-        Show it in a browser, even if there is a display.
-    window
-        Show it in a window, even if no display is found.
-    host
-        Address to serve the page at. With the default only this machine can open it.
-    port
-        Port of the page. Default: 8080, or the next free one.
-    paused
-        Start paused, at the first frame.
-    device
-        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
-    precision
-        Floating-point precision. Default: float32.
-    route
-        How forces are summed; this affects speed only. auto picks the fastest.
-    integrator
-        Time-stepping method. Default: symplectic-euler.
-    substeps
-        Integrator steps per frame; auto picks them from the scene's stability limit.
-    fps
-        Frames per second of simulated time.
-    renderer
-        Renderer of snapshots and films: opengl, raycast, or auto. See `msdwarp run`.
-    verbose
-        Print messages from Warp and VTK too.
-    """
-
-    browser: Annotated[bool, Parameter(negative=())] = False
-    window: Annotated[bool, Parameter(negative=())] = False
-    host: str = "127.0.0.1"
-    port: Whole | None = None
-    paused: Annotated[bool, Parameter(negative=())] = False
-    device: str | None = None
-    precision: PrecisionName | None = None
-    route: RouteName = "auto"
-    integrator: MethodName | None = None
-    substeps: WholeOrAuto = "auto"
-    fps: float = 60.0
-    renderer: Literal["auto", "opengl", "raycast"] = "auto"
-    verbose: Annotated[bool, Parameter(negative=())] = False
-
-    @property
-    def of_run(self) -> Options:
-        """The same as the options of a run."""
-        return Options(
-            device=self.device,
-            precision=self.precision,
-            route=self.route,
-            integrator=self.integrator,
-            substeps=self.substeps,
-            fps=self.fps,
-        )
 
 
 def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:

@@ -5,12 +5,10 @@ import math
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System
-from ..kernels.filling import find_inside
 from ..quiet import start_warp
 from .skin import SAMPLED, Skin, cell_centres, embedded, held
 
@@ -200,6 +198,10 @@ def _filled(
     points: NDArray[np.float64], triangles: NDArray[np.intp], shape: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
+    import warp as wp  # which no other shape needs
+
+    from ..kernels.filling import find_inside
+
     centres = np.stack(np.broadcast_arrays(*cell_centres(shape, 1.0)), axis=-1)
     start_warp()
     surface = wp.Mesh(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msdwarp.cli.file_commands import _shown
+from msdwarp.cli.of_files import shown_of
 from msdwarp.cli.options import Options
 
 SMALL = ("--resolution", "128x72", "--device", "cpu")
@@ -107,7 +107,7 @@ class Run:
     ],
 )
 def test_a_film_keeps_to_its_speed_and_a_frame_rate_that_can_be_shown(fps, choice, frames, film_fps):
-    shown, rate = _shown(Run(fps), *choice)
+    shown, rate = shown_of(Run(fps), *choice)
     assert list(shown) == list(frames)
     assert rate == pytest.approx(film_fps)
     assert rate * shown.step / fps == pytest.approx(choice[3])

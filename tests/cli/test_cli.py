@@ -90,7 +90,7 @@ def test_an_earlier_trajectory_is_kept_unless_forced(msdwarp, tmp_path):
 
 def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
     runs = []
-    monkeypatch.setattr(cli, "run_scene", lambda *arguments: runs.append(arguments))
+    monkeypatch.setattr("msdwarp.cli.run.run_scene", lambda *arguments: runs.append(arguments))
     assert msdwarp("run", "cube")[0] == 0
     ((origin, scene, options),) = runs
     assert (origin.name, scene.system.particle_count, options) == ("cube", 1000, Options())

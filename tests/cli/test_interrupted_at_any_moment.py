@@ -147,7 +147,7 @@ sys.meta_path.insert(0, Finder())
 @posix
 @pytest.mark.parametrize(
     ("module", "resumable"),
-    [("warp", False), ("cyclopts", False), ("h5py._hl", True), ("pyvista.core", True)],
+    [("cyclopts", False), ("warp.config", False), ("h5py._hl", True), ("pyvista.core", True)],
 )
 def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
     # A module that Python imports as it starts sends the signal in the midst of another import.
@@ -163,9 +163,9 @@ def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
 
 
 @posix
-def test_sigterm_while_msdwarp_is_imported_has_its_word(tmp_path):
+def test_sigterm_while_the_command_is_imported_has_its_word(tmp_path):
     (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module="warp", name="SIGTERM"))
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module="cyclopts", name="SIGTERM"))
     path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
     assert ended(begun(tmp_path, "list", env={"PYTHONPATH": path})) == (143, "", "terminated\n")
 
