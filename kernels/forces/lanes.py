@@ -1,11 +1,10 @@
 """The route to the forces for small lattices on a GPU: several threads share a particle.
 
-A thread for each particle waits for one neighbour after the other, and too few threads keep the GPU idle meanwhile.
-So each of a particle's threads, its lanes, takes every n-th neighbour, and all lanes learn the sum by shuffles.
+A thread for each particle waits for one neighbour after the other, and too few threads leave the GPU idle meanwhile.
+So a particle has several threads, its lanes. Of n lanes each takes every n-th neighbour, and all learn the sum.
 """
 
 import functools
-from typing import Any
 
 import warp as wp
 
@@ -54,8 +53,8 @@ def stencil_of_lanes(
 ) -> Route:
     """Compose the stencil's route for a uniform lattice, `lanes` threads to a particle.
 
-    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which is that of the mask's bits here. On the
-    CPU, where kernels have no lanes, there may be one only.
+    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is that of the mask's bits. On
+    the CPU there may be one lane only.
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     Lost, _ = compensation(dim, scalar, compensated)

@@ -30,7 +30,7 @@ class Route(NamedTuple):
     tears: bool = False
     """Whether connections break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
-    """Whether threads may take several particles (`wp.kernel`): False needs fewer registers, and is mostly faster."""
+    """Whether threads may take several particles (`wp.kernel`): False needs fewer registers."""
     lanes: int = 1
     """Threads that share a particle: `force_at` is called by all of them, and all get the force."""
 
