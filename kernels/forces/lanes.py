@@ -1,6 +1,6 @@
 """The route to the forces for small lattices on a GPU: several threads share a particle.
 
-A thread for each particle waits for one neighbour after the other, and too few threads leave the GPU idle meanwhile.
+A thread for each particle waits for one neighbour after the other, and the GPU is idle meanwhile.
 So a particle has several threads, its lanes. Of n lanes each takes every n-th neighbour, and all learn the sum.
 """
 
