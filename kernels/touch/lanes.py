@@ -17,6 +17,15 @@ LEAST = """
     return value;
 """
 """They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+CHOSEN = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    const unsigned those = __ballot_sync(sharing, chosen);
+    return those ? __shfl_sync(sharing, value, __ffs(those) - 1) : value;
+#else
+    return value;
+#endif
+"""
 
 
 @functools.cache
@@ -34,3 +43,20 @@ def least_of_lanes(kind: type, lanes: int):
         def least(value: kind) -> kind: ...
 
     return least
+
+
+@functools.cache
+def chosen_of_lanes(kind: type, lanes: int):
+    """Compose (chosen, value) -> the value of the thread of a point for which `chosen` is true; else each its own."""
+    if lanes == 1:
+
+        @wp.func
+        def pick(chosen: bool, value: kind) -> kind:
+            return value
+
+    else:
+
+        @wp.func_native(CHOSEN.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+        def pick(chosen: bool, value: kind) -> kind: ...
+
+    return pick

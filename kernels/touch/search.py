@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..records import records
 from .lanes import least_of_lanes
 from .pairs import pairs, places, unit_normal
 from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces, first_flag
@@ -34,6 +35,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
     So many threads (`lanes`) share a piece.
     """
     Data, least_of = Surfaces(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    load = records(3, scalar).load
 
     @wp.func
     def least_corner(x: wp.vec3) -> wp.vec3:
@@ -55,9 +57,9 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         most = -least
         for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
             c = data.corner[t]
-            a = wp.vec3(data.x[c[0]])
-            b = wp.vec3(data.x[c[1]])
-            d = wp.vec3(data.x[c[2]])
+            a = wp.vec3(load(data.x, c[0]))
+            b = wp.vec3(load(data.x, c[1]))
+            d = wp.vec3(load(data.x, c[2]))
             below = wp.min(wp.min(a, b), d)
             above = wp.max(wp.max(a, b), d)
             lower[t] = below

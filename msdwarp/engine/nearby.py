@@ -131,14 +131,19 @@ class Nearby:
         threads = min(many, most) if self._model.device.is_cuda else 1
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
 
-    def place(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None) -> None:
-        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
+    def place(
+        self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None, anew: bool = False
+    ) -> None:
+        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing.
+
+        Where lists are made `anew`, it is from there on that ways are measured.
+        """
         model, data = self._model, self._data
         compensated = model.compensated and lost is not None
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits]
+        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits, anew]
         self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
@@ -147,11 +152,10 @@ class Nearby:
         Within a frame, how far anything has moved since the last search tells how often it is to be made.
         """
         data = self._data
-        self.place(x, v, lost, self.flags[WAY:] if within else self.unread)
+        self.place(x, v, lost, self.flags[WAY:] if within else self.unread, anew=True)
         self._box()
         self._tree.refit()
         self._bodies.refit()
-        wp.copy(data.x_found, data.x)
         self._find_rows()
         if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
             lanes = PIECE if self._model.device.is_cuda else 1

@@ -23,6 +23,7 @@ from ..world import Touch
 from .effect import Effect
 from .nearby import Nearby
 from .overrun import Overrun
+from .records import in_records
 from .rows import rows
 from .touch_tables import (
     check_stiffness,
@@ -87,9 +88,9 @@ class Touching(Effect):
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
         data.body_of = each.alike(surfaces.body, int, bodies)
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
-        data.x = each.by_row(start.astype(dtype), model.vector)
-        for name in ("v", "x_found"):
-            setattr(data, name, wp.zeros_like(data.x))
+        for name in ("x", "v", "x_found"):
+            setattr(data, name, in_records(worlds * vertices, model.dim, scalar, device))
+        wp.copy(data.x, each.by_row(start.astype(dtype), model.vector))
         data.force = wp.zeros((worlds * vertices, 3), dtype=wp.int64, device=device)
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(surfaces.body[surfaces.ends[:, 0]], int, bodies)
