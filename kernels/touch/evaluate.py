@@ -20,7 +20,7 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .friction import TANGENTIAL, friction
-from .lanes import chosen_of_lanes, least_of_lanes
+from .lanes import BLOCK, BLOCKS, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
 from .surfaces import DEEPEST, Surfaces, first_flag
@@ -166,10 +166,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             ends = data.ends[p]
             s = data.share[p]
             x = place_of(data.x, ends, s)
-            v = place_of(data.v, ends, s)
-            own = data.mobility[ends[0]]
-            if ends[0] != ends[1]:
-                own = (one - s) * (one - s) * own + s * s * data.mobility[ends[1]]
             mine = data.body[p]
             new_partner_0 = int(-1)
             new_partner_1 = int(-1)
@@ -248,12 +244,16 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     overlap = thickness - gap
                     if wp.static(sunk):
                         overlap = overlap - data.allowed[p]
-                    mobility = own
-                    for k in range(3):
-                        mobility += w[k] * w[k] * data.mobility[corner[k]]
-                    if overlap > zero and mobility > zero:
+                    mobility = zero
+                    if overlap > zero:
+                        mobility = data.mobility[ends[0]]
+                        if ends[0] != ends[1]:
+                            mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                        for k in range(3):
+                            mobility += w[k] * w[k] * data.mobility[corner[k]]
+                    if mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        u = v - place_on(data.v, corner, w)
+                        u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         # As it has a share of the stiffness, a point has one of the mass.
@@ -314,7 +314,8 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     # What comes so fast that a substep takes it through has never been in touch.
                     q = place_on(data.x, corner, w)
                     gap = wp.sqrt(best)
-                    u_n = wp.dot(v - place_on(data.v, corner, w), x - q) / gap
+                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                    u_n = wp.dot(u, x - q) / gap
                     least = zero
                     if data.closed[other] != 0 and mine != other:
                         least = -reach
@@ -336,7 +337,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                 stored[p] = energy
                 heated[p] = power
 
-    @kernel
     def touch_points(
         data: Data,
         h: scalar,
@@ -354,4 +354,4 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
             k += threads / wp.static(lanes)
 
-    return touch_points
+    return kernel(touch_points, launch_bounds=(BLOCK, BLOCKS))

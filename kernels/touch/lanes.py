@@ -6,6 +6,10 @@ import warp as wp
 
 ON_GPU = 8
 """Threads to a point on a GPU: as many as there are facets near most. On the CPU there is one."""
+BLOCK = 64
+"""Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
+BLOCKS = 10
+"""Blocks that the compiler leaves registers for: work that waits for memory is faster the more threads there are."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import TouchingSurfaces
 from ..kernels.compensation import compensation
 from ..kernels.touch import (
+    BLOCK,
     FLAGS,
     LONGEST_ROW,
     MOST_BESIDE,
@@ -17,6 +18,7 @@ from ..kernels.touch import (
     WAY,
     box_facets,
     box_neighbours,
+    find_candidates,
     find_roots,
     find_rows,
     forget_boxes,
@@ -110,8 +112,8 @@ class Nearby:
         self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)
         wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
-        data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
-        data.busy_count = wp.zeros(1, dtype=int, device=device)
+        data.length, data.candidate, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lcb")
+        data.candidate_count, data.busy_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
@@ -123,13 +125,15 @@ class Nearby:
             stale = self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE]))
         self.flags.zero_()
 
-    def share(self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31) -> None:
+    def share(
+        self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
+    ) -> None:
         """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all.
 
-        There each would have a copy of its arguments, of 2 kB.
+        There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
         threads = min(many, most) if self._model.device.is_cuda else 1
-        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
+        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device, block_dim=block)
 
     def place(
         self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None, anew: bool = False
@@ -168,8 +172,9 @@ class Nearby:
         around = [self._farthest, self.skin]
         inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
         wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
-        inputs = [data, self._tree.id, *self._boxes, *self._limits, *around]
-        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags])
+        self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
+        inputs = [data, self._tree.id, *self._boxes, *around]
+        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags], block=BLOCK)
 
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..bodies import touching_surfaces
 from ..kernels.touch import (
+    BLOCK,
     DEEPEST,
     HISTORY,
     NOTED,
@@ -242,7 +243,7 @@ class Touching(Effect):
         inputs = [data, *times, self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
         composed = kernel(model.scalar, self._sunk, lanes, model.in_worlds)
-        self._nearby.share(composed, many, inputs, [self._flags, *sums], most=MOST_THREADS)
+        self._nearby.share(composed, many, inputs, [self._flags, *sums], MOST_THREADS, BLOCK)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of what bodies push each other's particles with, where that is asked for."""
