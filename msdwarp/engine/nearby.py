@@ -48,7 +48,7 @@ FARTHEST_WAY = 16.0
 PATIENCE = 4
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
-"""That doubles when it was too early, up to this."""
+"""That doubles when it was too early, as what followed within as many frames tells, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 32
@@ -87,6 +87,7 @@ class Nearby:
         self.every = 8
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
+        self._since_rarer = MOST_PATIENCE
         self.now = self._found_at = 0.0
         """When in a frame what is launched next takes place [s]."""
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
@@ -199,10 +200,13 @@ class Nearby:
         best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
         best = 1 << (int(min(best, MOST_BETWEEN)).bit_length() - 1)
         self._calm = self._calm + 1 if best > self.every else 0
+        self._since_rarer += 1
         if best < self.every:
-            self.every, self._patience = best, min(2 * self._patience, MOST_PATIENCE)
+            if self._since_rarer <= self._patience:
+                self._patience = min(2 * self._patience, MOST_PATIENCE)
+            self.every, self._since_rarer = best, MOST_PATIENCE
         elif self._calm >= self._patience:
-            self.every, self._calm = best, 0
+            self.every, self._calm, self._since_rarer = best, 0, 0
         wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.every - 1, 1))
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
