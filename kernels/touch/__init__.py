@@ -2,7 +2,7 @@
 
 from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
-from .lanes import BLOCK, ON_GPU
+from .lanes import BLOCK, BLOCKS, ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
 from .search import (
@@ -20,6 +20,7 @@ from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, 
 
 __all__ = [
     "BLOCK",
+    "BLOCKS",
     "COUNT",
     "DEEPEST",
     "FACET",

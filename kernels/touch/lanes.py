@@ -9,7 +9,7 @@ ON_GPU = 8
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10
-"""Blocks that the compiler leaves registers for: work that waits for memory is faster the more threads there are."""
+"""Blocks at a time that the compiler leaves registers for: what waits for memory is faster the more there are."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -51,7 +51,10 @@ def least_of_lanes(kind: type, lanes: int):
 
 @functools.cache
 def chosen_of_lanes(kind: type, lanes: int):
-    """Compose (chosen, value) -> the value of the thread of a point for which `chosen` is true; else each its own."""
+    """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
+
+    All of them must ask for it. Where it is true for none each keeps its own.
+    """
     if lanes == 1:
 
         @wp.func

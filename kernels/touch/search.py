@@ -199,10 +199,10 @@ def find_candidates(scalar: type, worlds: bool = False):
 def find_rows(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before lists are made anew.
 
-    Its threads share the candidates. Of each body those stay that may come to be the nearest meanwhile, the nearest
-    first; none, where the point is so far outside that it cannot come in. With each stands how far off it is, so
-    that later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor
-    the order in which facets are found does.
+    Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
+    nearest first; none, where the point is so far outside that it cannot come in. With each stands how far off it
+    is, so that later most need not be looked at. What is left in and never touched changes nothing: neither the
+    skin nor the order in which facets are found does.
     """
     Data, margin, V = Surfaces(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)

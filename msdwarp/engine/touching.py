@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import touching_surfaces
 from ..kernels.touch import (
     BLOCK,
+    BLOCKS,
     DEEPEST,
     HISTORY,
     NOTED,
@@ -44,8 +45,6 @@ OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
 LED_APART_IN = 0.5
 """What overlaps at the start is led apart within this time [s]."""
-MOST_THREADS = 2**17
-"""Threads that a GPU keeps busy at a time with contacts; more would only begin and end."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
@@ -242,8 +241,9 @@ class Touching(Effect):
         lanes = ON_GPU if model.device.is_cuda else 1
         inputs = [data, *times, self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
+        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
         composed = kernel(model.scalar, self._sunk, lanes, model.in_worlds)
-        self._nearby.share(composed, many, inputs, [self._flags, *sums], MOST_THREADS, BLOCK)
+        self._nearby.share(composed, many, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of what bodies push each other's particles with, where that is asked for."""
