@@ -179,8 +179,8 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                 best = scalar(far)
                 near = scalar(far)
                 facet = int(wp.static(NONE))
+                entry = int(-1)
                 w = V()
-                w_own = V()
                 for e in range(lane, n, wp.static(lanes)):
                     if data.whose[p, e] == other and almost * data.away[p, e] <= near:
                         f = data.row[p, e]
@@ -190,17 +190,18 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                             best = wp.dot(away, away)
                             near = wp.sqrt(best) + skin[0]
                             facet = f
+                            entry = e
                             w = w_f
+                w_own = w  # on the nearest of those that this thread has looked at
                 if wp.static(lanes > 1):
                     nearest = least_of(best)
                     if best > nearest:
                         facet = int(wp.static(NONE))
                     best = nearest
-                    own_facet = facet
+                    own = facet
                     facet = least_number(facet)
-                    w_own = w
                     for k in range(3):
-                        w[k] = pick(own_facet == facet, w_own[k])
+                        w[k] = pick(own == facet, w_own[k])
                 corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
@@ -218,8 +219,8 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                         for e in range(lane, n, wp.static(lanes)):
                             if data.whose[p, e] == other and almost * data.away[p, e] <= near:
                                 f = data.row[p, e]
-                                w_f = w_own  # of the only one that this thread has looked at
-                                if n > wp.static(lanes if lanes > 1 else 0):
+                                w_f = w_own
+                                if e != entry:
                                     w_f = nearest_to(data.x, data.corner[f], x)
                                 away = x - place_on(data.x, data.corner[f], w_f)
                                 if wp.dot(away, away) <= tie:
