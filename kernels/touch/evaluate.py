@@ -20,7 +20,7 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .friction import TANGENTIAL, friction
-from .lanes import BLOCK, BLOCKS, chosen_of_lanes, least_of_lanes
+from .lanes import bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
 from .surfaces import DEEPEST, Surfaces, first_flag
@@ -355,4 +355,4 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
             k += threads / wp.static(lanes)
 
-    return kernel(touch_points, launch_bounds=(BLOCK, BLOCKS))
+    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar))

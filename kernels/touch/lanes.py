@@ -9,7 +9,7 @@ ON_GPU = 8
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10
-"""Blocks at a time that the compiler leaves registers for: what waits for memory is faster the more there are."""
+"""Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -30,6 +30,11 @@ CHOSEN = """
     return value;
 #endif
 """
+
+
+def bounds_of_blocks(scalar: type) -> tuple[int, int]:
+    """Return for how many threads in a block, and blocks at a time, the compiler is to leave registers."""
+    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
 
 
 @functools.cache

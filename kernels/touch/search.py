@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from .lanes import BLOCK, BLOCKS, least_of_lanes
+from .lanes import bounds_of_blocks, least_of_lanes
 from .pairs import pairs, places, unit_normal
 from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces, first_flag
 
@@ -338,7 +338,7 @@ def find_rows(scalar: type, worlds: bool = False):
                 data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
             e += threads
 
-    return kernel(find, launch_bounds=(BLOCK, BLOCKS))
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache
