@@ -16,7 +16,6 @@ from .depths import start_depths, touching
 from .device import find_device
 from .forcing import Steady
 from .model import Model
-from .records import in_records
 from .routes import AUTO, ensemble_route
 from .state import State
 from .touching_worlds import TouchingWorlds
@@ -149,7 +148,19 @@ class EnsembleModel(Model):
 
         World w begins at w times `stride`. As many as `margin` may be read before the first and after the last.
         """
-        return in_records(self.worlds * self.stride, self.dim, self.scalar, self.device, self.margin)
+        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
+        count = self.worlds * self.stride
+        storage = wp.zeros((count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
+        view = wp.array(
+            ptr=int(storage.ptr or 0) + self.margin * length * size,
+            dtype=self.vector,
+            shape=count,
+            strides=(length * size,),
+            device=self.device,
+            capacity=storage.capacity,
+        )
+        view._ref = storage
+        return view
 
     @property
     def stride_in_bytes(self) -> int:

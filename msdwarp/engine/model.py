@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
+from ..kernels.records import record_length
 from ..world import (
     CONTACT_FORCE,
     TOUCH_FORCE,
@@ -25,7 +26,6 @@ from ..world import (
 )
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
-from .records import in_records
 from .routes import choose_route, scatter_order
 from .tearing import Tearing
 from .work import Work
@@ -218,7 +218,18 @@ class Model:
 
         As many particles as `margin` says may be read before the first and after the last.
         """
-        return in_records(self.particle_count, self.dim, self.scalar, self.device, self.margin)
+        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
+        storage = wp.zeros((self.particle_count + 2 * self.margin) * length, dtype=self.scalar, device=self.device)
+        view = wp.array(
+            ptr=int(storage.ptr or 0) + self.margin * length * size,
+            dtype=self.vector,
+            shape=self.particle_count,
+            strides=(length * size,),
+            device=self.device,
+            capacity=storage.capacity,
+        )
+        view._ref = storage
+        return view
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
         """Upload what connections have, 0 for broken ones; where any can break, a number for each."""

@@ -8,17 +8,17 @@ from ..kernels.basis import vector
 from ..kernels.records import record_length
 
 
-def in_records(count: int, dim: int, scalar: Any, device: Any, margin: int = 0) -> wp.array:
-    """Return zeros, so many vectors; `margin` more may be read before the first and after the last."""
+def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
+    """Return zeros, so many vectors."""
     length, size = record_length(dim), wp.types.type_size_in_bytes(scalar)
-    storage = wp.zeros((count + 2 * margin) * length, dtype=scalar, device=device)
+    storage = wp.zeros(count * length, dtype=scalar, device=device)
     view = wp.array(
-        ptr=int(storage.ptr or 0) + margin * length * size,
+        ptr=storage.ptr,
         dtype=vector(dim, scalar),
         shape=count,
         strides=(length * size,),
         device=device,
         capacity=storage.capacity,
     )
-    view._ref = storage
+    view._ref = storage  # a view does not own its memory
     return view
