@@ -2,15 +2,25 @@
 
 from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
-from .lanes import ON_GPU
+from .lanes import BLOCK, BLOCKS, ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .search import box_facets, box_neighbours, find_roots, find_rows, forget_boxes, range_of_speeds
+from .search import (
+    box_facets,
+    box_neighbours,
+    find_candidates,
+    find_roots,
+    find_rows,
+    forget_boxes,
+    range_of_speeds,
+)
 from .straddle import straddle
 from .straddled import PLACES, Straddled, add_energies, add_pushes, straddling_piece, weights_of_places
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
 
 __all__ = [
+    "BLOCK",
+    "BLOCKS",
     "COUNT",
     "DEEPEST",
     "FACET",
@@ -35,6 +45,7 @@ __all__ = [
     "box_facets",
     "box_neighbours",
     "energy_of_touch",
+    "find_candidates",
     "find_roots",
     "find_rows",
     "forget_boxes",

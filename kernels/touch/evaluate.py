@@ -20,7 +20,7 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .friction import TANGENTIAL, friction
-from .lanes import least_of_lanes
+from .lanes import bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
 from .surfaces import DEEPEST, Surfaces, first_flag
@@ -36,7 +36,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """
     V, Data = vector(dim, scalar), Surfaces(scalar, worlds)
     Lost, _ = compensation(dim, scalar, compensated)
-    load, first_of = records(dim, scalar).load, first_flag(scalar, worlds)
+    (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
 
     @kernel
     def place(
@@ -49,6 +49,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         more: float,  # by how much further the others must be to be far off [m]
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
+        anew: bool,  # whether rows are found here
         threads: int,
         way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
     ):
@@ -66,12 +67,15 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                     x_j = x_j - load(lost.x, j)
                 place += data.weight[s] * x_j
                 speed += data.weight[s] * load(v, j)
-            data.x[i] = place
-            data.v[i] = speed
+            store(data.x, i, place)
+            store(data.v, i, speed)
             for k in range(wp.static(dim)):
                 data.force[i, k] = wp.int64(0)
-            before = wp.vec3(data.x_found[i])
-            moved = wp.length(wp.vec3(place - data.x_found[i]) - drift)
+            x_found = load(data.x_found, i)
+            before = wp.vec3(x_found)
+            moved = wp.length(wp.vec3(place - x_found) - drift)
+            if anew:
+                store(data.x_found, i, place)
             low = least[data.body_of[i]] - further
             high = most[data.body_of[i]] + further
             if not (wp.min(before, low) == low and wp.max(before, high) == high):
@@ -108,14 +112,9 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
     next_body, note, first_of = body_in_row(lanes), note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
+    pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
-
-    @wp.func
-    def add_to(force: wp.array2d(dtype=wp.int64), vertex: int, a: wp.int64, b: wp.int64, c: wp.int64):
-        wp.atomic_add(force, vertex, 0, a)
-        wp.atomic_add(force, vertex, 1, b)
-        wp.atomic_add(force, vertex, 2, c)
 
     @wp.func
     def part(total: wp.int64, share: scalar) -> wp.int64:
@@ -130,28 +129,22 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
         w: V,
         f: V,
         unit: wp.float64,
+        lane: int,
     ):
-        """Add force f to a point, and the opposite to a facet."""
-        a = wp.int64(wp.float64(f[0]) / unit)
-        b = wp.int64(wp.float64(f[1]) / unit)
-        c = wp.int64(wp.float64(f[2]) / unit)
-        if ends[0] == ends[1]:
-            add_to(force, ends[0], a, b, c)
-        else:
-            a_1 = part(a, s)
-            b_1 = part(b, s)
-            c_1 = part(c, s)
-            add_to(force, ends[1], a_1, b_1, c_1)
-            add_to(force, ends[0], a - a_1, b - b_1, c - c_1)
-        a_1 = part(a, w[1])
-        b_1 = part(b, w[1])
-        c_1 = part(c, w[1])
-        a_2 = part(a, w[2])
-        b_2 = part(b, w[2])
-        c_2 = part(c, w[2])
-        add_to(force, corner[1], -a_1, -b_1, -c_1)
-        add_to(force, corner[2], -a_2, -b_2, -c_2)
-        add_to(force, corner[0], a_1 + a_2 - a, b_1 + b_2 - b, c_1 + c_2 - c)
+        """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
+        for k in range(lane, 3, wp.static(lanes)):
+            total = wp.int64(wp.float64(f[k]) / unit)
+            if ends[0] == ends[1]:
+                wp.atomic_add(force, ends[0], k, total)
+            else:
+                second = part(total, s)
+                wp.atomic_add(force, ends[1], k, second)
+                wp.atomic_add(force, ends[0], k, total - second)
+            on_1 = part(total, w[1])
+            on_2 = part(total, w[2])
+            wp.atomic_add(force, corner[1], k, -on_1)
+            wp.atomic_add(force, corner[2], k, -on_2)
+            wp.atomic_add(force, corner[0], k, on_1 + on_2 - total)
 
     @wp.func
     def touch_one(
@@ -173,10 +166,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             ends = data.ends[p]
             s = data.share[p]
             x = place_of(data.x, ends, s)
-            v = place_of(data.v, ends, s)
-            own = data.mobility[ends[0]]
-            if ends[0] != ends[1]:
-                own = (one - s) * (one - s) * own + s * s * data.mobility[ends[1]]
             mine = data.body[p]
             new_partner_0 = int(-1)
             new_partner_1 = int(-1)
@@ -190,6 +179,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                 best = scalar(far)
                 near = scalar(far)
                 facet = int(wp.static(NONE))
+                entry = int(-1)
                 w = V()
                 for e in range(lane, n, wp.static(lanes)):
                     if data.whose[p, e] == other and almost * data.away[p, e] <= near:
@@ -200,15 +190,18 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                             best = wp.dot(away, away)
                             near = wp.sqrt(best) + skin[0]
                             facet = f
+                            entry = e
                             w = w_f
+                w_own = w  # on the nearest of those that this thread has looked at
                 if wp.static(lanes > 1):
                     nearest = least_of(best)
                     if best > nearest:
                         facet = int(wp.static(NONE))
                     best = nearest
+                    own = facet
                     facet = least_number(facet)
-                    if facet < wp.static(NONE):
-                        w = nearest_to(data.x, data.corner[facet], x)
+                    for k in range(3):
+                        w[k] = pick(own == facet, w_own[k])
                 corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 if best < reach * reach:
                     thickness = thickness_of(data, rule, mine, other)
@@ -220,13 +213,15 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     if closed and not within:
                         # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
                         tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
-                            data.x[corner[1]] - data.x[corner[0]]
+                            load(data.x, corner[1]) - load(data.x, corner[0])
                         )
                         near = wp.sqrt(tie) + skin[0]
                         for e in range(lane, n, wp.static(lanes)):
                             if data.whose[p, e] == other and almost * data.away[p, e] <= near:
                                 f = data.row[p, e]
-                                w_f = nearest_to(data.x, data.corner[f], x)
+                                w_f = w_own
+                                if e != entry:
+                                    w_f = nearest_to(data.x, data.corner[f], x)
                                 away = x - place_on(data.x, data.corner[f], w_f)
                                 if wp.dot(away, away) <= tie:
                                     seen = wp.dot(away, normal_of(data.x, data.corner[f]))
@@ -250,12 +245,16 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     overlap = thickness - gap
                     if wp.static(sunk):
                         overlap = overlap - data.allowed[p]
-                    mobility = own
-                    for k in range(3):
-                        mobility += w[k] * w[k] * data.mobility[corner[k]]
-                    if overlap > zero and mobility > zero:
+                    mobility = zero
+                    if overlap > zero:
+                        mobility = data.mobility[ends[0]]
+                        if ends[0] != ends[1]:
+                            mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                        for k in range(3):
+                            mobility += w[k] * w[k] * data.mobility[corner[k]]
+                    if mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        u = v - place_on(data.v, corner, w)
+                        u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         # As it has a share of the stiffness, a point has one of the mass.
@@ -284,27 +283,28 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                             if not slides:
                                 lost -= k_t * wp.dot(slip, u_t)
                             power += wp.float64(lost)
-                        elif lane == 0:
+                        else:
                             if wp.static(worlds):
                                 own_unit = data.unit[mine / data.bodies_each]
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, own_unit)
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, own_unit, lane)
                             else:
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit)
-                            if wp.static(sunk):
-                                led = wp.min(data.allowed[p], h * data.outwards)
-                                data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
-                            at = first_of(data, mine) + wp.static(DEEPEST)
-                            if float(overlap) > flags[at]:
-                                wp.atomic_max(flags, at, float(overlap))
-                            if h > zero:
-                                # The vertex of a point bears as much for each of its other points.
-                                u_n += h * f_n * mobility / data.density[mine]
-                                least = zero
-                                if closed:
-                                    least = -reach
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit, lane)
+                            if lane == 0:
                                 if wp.static(sunk):
-                                    least = least - data.allowed[p]
-                                note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
+                                    led = wp.min(data.allowed[p], h * data.outwards)
+                                    data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
+                                at = first_of(data, mine) + wp.static(DEEPEST)
+                                if float(overlap) > flags[at]:
+                                    wp.atomic_max(flags, at, float(overlap))
+                                if h > zero:
+                                    # The vertex of a point bears as much for each of its other points.
+                                    u_n += h * f_n * mobility / data.density[mine]
+                                    least = zero
+                                    if closed:
+                                        least = -reach
+                                    if wp.static(sunk):
+                                        least = least - data.allowed[p]
+                                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
                         if new_partner_0 < 0:
                             new_partner_0 = other
                             new_slip_0 = slip
@@ -315,7 +315,8 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     # What comes so fast that a substep takes it through has never been in touch.
                     q = place_on(data.x, corner, w)
                     gap = wp.sqrt(best)
-                    u_n = wp.dot(v - place_on(data.v, corner, w), x - q) / gap
+                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                    u_n = wp.dot(u, x - q) / gap
                     least = zero
                     if data.closed[other] != 0 and mine != other:
                         least = -reach
@@ -337,7 +338,6 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                 stored[p] = energy
                 heated[p] = power
 
-    @kernel
     def touch_points(
         data: Data,
         h: scalar,
@@ -355,4 +355,4 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
             k += threads / wp.static(lanes)
 
-    return touch_points
+    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar))

@@ -6,6 +6,10 @@ import warp as wp
 
 ON_GPU = 8
 """Threads to a point on a GPU: as many as there are facets near most. On the CPU there is one."""
+BLOCK = 64
+"""Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
+BLOCKS = 10
+"""Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -17,6 +21,20 @@ LEAST = """
     return value;
 """
 """They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+CHOSEN = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    const unsigned those = __ballot_sync(sharing, chosen);
+    return those ? __shfl_sync(sharing, value, __ffs(those) - 1) : value;
+#else
+    return value;
+#endif
+"""
+
+
+def bounds_of_blocks(scalar: type) -> tuple[int, int]:
+    """Return for how many threads in a block, and blocks at a time, the compiler is to leave registers."""
+    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
 
 
 @functools.cache
@@ -34,3 +52,23 @@ def least_of_lanes(kind: type, lanes: int):
         def least(value: kind) -> kind: ...
 
     return least
+
+
+@functools.cache
+def chosen_of_lanes(kind: type, lanes: int):
+    """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
+
+    All of them must ask for it. Where it is true for none each keeps its own.
+    """
+    if lanes == 1:
+
+        @wp.func
+        def pick(chosen: bool, value: kind) -> kind:
+            return value
+
+    else:
+
+        @wp.func_native(CHOSEN.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+        def pick(chosen: bool, value: kind) -> kind: ...
+
+    return pick

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..records import records
 from .lanes import least_of_lanes
 from .nearest import nearest_on_triangle
 from .surfaces import Surfaces
@@ -21,19 +22,20 @@ def places(scalar: type):
     weights of the place on a facet that is nearest to p. They take vertices and corners, not the whole of what
     touches: on the CPU a function has a copy of what it is given.
     """
-    V, nearest = vector(3, scalar), nearest_on_triangle(scalar)
+    V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
     @wp.func
     def place_of(x: wp.array(dtype=V), ends: wp.vec2i, share: scalar) -> V:
-        return x[ends[0]] + share * (x[ends[1]] - x[ends[0]])
+        first = load(x, ends[0])
+        return first + share * (load(x, ends[1]) - first)
 
     @wp.func
     def place_on(x: wp.array(dtype=V), corner: wp.vec3i, w: V) -> V:
-        return w[0] * x[corner[0]] + w[1] * x[corner[1]] + w[2] * x[corner[2]]
+        return w[0] * load(x, corner[0]) + w[1] * load(x, corner[1]) + w[2] * load(x, corner[2])
 
     @wp.func
     def nearest_to(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> V:
-        return nearest(p, x[corner[0]], x[corner[1]], x[corner[2]])
+        return nearest(p, load(x, corner[0]), load(x, corner[1]), load(x, corner[2]))
 
     return place_of, place_on, nearest_to
 
@@ -41,12 +43,12 @@ def places(scalar: type):
 @functools.cache
 def unit_normal(scalar: type):
     """Compose (x, corner) -> the unit normal out of a facet; 0 of one that has none."""
-    V = vector(3, scalar)
+    V, load = vector(3, scalar), records(3, scalar).load
 
     @wp.func
     def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
-        a = x[corner[0]]
-        return wp.normalize(wp.cross(x[corner[1]] - a, x[corner[2]] - a))
+        a = load(x, corner[0])
+        return wp.normalize(wp.cross(load(x, corner[1]) - a, load(x, corner[2]) - a))
 
     return normal_of
 

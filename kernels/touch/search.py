@@ -5,7 +5,8 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .lanes import least_of_lanes
+from ..records import records
+from .lanes import bounds_of_blocks, least_of_lanes
 from .pairs import pairs, places, unit_normal
 from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces, first_flag
 
@@ -34,6 +35,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
     So many threads (`lanes`) share a piece.
     """
     Data, least_of = Surfaces(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    load = records(3, scalar).load
 
     @wp.func
     def least_corner(x: wp.vec3) -> wp.vec3:
@@ -55,9 +57,9 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         most = -least
         for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
             c = data.corner[t]
-            a = wp.vec3(data.x[c[0]])
-            b = wp.vec3(data.x[c[1]])
-            d = wp.vec3(data.x[c[2]])
+            a = wp.vec3(load(data.x, c[0]))
+            b = wp.vec3(load(data.x, c[1]))
+            d = wp.vec3(load(data.x, c[2]))
             below = wp.min(wp.min(a, b), d)
             above = wp.max(wp.max(a, b), d)
             lower[t] = below
@@ -118,6 +120,7 @@ def box_neighbours(scalar: type, worlds: bool = False):
         i = wp.tid()
         if i == 0:  # of the search that begins
             busy_count[0] = 0
+            data.candidate_count[0] = 0
             for k in range(2):
                 data.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         around = farthest + skin[0]
@@ -163,13 +166,43 @@ def margin_of_boxes(scalar: type):
 
 
 @functools.cache
+def find_candidates(scalar: type, worlds: bool = False):
+    """Compose the kernel that lists the points which may be near any facet, or have something to forget.
+
+    Its threads share the points, and put those that are near each other behind each other. Most points of large
+    bodies are done with here: a search with threads that have nothing to do takes as long as with all busy.
+    """
+    Data, place_of = Surfaces(scalar, worlds), places(scalar)[0]
+
+    @kernel
+    def list_candidates(
+        data: Data,
+        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
+        most: wp.array(dtype=wp.vec3),
+        threads: int,
+    ):
+        e = wp.tid()
+        while e < data.length.shape[0]:
+            p = data.in_order[e]
+            place = wp.vec3(place_of(data.x, data.ends[p], data.share[p]))
+            low = least[data.body[p]]
+            high = most[data.body[p]]
+            within = wp.min(place, low) == low and wp.max(place, high) == high
+            if within or data.length[p] > 0 or data.partner[0, p] >= 0 or data.allowed[p] > scalar(0.0):
+                data.candidate[wp.atomic_add(data.candidate_count, 0, 1)] = p
+            e += threads
+
+    return list_candidates
+
+
+@functools.cache
 def find_rows(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before lists are made anew.
 
-    Its threads share the points. Of each body those stay that may come to be the nearest meanwhile, the nearest
-    first; none, where the point is so far outside that it cannot come in. With each stands how far off it is, so
-    that later most need not be looked at. What is left in and never touched changes nothing: neither the skin nor
-    the order in which facets are found does.
+    Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
+    nearest first; none, where the point is so far outside that it cannot come in. With each stands how far off it
+    is, so that later most need not be looked at. What is left in and never touched changes nothing: neither the
+    skin nor the order in which facets are found does.
     """
     Data, margin, V = Surfaces(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
@@ -217,6 +250,9 @@ def find_rows(scalar: type, worlds: bool = False):
         count = int(0)
         missed = int(0)  # for want of room
         most = int(0)
+        known = int(-1)  # which facet was the nearest before
+        if data.length[p] > 0:
+            known = data.row[p, 0]
         wide = margin(wp.vec3(x), wp.vec3(x), farthest + skin)
         low = wp.vec3(x) - wide
         high = wp.vec3(x) + wide
@@ -227,17 +263,25 @@ def find_rows(scalar: type, worlds: bool = False):
                 limit = reach_of(data, rule, mine, other) + skin
                 begin = int(count)
                 nearest = scalar(limit)
-                near_facets = wp.bvh_query_aabb(facets, low, high, data.root[other])
+                around = scalar(limit)
+                if known >= 0:
+                    if data.owner[known] == other:
+                        # What was nearest tells how far off the nearest is now, at most.
+                        c = data.corner[known]
+                        nearest = wp.min(limit, wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x))))
+                        around = wp.min(limit, doubt * (nearest + scalar(2.0) * skin))
+                close = margin(wp.vec3(x), wp.vec3(x), around)
+                near_facets = wp.bvh_query_aabb(facets, wp.vec3(x) - close, wp.vec3(x) + close, data.root[other])
                 facet = int(0)
                 while wp.bvh_query_next(near_facets, facet):
                     c = data.corner[facet]
-                    away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
-                    if away < limit and away <= doubt * (nearest + scalar(2.0) * skin):
-                        may = bool(True)
-                        if mine == other:
-                            may = not is_near(data.first_near, data.near, ends[0], c)
-                            may = may and not is_near(data.first_near, data.near, ends[1], c)
-                        if may:
+                    may = bool(True)
+                    if mine == other:
+                        may = not is_near(data.first_near, data.near, ends[0], c)
+                        may = may and not is_near(data.first_near, data.near, ends[1], c)
+                    if may:
+                        away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
+                        if away < limit and away <= doubt * (nearest + scalar(2.0) * skin):
                             if count < room:
                                 data.row[p, count] = facet
                                 data.away[p, count] = away
@@ -272,28 +316,21 @@ def find_rows(scalar: type, worlds: bool = False):
         if most > int(flags[at]):
             wp.atomic_max(flags, at, float(most))
 
-    @kernel
     def find(
         data: Data,
         facets: wp.uint64,
         lower: wp.array(dtype=wp.vec3),
         upper: wp.array(dtype=wp.vec3),
-        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
-        most: wp.array(dtype=wp.vec3),
         farthest: scalar,
         skin: wp.array(dtype=scalar),
         threads: int,
         flags: wp.array(dtype=float),
     ):
         e = wp.tid()
-        while e < data.length.shape[0]:
-            p = data.in_order[e]
+        while e < data.candidate_count[0]:
+            p = data.candidate[e]
             x = place_of(data.x, data.ends[p], data.share[p])
-            mine = data.body[p]
-            place = wp.vec3(x)
-            data.length[p] = 0
-            if wp.min(place, least[mine]) == least[mine] and wp.max(place, most[mine]) == most[mine]:
-                find_one(data, p, x, facets, lower, upper, farthest, skin[0], flags)
+            find_one(data, p, x, facets, lower, upper, farthest, skin[0], flags)
             if data.length[p] == 0:
                 for k in range(wp.static(HISTORY)):
                     data.partner[k, p] = -1
@@ -301,7 +338,7 @@ def find_rows(scalar: type, worlds: bool = False):
                 data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
             e += threads
 
-    return find
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache

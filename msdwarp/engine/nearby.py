@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import TouchingSurfaces
 from ..kernels.compensation import compensation
 from ..kernels.touch import (
+    BLOCK,
     FLAGS,
     LONGEST_ROW,
     MOST_BESIDE,
@@ -17,6 +18,7 @@ from ..kernels.touch import (
     WAY,
     box_facets,
     box_neighbours,
+    find_candidates,
     find_roots,
     find_rows,
     forget_boxes,
@@ -46,7 +48,7 @@ FARTHEST_WAY = 16.0
 PATIENCE = 4
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
-"""That doubles when it was too early, up to this."""
+"""That doubles when it was too early, as what followed within as many frames tells, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 32
@@ -85,6 +87,7 @@ class Nearby:
         self.every = 8
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
+        self._since_rarer = MOST_PATIENCE
         self.now = self._found_at = 0.0
         """When in a frame what is launched next takes place [s]."""
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
@@ -110,8 +113,8 @@ class Nearby:
         self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)
         wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
-        data.length, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lb")
-        data.busy_count = wp.zeros(1, dtype=int, device=device)
+        data.length, data.candidate, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lcb")
+        data.candidate_count, data.busy_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
@@ -123,22 +126,29 @@ class Nearby:
             stale = self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE]))
         self.flags.zero_()
 
-    def share(self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31) -> None:
+    def share(
+        self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
+    ) -> None:
         """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all.
 
-        There each would have a copy of its arguments, of 2 kB.
+        There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
         threads = min(many, most) if self._model.device.is_cuda else 1
-        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device)
+        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device, block_dim=block)
 
-    def place(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None) -> None:
-        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing."""
+    def place(
+        self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None, anew: bool = False
+    ) -> None:
+        """Launch what puts vertices where particles at x are; without `lost` these have lost nothing.
+
+        Where lists are made `anew`, it is from there on that ways are measured.
+        """
         model, data = self._model, self._data
         compensated = model.compensated and lost is not None
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits]
+        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits, anew]
         self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
@@ -147,11 +157,10 @@ class Nearby:
         Within a frame, how far anything has moved since the last search tells how often it is to be made.
         """
         data = self._data
-        self.place(x, v, lost, self.flags[WAY:] if within else self.unread)
+        self.place(x, v, lost, self.flags[WAY:] if within else self.unread, anew=True)
         self._box()
         self._tree.refit()
         self._bodies.refit()
-        wp.copy(data.x_found, data.x)
         self._find_rows()
         if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
             lanes = PIECE if self._model.device.is_cuda else 1
@@ -164,8 +173,9 @@ class Nearby:
         around = [self._farthest, self.skin]
         inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
         wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
-        inputs = [data, self._tree.id, *self._boxes, *self._limits, *around]
-        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags])
+        self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
+        inputs = [data, self._tree.id, *self._boxes, *around]
+        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags], block=BLOCK)
 
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""
@@ -190,10 +200,13 @@ class Nearby:
         best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
         best = 1 << (int(min(best, MOST_BETWEEN)).bit_length() - 1)
         self._calm = self._calm + 1 if best > self.every else 0
+        self._since_rarer += 1
         if best < self.every:
-            self.every, self._patience = best, min(2 * self._patience, MOST_PATIENCE)
+            if self._since_rarer <= self._patience:
+                self._patience = min(2 * self._patience, MOST_PATIENCE)
+            self.every, self._since_rarer = best, MOST_PATIENCE
         elif self._calm >= self._patience:
-            self.every, self._calm = best, 0
+            self.every, self._calm, self._since_rarer = best, 0, 0
         wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.every - 1, 1))
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted

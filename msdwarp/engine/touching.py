@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ..bodies import touching_surfaces
 from ..kernels.touch import (
+    BLOCK,
+    BLOCKS,
     DEEPEST,
     HISTORY,
     NOTED,
@@ -23,6 +25,7 @@ from ..world import Touch
 from .effect import Effect
 from .nearby import Nearby
 from .overrun import Overrun
+from .records import in_records
 from .rows import rows
 from .touch_tables import (
     check_stiffness,
@@ -42,8 +45,6 @@ OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
 LED_APART_IN = 0.5
 """What overlaps at the start is led apart within this time [s]."""
-MOST_THREADS = 2**17
-"""Threads that a GPU keeps busy at a time with contacts; more would only begin and end."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
@@ -87,9 +88,9 @@ class Touching(Effect):
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
         data.body_of = each.alike(surfaces.body, int, bodies)
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
-        data.x = each.by_row(start.astype(dtype), model.vector)
-        for name in ("v", "x_found"):
-            setattr(data, name, wp.zeros_like(data.x))
+        for name in ("x", "v", "x_found"):
+            setattr(data, name, in_records(worlds * vertices, model.dim, scalar, device))
+        wp.copy(data.x, each.by_row(start.astype(dtype), model.vector))
         data.force = wp.zeros((worlds * vertices, 3), dtype=wp.int64, device=device)
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(surfaces.body[surfaces.ends[:, 0]], int, bodies)
@@ -240,8 +241,9 @@ class Touching(Effect):
         lanes = ON_GPU if model.device.is_cuda else 1
         inputs = [data, *times, self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
+        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
         composed = kernel(model.scalar, self._sunk, lanes, model.in_worlds)
-        self._nearby.share(composed, many, inputs, [self._flags, *sums], most=MOST_THREADS)
+        self._nearby.share(composed, many, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of what bodies push each other's particles with, where that is asked for."""

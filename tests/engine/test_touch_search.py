@@ -282,3 +282,22 @@ def test_lists_get_room_to_spare():
         room = nearby.room_for(many)
         # With less, room would be made again and again.
         assert many <= nearby.ROOM_TO_SPARE * room
+
+
+def test_searches_are_rarer_again_soon_after_what_was_fast():
+    # Patience is for searches that were made rarer too early, not for what came faster and faster before.
+    near = contact_of(scene("cpu"))._nearby
+
+    def frames(count: int, way: float) -> int:
+        for _ in range(count):
+            near.judge(np.array([way * (near.every - 1), way * near.every, 0, 0, 0]), 100)
+        return near.every
+
+    # By the rule every = 1 + widest / (3 way), as a power of 2 of at most 32.
+    slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4, 1.5))
+    assert frames(1, fast) == 4
+    assert frames(1, faster) == 2
+    assert frames(nearby.PATIENCE, slow) == 32
+    assert frames(1, fast) == 4  # that was too early
+    assert frames(nearby.PATIENCE, slow) == 4
+    assert frames(nearby.PATIENCE, slow) == 32
