@@ -23,7 +23,7 @@ from ..kernels.integrators import (
     world,
 )
 from .effect import Effect, Steps
-from .forces import ROUTE_CLASSES
+from .forces import forces_of
 from .model import Model
 from .shares import Shares
 from .state import State
@@ -45,7 +45,7 @@ class Dynamics:
 
     def __init__(self, model: Model, forces: Any = None, threads: int = 1) -> None:
         self.model = model
-        forces = forces or ROUTE_CLASSES[model.route](model)
+        forces = forces or forces_of(model)
         pieces = [effect.piece for effect in model.effects]
         self._columns = columns(model) if forces.route.column_forces else 0
         marks = self._marks()

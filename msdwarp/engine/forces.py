@@ -27,6 +27,7 @@ from ..kernels.forces import (
 )
 from .lattice_search import Lattice
 from .model import Model
+from .records import in_records
 from .tearing import Tearing
 
 MANY_NEIGHBOURS = 12
@@ -111,18 +112,9 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
 
 
 def _records_of_three(model: Model, values: NDArray) -> wp.array:
-    """Return values of shape [count, 3] on the device, in records as `msdwarp.kernels.records` has them."""
-    padded = np.zeros((len(values), 4))
-    padded[:, :3] = values
-    records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
-    held = wp.array(
-        ptr=records.ptr,
-        dtype=wp.types.vector(3, model.scalar),
-        shape=len(values),
-        strides=(4 * wp.types.type_size_in_bytes(model.scalar),),
-        device=model.device,
-    )
-    held._ref = records
+    """Return values of shape [count, 3] on the device, in records."""
+    held = in_records(len(values), 3, model.scalar, model.device)
+    held.assign(values.astype(model.dtype))
     return held
 
 
@@ -196,15 +188,18 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """The route by particles of lattices, which need no table; what ties them is an effect, `engine.ties`."""
+    """The route by particles of lattices, which need no table; what ties them is an effect, `engine.ties`.
 
-    def __init__(self, model: Model) -> None:
+    Several `lanes`, threads to a particle, are for uniform lattices that do not tear, on a GPU.
+    """
+
+    def __init__(self, model: Model, lanes: int = 1) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
         damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
-        tearing, count = model.tearing, lanes(model)
-        if count > 1:
-            kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, count)
+        tearing = model.tearing
+        if lanes > 1:
+            kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lanes)
             self.route = stencil_of_lanes(*kinds)
             self._share(model, lattice)
             return
@@ -262,7 +257,7 @@ class Stencil:
 def lanes(model: Model) -> int:
     """Return how many threads share a particle by the stencil: several on a GPU where they are few."""
     lattice = model.lattice
-    shared = model.device.is_cuda and not model.in_worlds and model.tearing is None
+    shared = model.device.is_cuda and model.tearing is None
     if lattice is None or not (shared and lattice.uniform):
         return 1
     table = LANES_OF_MANY if 2 * len(lattice.steps) > MANY_NEIGHBOURS else LANES_OF_FEW
@@ -270,3 +265,8 @@ def lanes(model: Model) -> int:
 
 
 ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
+
+
+def forces_of(model: Model) -> Scatter | Gather | Stencil:
+    """Return the forces by a model's route, as they are best computed for one world."""
+    return Stencil(model, lanes(model)) if model.route == "stencil" else ROUTE_CLASSES[model.route](model)

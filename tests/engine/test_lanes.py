@@ -25,7 +25,7 @@ def moved(system: System, frames: int = 10, **options) -> np.ndarray:
 def one_lane(monkeypatch) -> None:
     """Have what lanes take be taken by one, as a CPU can."""
 
-    def begin(self, model):
+    def begin(self, model, lanes):
         lattice, damper = model.lattice, model.damper
         damper = damper if lattice.constants["damping"].any() else None
         self.route = forces.stencil_of_lanes(model.dim, model.scalar, damper, model.compensated, lattice.steps, 1)

@@ -207,6 +207,8 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
         return Simulation(body, colliders=[post(0.04)], touch=Touch(obstacles=True), device=device)
 
     whole, again = begun(), begun()
+    if device.startswith("cuda") and whole.model.route == "scatter":
+        pytest.skip("scattered sums on the GPU are not repeatable")
     whole.step()
     kept = whole.checkpoint()
     assert (kept[0]["straddle.partner"] >= 0).any()

@@ -275,7 +275,8 @@ def test_refresh_has_no_say_over_forced_substeps():
 def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
     rng = np.random.default_rng(count)
     mass = rng.uniform(1, 2, count)
-    system = System(rng.normal(size=(count, 3)), [], mass=mass, velocity=rng.normal(size=(count, 3)))
+    position, velocity = rng.normal(size=(2, count, 3))
+    system = System(position=position, mass=mass, velocity=velocity)
     simulation = Simulation(system, device="cuda:0", gravity=9.82, substeps=1)
     watch, state = simulation.stepping.watch, simulation.stepping.state
     for _ in range(2):  # what the first leaves behind is what the second begins with
