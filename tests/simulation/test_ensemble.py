@@ -205,7 +205,8 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
     ensemble = Ensemble(block(), 3, stiffness=stiffness, mass=mass, device=plain_device, route="gather")
     alone = [ensemble.simulation_of(world, substeps="auto", allow_unstable=False) for world in range(3)]
     assert ensemble.substeps == max(one.substeps for one in alone) == alone[2].substeps
-    assert ensemble.choice.rates.stiffness == alone[2].choice.rates.stiffness
+    # On a GPU the iteration that finds it adds up in no order.
+    assert ensemble.choice.rates.stiffness == pytest.approx(alone[2].choice.rates.stiffness, rel=1e-12)
     with pytest.raises(UnstableStep, match="in world 2 substeps is 2"):
         Ensemble(block(), 3, stiffness=stiffness, mass=mass, substeps=2, device="cpu")
 
