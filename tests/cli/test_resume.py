@@ -11,7 +11,7 @@ from msdwarp import Trajectory
 from msdwarp.integrators.catalogue import METHODS
 
 QUICK = [("leapfrog", "float32")]
-# Every method, and every precision twice; tests/simulation/test_checkpoint.py has all pairs, without files.
+# Every method, and every precision twice; tests/simulation/test_checkpoint.py has other pairs, without files.
 EACH = [*zip(METHODS, 2 * ["float32-compensated", "float32", "float64"], strict=True)]
 
 

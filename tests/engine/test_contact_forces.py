@@ -67,7 +67,7 @@ def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
     np.testing.assert_allclose(force[:27].sum(axis=0), told["floor"], **rounded)
 
 
-@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4(), LinearlyImplicitEuler()], ids=str)
+@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4(), LinearlyImplicitEuler(iterations=5)], ids=str)
 def test_touch_impulses_are_what_momentum_lacks(plain_device, method):
     # p' − p = ∫ f dt for each of two blocks that collide in free flight: every method adds up h f, by its weights.
     blocks, high = two_blocks(stiffness=2e3, damping=0.5), np.arange(54)[:, None] >= 27

@@ -106,8 +106,8 @@ PULLED = [
     (RK4(), 2.0, 4),
     (RKC2(4), 2.0, 1),  # its first stage alone counts
     (ExplicitEuler(), 2.0, 1),
-    pytest.param(LinearlyImplicitEuler(), 0.0, 1, marks=pytest.mark.slow),
-    pytest.param(LinearlyImplicitEuler(), 2.0, 1, marks=pytest.mark.slow),
+    pytest.param(LinearlyImplicitEuler(2), 0.0, 1, marks=pytest.mark.slow),
+    pytest.param(LinearlyImplicitEuler(2), 2.0, 1, marks=pytest.mark.slow),
 ]
 
 

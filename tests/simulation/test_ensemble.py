@@ -91,8 +91,8 @@ def test_worlds_move_as_alone_by_every_method(plain_device, route, method, preci
     own = parameters() | (
         {"damping": np.full(2, 2.0), "stiffness": np.full(3, 300.0)} if method == "explicit" else {}
     )
-    how |= {"substeps": 25, "colliders": [Plane()], "device": plain_device}
-    assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **own), 12)
+    how |= {"substeps": 5, "fps": 300.0, "colliders": [Plane()], "device": plain_device}
+    assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **own), 60)
 
 
 CASES = {
