@@ -107,7 +107,15 @@ def test_wind_sees_how_a_skin_turns(device):
     np.testing.assert_allclose(np.cross(system.position, found).sum(axis=0), torque, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize(("exponent", "gas"), [(None, False), (1.0, True), (1.4, True)], ids=["given", "1", "1.4"])
+@pytest.mark.parametrize(
+    ("exponent", "gas"),
+    [
+        pytest.param(None, False, marks=pytest.mark.slow),
+        pytest.param(1.0, True, marks=pytest.mark.slow),
+        (1.4, True),
+    ],
+    ids=["given", "1", "1.4"],
+)
 def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
     # p ΔV; p V ln(V'/V); p V (1 − (V/V')^(γ−1))/(γ − 1). RK4, with hω of 0.1: some (hω)⁵ of what
     # swings, seen 1e-7.
@@ -126,13 +134,16 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
     assert found.external_work == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_precisions_agree(device, precision):
     body = BODIES["ball"](damping=1.0).translate((0, 0, 3.0))
     loads = [Gas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
     places = []
     for one in ("float64", precision):
-        simulation = Simulation(body, loads=loads, gravity=0.0, fps=600.0, substeps=4, precision=one, device=device)
+        simulation = Simulation(
+            body, loads=loads, gravity=0.0, fps=600.0, substeps=4, precision=one, device=device
+        )
         simulation.step(30)
         places.append(simulation.frame().position)
     exact, found = places
