@@ -57,7 +57,9 @@ def assert_same(system, **options):
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
+@pytest.mark.parametrize(
+    "route", ["scatter", *(pytest.param(one, marks=pytest.mark.slow) for one in ("gather", "stencil"))]
+)
 def test_threads_come_to_what_one_comes_to(route):
     # Each particle's forces are summed in the same order, by the same code.
     assert_same(BODY, route=route, colliders=[FLOOR])
@@ -72,7 +74,9 @@ def test_precisions_do_not_matter(route, precision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", [Leapfrog(damper_extrapolation=0.5), RK4(), RKC2(stages=3), LinearlyImplicitEuler(iterations=3)], ids=repr
+    "method",
+    [Leapfrog(damper_extrapolation=0.5), RK4(), RKC2(stages=3), LinearlyImplicitEuler(iterations=3)],
+    ids=repr,
 )
 @pytest.mark.parametrize("route", ["scatter", "gather"])
 def test_methods_do_not_matter(route, method):

@@ -24,7 +24,13 @@ def two_dice() -> System:
 
 
 def around(device: str, **more) -> dict:
-    return {"colliders": [Plane(friction=0.4)], "touch": TOUCH, "device": device, "route": "gather", "fps": FPS} | more
+    return {
+        "colliders": [Plane(friction=0.4)],
+        "touch": TOUCH,
+        "device": device,
+        "route": "gather",
+        "fps": FPS,
+    } | more
 
 
 def parameters() -> dict[str, np.ndarray]:
