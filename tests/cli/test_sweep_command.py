@@ -68,6 +68,7 @@ def test_a_summary_keeps_no_files_and_a_wrong_scene_is_a_row(msdwarp, tmp_path):
     assert [one["status"] for one in lines(tmp_path / "out")] == ["done", "failed"]
 
 
+@pytest.mark.slow
 def test_worlds_of_an_ensemble_leave_what_runs_leave(msdwarp, tmp_path):
     points = ["cube", "--stiffness", "300,400", "--substeps", "60", *SHORT]
     words = [*points, "--keep", "summary"]

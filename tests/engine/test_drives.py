@@ -91,7 +91,7 @@ def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
 
 
 def forced(method, substeps: int, device: str, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return place and speed after 80 frames, 1 s, of a mass on a spring whose other end swings, and those of SciPy."""
+    """Return place and speed after 80 frames, 1 s, of a mass on a spring whose end swings, and those of SciPy."""
     k, m, A, omega = 40.0, 0.5, 0.2, 5.0
     system = System(
         position=[[0.0], [1.0]], mass=m, connections=[(0, 1)], stiffness=k, damping=damping, rest_length=1.0

@@ -173,7 +173,14 @@ def test_being_measured_changes_nothing(device, what):
 def test_readings_go_on_from_a_checkpoint(device):
     block = standing(stiffness=800.0)
     probes = {name: Probe("block", name) for name in QUANTITIES}
-    how = {"colliders": [Plane()], "touch": Touch(), "probes": probes, "precision": "float64", "fps": 240.0, "device": device}
+    how = {
+        "colliders": [Plane()],
+        "touch": Touch(),
+        "probes": probes,
+        "precision": "float64",
+        "fps": 240.0,
+        "device": device,
+    }
     first = Simulation(block, **how)
     first.step(5)
     kept = first.checkpoint()
