@@ -62,7 +62,7 @@ def test_worlds_find_what_runs_of_their_own_find(tmp_path, plain_device, more, o
 @pytest.mark.parametrize("probes", [False, True])
 def test_bodies_that_stick_to_each_other_end_as_in_runs_of_their_own(tmp_path, probes):
     several = {"stiffness": [1400.0, 2000.0], "tilt": [0.1, 0.2], "probes": [probes]}
-    how = {"substeps": 60, "device": "cpu"}
+    how = {"substeps": 15, "fps": 240.0, "device": "cpu"}  # short frames: each launch of one is recorded
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = msd.sweep(swept.stacked, several, tmp_path / "worlds", jobs="ensemble", **how)
