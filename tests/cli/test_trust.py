@@ -75,9 +75,8 @@ def test_a_received_file_runs_no_script(msdwarp, tmp_path, command):
     digest = trust.hashlib.sha256(evil.read_bytes()).hexdigest()
     sealed = {"sha256": digest, "seal": "0" * 64}
     for k, script in enumerate(({}, {"script": sealed}, {"script": {"sha256": digest}}, {"script": "x"})):
-        place = ("evil.py", str(evil))[
-            (k + (command == "plot")) % 2
-        ]  # each with each script, by one command at least
+        # Each with each script, by one command at least.
+        place = ("evil.py", str(evil))[(k + (command == "plot")) % 2]
         about = {"scene": place, "parameters": {}, "gravity": 9.82, "schedule": 1, **script}
         write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about, force=True)
         more = [*PICTURE, "--out", "pictures", "--force"] if command == "render" else []
