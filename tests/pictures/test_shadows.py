@@ -92,6 +92,7 @@ def two_blocks():
     return [pictured(solids, size=(160, 120)) for solids in ([slab, block], [slab])]
 
 
+@pytest.mark.slow
 def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     (renderer, both), (_, alone) = two_blocks()
     camera = renderer.stage.camera

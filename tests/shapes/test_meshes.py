@@ -152,6 +152,7 @@ def test_coincident_vertices_share_normals_where_the_surface_is_smooth():
     assert ((upright < 1e-6) | (upright > 1 - 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_texture_coordinates_and_seams_are_kept():
     columns, rows = 24, 8
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
