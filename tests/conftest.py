@@ -24,6 +24,9 @@ from msdwarp.engine import routes
 from msdwarp.quiet import start_warp
 
 wp.config.log_level = wp.LOG_ERROR
+start_warp()
+GPU_ROUTES = routes.ROUTES if wp.is_cuda_available() else ()
+"""By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
 pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
 
@@ -51,6 +54,27 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if left:
         config.hook.pytest_deselected(items=left)
         items[:] = kept
+    _slow_every_second(items)
+
+
+def _slow_every_second(items: list[pytest.Item]) -> None:
+    """Mark half of each product of quick tests slow: the white fields have each value of each parameter."""
+    products: dict = {}
+    for item in items:
+        if hasattr(item, "callspec") and not item.get_closest_marker("slow"):
+            products.setdefault(item.function, []).append(item)
+    for tests in products.values():
+        axes = [mark.args[0] for mark in tests[0].iter_markers("parametrize")]
+        names = [axis.split(",")[0].strip() if isinstance(axis, str) else axis[0] for axis in axes]
+        seen: list[dict] = [{} for _ in names]
+        fields = []
+        for test in tests:
+            values = [id(test.callspec.params[name]) for name in names]
+            fields.append(sum(own.setdefault(one, len(own)) for own, one in zip(seen, values, strict=True)))
+        if sum(len(own) > 1 for own in seen) > 1:
+            for test, field in zip(tests, fields, strict=True):
+                if field % 2:
+                    test.add_marker(pytest.mark.slow)
 
 
 def _on_its_turn(item: pytest.Item, fields: dict) -> bool:
@@ -74,7 +98,7 @@ def _on_its_turn(item: pytest.Item, fields: dict) -> bool:
     return field % 2 == (route == "cpu stencil")
 
 
-@pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+@pytest.fixture(params=["cpu", *(pytest.param("cuda:0", marks=pytest.mark.gpu) for _ in GPU_ROUTES[:1])])
 def plain_device(request: pytest.FixtureRequest) -> str:
     """Each device in turn, for tests that choose routes themselves."""
     return request.param
@@ -97,7 +121,7 @@ def own_key(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
     params=[
         "cpu",  # by the route that is chosen there, which scatters
         *(pytest.param(f"cpu {route}", marks=pytest.mark.slow) for route in ("gather", "stencil")),
-        *(pytest.param(f"cuda:0 {route}", marks=pytest.mark.gpu) for route in routes.ROUTES),
+        *(pytest.param(f"cuda:0 {route}", marks=pytest.mark.gpu) for route in GPU_ROUTES),
     ]
 )
 def device(request: pytest.FixtureRequest) -> Iterator[str]:

@@ -12,7 +12,7 @@ INTEGRATORS = [
     Leapfrog(damper_extrapolation=0.5),
     RK4(),
     RKC2(),
-    LinearlyImplicitEuler(),
+    LinearlyImplicitEuler(iterations=6),  # for as many unknowns
 ]
 AXIS = {1: [1.0], 2: [0.6, 0.8], 3: [2 / 3, -1 / 3, 2 / 3]}
 

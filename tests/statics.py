@@ -2,7 +2,7 @@
 
 import numpy as np
 from problems import forces
-from scipy.sparse import block_diag, coo_array, csc_array, eye_array, kron
+from scipy.sparse import bsr_array, coo_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from msdwarp import System
@@ -39,9 +39,8 @@ def equilibrium(system: System, load: np.ndarray, *, residual: float = 1e-6) -> 
         along = np.einsum("ca,cb->cab", d, d) / length[:, None, None] ** 2
         pull = np.maximum(0.0, 1 - rest / length)
         blocks = k[:, None, None] * (along + pull[:, None, None] * (np.eye(3) - along))
-        tangent = apart.T @ block_diag(
-            [coo_array(one) for one in blocks], format="csc"
-        ) @ apart + 1e-3 * eye_array(free.sum())
+        springs = bsr_array((blocks, np.arange(links), np.arange(links + 1)))  # a block for each, on the diagonal
+        tangent = apart.T @ springs @ apart + 1e-3 * eye_array(free.sum())
         step = np.zeros(3 * count)
         step[free] = splu(csc_array(tangent)).solve(out_of_balance)
         share = min(1.0, 0.2 / np.abs(step).max())

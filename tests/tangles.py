@@ -1,5 +1,7 @@
 """Bodies that every route to the forces is tried on, and the forces that a device finds in them."""
 
+import functools
+
 import numpy as np
 import problems
 import pytest
@@ -46,6 +48,7 @@ def moving(system: System, seed: int = 3) -> System:
     return system.replace(position=system.position + 0.1 * noise, velocity=velocity)
 
 
+@functools.cache
 def lattices(damping: float) -> dict[str, System]:
     """Return lattices of all kinds, whole, cut and together."""
     constants = {"stiffness": 30.0, "damping": damping}

@@ -95,6 +95,7 @@ def test_the_example_of_the_live_view_runs(capsys):
     assert "http://127.0.0.1:" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_examples_of_pictures_run(capsys):
     names = run("docs/pictures.md")
     assert capsys.readouterr().out == "(180, 320, 3)\n"
@@ -186,6 +187,7 @@ def test_the_example_of_contact_rests(capsys):
     assert names["force"].sum(axis=0)[2] == pytest.approx(weight, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_examples_of_files_run(tmp_path, monkeypatch, msdwarp):
     monkeypatch.chdir(tmp_path)
     assert msdwarp("run", "cube", "--duration", "0.2", "--frames", "none", "--video", "none")[0] == 0

@@ -30,7 +30,7 @@ def test_a_scene_is_a_short_file_that_says_what_it_shows(name):
 )
 def test_a_scene_is_seen(name):
     scene = build(name)
-    position = simulate(scene, 0.1)[-1].position
+    position = simulate(scene, 0.02, fps=300.0)[-1].position
     image = msd.Renderer(scene, position, resolution=(320, 180)).image(position)
     corner = image[0, 0].astype(int)
     seen = np.abs(image.astype(int) - corner).max(axis=2) > 30
@@ -199,6 +199,7 @@ def test_the_spinner_turns_over_and_over():
     np.testing.assert_allclose(end.angular_momentum, start.angular_momentum, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_soft_cube_flattens_at_the_wall():
     scene = build("soft_cube")
     frames = simulate(scene, scene.duration)
@@ -215,6 +216,7 @@ def test_the_soft_cube_flattens_at_the_wall():
     assert frames[hit].position[:, 2].mean() - frames[down].position[:, 2].mean() > 0.4
 
 
+@pytest.mark.slow
 def test_the_waffle_keeps_its_bend():
     scene = build("waffle")
     simulation = msd.Simulation.of(scene, device="cpu")
@@ -228,7 +230,9 @@ def test_the_waffle_keeps_its_bend():
 @pytest.mark.slow
 def test_the_ball_leaves_a_dent_in_the_mattress():
     scene = build("mattress")
-    simulation = msd.Simulation.of(scene, device="cpu")
+    # With fixed substeps, a third more than small motions need, as it is pressed deep: that raises no alarm.
+    few = msd.Simulation.of(scene, device="cpu").substeps
+    simulation = msd.Simulation.of(scene, device="cpu", substeps=math.ceil(1.33 * few))
     simulation.step(round(scene.duration * simulation.fps))
     foam = scene.system.group("mattress")
     top = left_alone(simulation)[foam].reshape(5, 13, 25, 3)[-1, :, :, 2]
@@ -242,7 +246,7 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
 
 @pytest.mark.slow
 def test_the_wire_springs_back_but_not_all_the_way():
-    scene = build("wire")
+    scene = build("wire", size=3)
     frames = simulate(scene, scene.duration)
     lowest = np.array([frame.position[:, 2].min() for frame in frames])
     pressed, left = lowest.min(), lowest[-1]

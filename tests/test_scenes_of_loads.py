@@ -26,7 +26,7 @@ def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
 
 @pytest.mark.slow
 def test_the_cookie_breaks_in_two():
-    scene = build("cookie")
+    scene = build("cookie", layers=3)
     simulation = msd.Simulation.of(scene, device="cpu")
     simulation.step(120)
     now = simulation.snapshot()

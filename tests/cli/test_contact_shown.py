@@ -8,13 +8,14 @@ from msdwarp import Trajectory
 RUN = ("run", "dice", "--duration", "0.1", "--video", "none", "--resolution", "64x64", "--quiet")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "kept"),
     [
-        pytest.param(["--frames", "none"], False, marks=pytest.mark.slow),
-        pytest.param(["--frames", "none", "--contact-forces"], True, marks=pytest.mark.slow),
+        (["--frames", "none"], False),
+        (["--frames", "none", "--contact-forces"], True),
         (["--arrows"], True),
-        pytest.param(["--colour", "contact"], True, marks=pytest.mark.slow),
+        (["--colour", "contact"], True),
     ],
     ids=str,
 )

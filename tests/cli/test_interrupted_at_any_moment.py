@@ -16,7 +16,7 @@ from msdwarp import Trajectory
 from msdwarp.cli import signals
 
 ROOT = Path(__file__).parents[2]
-RUN = ["run", "cube", "--size", "6", "--duration", "0.3", "--resolution", "64x64", "--device", "cpu"]
+RUN = ["run", "cube", "--size", "6", "--duration", "0.1", "--resolution", "64x64", "--device", "cpu"]
 RUN += ["--log", "energy.csv"]
 posix = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -89,7 +89,7 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
     began = time.monotonic()
     assert ended(begun(tmp_path, *RUN, "--out", "again"))[0] == 0
     whole, chance = time.monotonic() - began, random.Random(2026)
-    for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "6"))):
+    for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "4"))):
         after = chance.uniform(0.0, 1.1 * whole)
         wrong = interrupted(tmp_path / f"run{k}", after)
         assert not wrong, f"after {after:.3f} s: {wrong}"

@@ -74,16 +74,17 @@ def test_a_received_file_runs_no_script(msdwarp, tmp_path, command):
     evil.write_text("from pathlib import Path\nPath(__file__).with_name('ran').touch()\n")
     digest = trust.hashlib.sha256(evil.read_bytes()).hexdigest()
     sealed = {"sha256": digest, "seal": "0" * 64}
-    for place in ("evil.py", str(evil)):
-        for script in ({}, {"script": sealed}, {"script": {"sha256": digest}}, {"script": "x"}):
-            about = {"scene": place, "parameters": {}, "gravity": 9.82, "schedule": 1, **script}
-            write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about, force=True)
-            more = [*PICTURE, "--out", "pictures", "--force"] if command == "render" else []
-            code, _, err = msdwarp(command, "a.vtkhdf", *more)
-            assert code == (0 if command == "render" else 1)
-            assert f"scene is {place!r}, a script, and " in err
-            assert "--trust" in err
-            assert not (tmp_path / "ran").exists()
+    for k, script in enumerate(({}, {"script": sealed}, {"script": {"sha256": digest}}, {"script": "x"})):
+        # Each with each script, by one command at least.
+        place = ("evil.py", str(evil))[(k + (command == "plot")) % 2]
+        about = {"scene": place, "parameters": {}, "gravity": 9.82, "schedule": 1, **script}
+        write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about, force=True)
+        more = [*PICTURE, "--out", "pictures", "--force"] if command == "render" else []
+        code, _, err = msdwarp(command, "a.vtkhdf", *more)
+        assert code == (0 if command == "render" else 1)
+        assert f"scene is {place!r}, a script, and " in err
+        assert "--trust" in err
+        assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.slow

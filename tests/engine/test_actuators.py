@@ -60,7 +60,7 @@ def swung(t: float, damping: float = 0.0) -> float:
     return float((forced * np.exp(1j * OMEGA * t)).imag + (share @ np.exp(own * t)).real)
 
 
-METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(), 1)]
+METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(6), 1)]
 
 
 @pytest.mark.slow

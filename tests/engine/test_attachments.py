@@ -205,7 +205,7 @@ def test_an_implicit_method_holds_too(device):
     simulation = Simulation(
         one(),
         loads=[Attachment([0], (0.0, 0, 0), stiffness=K)],
-        integrator=LinearlyImplicitEuler(),
+        integrator=LinearlyImplicitEuler(iterations=2),  # there are no springs: it is there at once
         **options(device),
     )
     simulation.step(10)

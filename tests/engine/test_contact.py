@@ -240,6 +240,7 @@ def test_corner_turns_a_particle_twice(device, start):
     assert (now.position[0] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Leapfrog(), RK4()], ids=["leapfrog", "rk4"])
 def test_energy_of_a_bouncing_particle_never_rises(device, integrator):
     # In flight both keep it, with velocities at the instant of the positions. A hit takes its share, and no height

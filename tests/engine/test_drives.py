@@ -34,7 +34,7 @@ def body() -> System:
 @pytest.mark.parametrize(
     ("method", "precision"),
     [
-        *((method, "float32") for method in (*METHODS, LinearlyImplicitEuler())),
+        *((method, "float32") for method in (*METHODS, LinearlyImplicitEuler(iterations=4))),
         (Leapfrog(), "float32-compensated"),
         (RK4(), "float32-compensated"),
         (Leapfrog(), "float64"),
@@ -74,14 +74,14 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
 def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
     # Galilei: hung from particles that move at w, seen by somebody who moves with them.
     w = np.array([0.7, -0.4, 0.2])
-    common = {"integrator": method, "precision": "float64", "fps": 20.0, "substeps": 40, "device": device}
+    common = {"integrator": method, "precision": "float64", "fps": 100.0, "substeps": 8, "device": device}
     fixed = Simulation(body().pin([0, 1]), blocks=blocks, **common)
     start = body().with_velocity(w)
     moved = Simulation(
         start, loads=[Drive([0, 1], lambda t: (w[0] * t, w[1] * t, w[2] * t))], blocks=blocks, **common
     )
     for simulation in (fixed, moved):
-        simulation.step(10)
+        simulation.step(50)
     # 400 substeps (of up to 4 stages) that round places of 0.5 m, and speeds found from such over 1/800 s.
     np.testing.assert_allclose(
         moved.frame().position - 0.5 * w, fixed.frame().position, rtol=0, atol=4 * 400 * EPS64
@@ -91,15 +91,15 @@ def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
 
 
 def forced(method, substeps: int, device: str, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return place and speed after 1 s of a mass on a spring whose other end swings, and those of SciPy."""
+    """Return place and speed after 80 frames, 1 s, of a mass on a spring whose end swings, and those of SciPy."""
     k, m, A, omega = 40.0, 0.5, 0.2, 5.0
     system = System(
         position=[[0.0], [1.0]], mass=m, connections=[(0, 1)], stiffness=k, damping=damping, rest_length=1.0
     )
     drive = Drive([0], lambda t: (A * np.sin(omega * t),))
-    common = {"integrator": method, "gravity": 0.0, "precision": "float64", "fps": 10.0, "device": device}
+    common = {"integrator": method, "gravity": 0.0, "precision": "float64", "fps": 80.0, "device": device}
     simulation = Simulation(system, loads=[drive], substeps=substeps, **common)
-    simulation.step(10)
+    simulation.step(80)
     frame = simulation.frame()
 
     def rates(t: float, y: np.ndarray) -> list[float]:
@@ -127,7 +127,7 @@ def forced(method, substeps: int, device: str, damping: float) -> tuple[np.ndarr
 def test_what_is_attached_follows_in_the_order_of_its_method(device, method, damping, order):
     # Against SciPy's DOP853 to 1e-12: halving the substeps divides the error by 2 to the order, within a third.
     errors = []
-    for substeps in (8, 16, 32):
+    for substeps in (1, 2, 4):
         found, exact = forced(method, substeps, device, damping)
         errors.append(np.abs(found - exact).max())
     for coarse, fine in itertools.pairwise(errors):

@@ -61,7 +61,7 @@ def test_forces_add_up_and_can_be_shared(device):
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=100 * 8 * EPS64)
 
 
-METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(), 1)]
+METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(2), 1)]
 
 
 @pytest.mark.slow

@@ -116,7 +116,9 @@ def check_that_it_can_be_killed_too(monkeypatch, path, again, system, expected, 
         for frame in expected[behind : behind + 3]:
             writer.write(frame)
         writer.close()
-    for content in beginnings(first, log[start:]):
+    for k, content in enumerate(beginnings(first, log[start:])):
+        if k % 3:  # a frame takes as many writes as the one before, 14 or 20: in three frames each comes by
+            continue
         again.write_bytes(content)
         with Trajectory(again) as found:
             assert len(found) >= behind

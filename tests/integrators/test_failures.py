@@ -129,6 +129,7 @@ def test_particles_that_stay_in_one_place_fall_together():
     np.testing.assert_array_equal(now.position[0], now.position[1])
 
 
+@pytest.mark.slow
 def test_two_particles_pass_through_each_other_in_one_dimension():
     # r'' = −ω² (r − l0 sign r): from r = l0 at −V it reaches 0 at t1 = asin(ω l0/V)/ω if V > ω l0, and by
     # symmetry −l0 at 2 t1, at −V again. The force jumps from one side of 2 k l0 to the other.

@@ -56,7 +56,7 @@ def client(view, **options):
     opened = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[name], max_size=None, **options)
     # A client counts from when it says where its camera stands.
     zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 560, 900, zero, (0.0, 0.0, 1.0))
+    camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 280, 450, zero, (0.0, 0.0, 1.0))
     opened.send(msgspec.msgpack.encode(camera.as_serializable_dict()))
     return opened
 
@@ -171,7 +171,7 @@ def test_clients_that_misbehave_do_not_stop_the_view(view):
     until(lambda: page.watched)
     runs(view)
     lazy.close()
-    many = [client(view) for _ in range(50)]
+    many = [client(view) for _ in range(20)]
     runs(view)
     for one in many:
         one.socket.close()  # gone without a word
@@ -207,7 +207,7 @@ def test_opening_and_closing_leaves_nothing_behind():
     once()
     gc.collect()
     threads, files = threading.active_count(), len(os.listdir("/proc/self/fd")) if Path("/proc").exists() else 0
-    for _ in range(20):
+    for _ in range(8):
         port = once()
     gc.collect()
     until(lambda: threading.active_count() <= threads)

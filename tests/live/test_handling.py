@@ -12,6 +12,7 @@ from msdwarp.live import Played, Repeat, View
 from msdwarp.pictures import Stage
 
 
+@pytest.mark.slow
 def test_friction_and_restitution_are_set_and_done_again_to_the_last_bit():
     changes = {"touch": Touch(friction=0.1), "gravity": (3.0, 0.0, -9.0)}
     first = running(**changes)

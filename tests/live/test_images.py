@@ -75,6 +75,7 @@ def test_a_client_is_shown_what_pictures_show_from_there(device):
     assert differs.mean() < 0.01
 
 
+@pytest.mark.slow
 def test_one_image_is_on_the_way_at_a_time():
     images, _, client = drawn()
     images._on_cpu = False  # no pause between images

@@ -44,6 +44,7 @@ def pictures_in(html):
 SCENE = msd.Scene(system=msd.chain(3, 0.5, dim=3).pin(0), duration=0.1)
 
 
+@pytest.mark.slow
 def test_a_scene_is_simulated_and_shown_as_a_film(cell):
     msd.show(SCENE, resolution=(96, 64))
     (film,) = pictures_in(cell[-1])

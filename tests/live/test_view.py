@@ -163,6 +163,7 @@ def test_what_is_pinned_stays():
     np.testing.assert_array_equal(view.source.frame().position[pinned], before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes", [{}, {"loads": [Force((0, 0, 0.01))], "touch": Touch()}], ids=["cube", "loads"]
 )
@@ -192,6 +193,7 @@ def test_what_was_done_by_hand_is_done_again_to_the_last_bit(changes):
     assert again.handling.deeds == handling.deeds
 
 
+@pytest.mark.slow
 def test_a_divergence_stops_the_view_and_reset_goes_on():
     at = scene()
     source = Running(at, Simulation.of(at, device="cpu", substeps=1, allow_unstable=True), "wild")
@@ -215,6 +217,7 @@ def test_a_divergence_stops_the_view_and_reset_goes_on():
     assert view.source.handling.factors["stiffness"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_recording_can_be_played(tmp_path):
     folder = tmp_path / "kept"
     view, _ = played(

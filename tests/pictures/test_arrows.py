@@ -11,7 +11,7 @@ BACKENDS = [
     pytest.param(
         "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
     ),
-    "raycast",
+    pytest.param("raycast", marks=pytest.mark.slow),
 ]
 SIZE = (640, 480)
 

@@ -15,7 +15,7 @@ BACKENDS = [
     pytest.param(
         "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
     ),
-    "raycast",
+    pytest.param("raycast", marks=pytest.mark.slow),
 ]
 SIZE = (320, 180)
 SPEED = Scale("speed [m/s]", 4.0)
@@ -96,6 +96,7 @@ def test_tubes_and_balls_show_values_where_there_is_no_surface(backend):
     assert_hue(renderer, image, (middle + end) / 2, between)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
 def test_both_renderers_draw_the_same_picture(scene):
     system = scene.system

@@ -92,6 +92,7 @@ def two_blocks():
     return [pictured(solids, size=(160, 120)) for solids in ([slab, block], [slab])]
 
 
+@pytest.mark.slow
 def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     (renderer, both), (_, alone) = two_blocks()
     camera = renderer.stage.camera
@@ -105,6 +106,7 @@ def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     np.testing.assert_allclose(both[far_row, far_column], colour * (AMBIENT + head + key), atol=1)
 
 
+@pytest.mark.slow
 def test_a_body_has_the_shadow_of_an_obstacle_and_no_acne_elsewhere():
     body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
     block = msd.Box((-0.5, 0.4, 1.9), (0.7, 0.7, 0.1))
@@ -125,6 +127,7 @@ def test_a_body_has_the_shadow_of_an_obstacle_and_no_acne_elsewhere():
     assert np.abs(np.diff(spot, axis=1)).max() < 4
 
 
+@pytest.mark.slow
 def test_a_scene_and_its_mirror_image_have_mirrored_shadows():
     # Mirrored in the plane of the light and the vertical, a sphere on it and its shadow are the same.
     light = pictured([])[0].stage.camera.light
@@ -139,6 +142,7 @@ def test_a_scene_and_its_mirror_image_have_mirrored_shadows():
     assert np.abs(left - right).mean() < 0.06
 
 
+@pytest.mark.slow
 def test_two_pictures_of_the_same_are_the_same_to_the_last_bit(place):
     body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
     pictures = [pictured([msd.Sphere((1.2, 0, 0.4), 0.4)], system=body, device=place)[1] for _ in range(2)]

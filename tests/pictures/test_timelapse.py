@@ -12,7 +12,7 @@ BACKENDS = [
     pytest.param(
         "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
     ),
-    "raycast",
+    pytest.param("raycast", marks=pytest.mark.slow),
 ]
 SIZE = (320, 180)
 PLACES = np.array([(-1.2, 0, 0.6), (0.0, 0, 0.9), (1.2, 0, 0.8)])

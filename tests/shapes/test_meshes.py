@@ -46,12 +46,12 @@ def test_a_mesh_is_drawn_where_it_is_and_filled(name, across):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("across", [40, 60])
-@pytest.mark.parametrize("name", ["nut", "torus", "sphere"])
+@pytest.mark.parametrize(("name", "across"), [("nut", 60), ("torus", 40), ("sphere", 40)])
 def test_large_meshes(name, across):
     test_a_mesh_is_drawn_where_it_is_and_filled(name, across)
 
 
+@pytest.mark.slow
 def test_a_torus_is_filled_where_it_is():
     mesh = pv.ParametricTorus(ringradius=1.0, crosssectionradius=0.4)
     system = msd.from_mesh(mesh, 0.1)
@@ -152,6 +152,7 @@ def test_coincident_vertices_share_normals_where_the_surface_is_smooth():
     assert ((upright < 1e-6) | (upright > 1 - 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_texture_coordinates_and_seams_are_kept():
     columns, rows = 24, 8
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))

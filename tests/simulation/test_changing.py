@@ -30,7 +30,7 @@ METHODS = [
     Leapfrog(damper_extrapolation=0.5),
     RK4(),
     RKC2(),
-    LinearlyImplicitEuler(),
+    LinearlyImplicitEuler(iterations=2),  # of a spring that hardly pulls
 ]
 
 
@@ -205,13 +205,13 @@ CONTACT = Touch(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 def test_bodies_still_touch_when_loads_change(device, after):
     # In place, and by building anew: they bounce by 0.45 s, and do not pass through each other.
     simulation = Simulation(
-        meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=CONTACT, **options(device, substeps=100)
+        meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=CONTACT, **options(device, fps=100.0)
     )
     effects = simulation.model.effects
-    simulation.step(2)
+    simulation.step(20)
     simulation.change(loads=[after])
     assert (simulation.model.effects is effects) == isinstance(after, Force)
-    simulation.step(6)
+    simulation.step(60)
     assert simulation.frame().velocity[0, 0] < -0.9
     simulation.change(loads=[Touch(between="none")])  # what stands among the loads counts as before
     simulation.change(loads=[])
@@ -221,20 +221,20 @@ def test_bodies_still_touch_when_loads_change(device, after):
 def test_bodies_begin_and_cease_to_touch_by_a_change(device):
     bouncing, passing = (
         Simulation(
-            meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=touch, **options(device, substeps=100)
+            meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=touch, **options(device, fps=100.0)
         )
         for touch in (None, CONTACT)
     )
     for simulation, touch in ((bouncing, CONTACT), (passing, ())):
-        simulation.step(2)
+        simulation.step(20)
         simulation.change(touch=touch)
-        simulation.step(6)
+        simulation.step(60)
     assert bouncing.frame().velocity[0, 0] < -0.9
     assert passing.frame().velocity[0, 0] == 1.0
     for simulation in (bouncing, passing):  # the force has gone on: y = t²/2, to h/2 of the speed
-        np.testing.assert_allclose(simulation.frame().position[:, 1], 0.32, rtol=0, atol=0.8 / 1000)
+        np.testing.assert_allclose(simulation.frame().position[:, 1], 0.32, rtol=0, atol=0.8 / 2000)
     bouncing.reset()
-    bouncing.step(8)
+    bouncing.step(80)
     assert bouncing.frame().velocity[0, 0] == 1.0  # as it was given
 
 

@@ -72,6 +72,7 @@ def test_a_body_that_would_be_torn_on_its_way_out_is_refused(collider):
         simulate(System(position=np.full((4, 3), 3.0)) + cube(), Plane(offset=-9), collider)
 
 
+@pytest.mark.slow
 def test_a_body_near_one_side_of_a_box_is_led_out_whole():
     with pytest.warns(DoubtfulStart, match=r"starts 0.25 m inside colliders\[0\], a Box"):
         simulation = simulate(cube(-0.25, damping=1.0), Box((0, 0, -1), (4, 4, 2), restitution=0.0))

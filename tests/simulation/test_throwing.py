@@ -25,7 +25,7 @@ METHODS = [
     Leapfrog(damper_extrapolation=0.5),
     RK4(),
     RKC2(),
-    LinearlyImplicitEuler(),
+    LinearlyImplicitEuler(iterations=4),
 ]
 TOP = np.arange(18, 27)
 

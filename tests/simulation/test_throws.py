@@ -6,7 +6,7 @@ from scipy.stats import chi2, chisquare
 
 from msdwarp import Ensemble, Plane, Touch, box
 
-THROWS = 360
+THROWS = 180
 EDGE = 0.15
 DIE = box((3, 3, 3), EDGE, mass=0.02, stiffness=4000.0, damping=3.0)
 FACES = [np.isclose(side * DIE.position[:, axis], EDGE) for axis in range(3) for side in (-1, 1)]

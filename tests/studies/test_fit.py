@@ -67,11 +67,11 @@ def test_other_precisions_come_close():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", [hung, dropped])
-def test_with_noise_values_lie_within_three_standard_deviations(scene):
+@pytest.mark.parametrize(("scene", "seeds"), [(hung, 4), (dropped, 1)])
+def test_with_noise_values_lie_within_three_standard_deviations(scene, seeds):
     # Of normal numbers 0.27 % lie outside three standard deviations: of 4 x 2 none in 98 of 100 cases.
     outside = 0
-    for seed in range(4):
+    for seed in range(seeds):
         found = fit(scene(*FAR), tracked(scene(), noise=1e-3, seed=seed), BOTH, **HOW)
         deviations = found.standard_deviations
         true = {"stiffness": STIFFNESS, "damping": DAMPING}
@@ -110,6 +110,7 @@ def test_bounds_hold_and_say_so():
     assert found.values["stiffness"] == pytest.approx(250)
 
 
+@pytest.mark.slow
 def test_a_robust_loss_bears_points_that_are_wrong():
     points = tracked(hung(), 0.4, noise=1e-3)
     wrong = points.position.copy()
@@ -129,6 +130,7 @@ def _only(name, how):
     return how | {"bounds": {name: BOUNDS[name]}}
 
 
+@pytest.mark.slow
 def test_a_probe_and_the_energy_tell_as_well():
     scene = hung()
     low = scene.system.position[:, 2] < scene.system.position[:, 2].min() + 1e-6
@@ -154,6 +156,7 @@ def test_a_probe_and_the_energy_tell_as_well():
     assert found.residual_units == {"foot": "m", "energy": "J"}
 
 
+@pytest.mark.slow
 def test_a_trajectory_is_measured_motion(tmp_path):
     simulation = Simulation.of(hung(), integrator=METHOD, precision="float64", substeps=32, device="cpu")
     with TrajectoryWriter(tmp_path / "run.vtkhdf", simulation.system, fps=60.0) as writer:
@@ -199,6 +202,7 @@ def test_what_an_ensemble_refuses_is_simulated_one_after_the_other():
     assert found.values["stiffness"] == pytest.approx(STIFFNESS, rel=EXACT)
 
 
+@pytest.mark.slow
 def test_several_starts_find_what_one_misses():
     # From a fifth of the stiffness, all at once, the phases of 0.5 s wrap.
     measured = tracked(hung(), 0.5)
@@ -227,6 +231,7 @@ def test_what_differs_in_the_scene_is_multiplied():
     assert found.units["stiffness"] == "times the scene's own"
 
 
+@pytest.mark.slow
 def test_the_picture_of_residuals_shows_something(tmp_path):
     found = fit(hung(*FAR), tracked(hung(), 0.3, noise=1e-3), ["stiffness"], **_only("stiffness", HOW))
     found.plot(tmp_path / "residuals.png")

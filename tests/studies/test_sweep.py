@@ -59,6 +59,7 @@ def test_a_sweep_is_so_many_single_runs(tmp_path):
         }
 
 
+@pytest.mark.slow
 def test_a_wider_grid_simulates_what_is_new(tmp_path):
     told = []
     first = msd.sweep(swept.build, {"stiffness": [50, 100]}, tmp_path, report=lambda *n: told.append(n), **HERE)

@@ -62,7 +62,7 @@ def test_worlds_find_what_runs_of_their_own_find(tmp_path, plain_device, more, o
 @pytest.mark.parametrize("probes", [False, True])
 def test_bodies_that_stick_to_each_other_end_as_in_runs_of_their_own(tmp_path, probes):
     several = {"stiffness": [1400.0, 2000.0], "tilt": [0.1, 0.2], "probes": [probes]}
-    how = {"substeps": 60, "device": "cpu"}
+    how = {"substeps": 15, "fps": 240.0, "device": "cpu"}  # short frames: each launch of one is recorded
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = msd.sweep(swept.stacked, several, tmp_path / "worlds", jobs="ensemble", **how)
@@ -78,6 +78,7 @@ def test_what_is_observed_of_a_world_is_that_of_its_run(tmp_path):
     alike(found, msd.sweep(swept.thrown, grid(), tmp_path / "runs", jobs=1, **how))
 
 
+@pytest.mark.slow
 def test_worlds_go_on_where_runs_have_ended_and_runs_where_worlds_have(tmp_path):
     how, told = {"substeps": 12, "device": "cpu"}, []
     msd.sweep(swept.thrown, {"seed": "0:2"}, tmp_path, jobs=1, **how)
@@ -139,6 +140,7 @@ def test_what_is_wrong_is_said_before_a_file_is_touched(tmp_path, options, said)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_by_itself_it_takes_ensembles_where_there_is_one_gpu_and_substeps_are_set(tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr(sweep_module, "gpus_for", lambda device: 1)  # here there may be none

@@ -30,6 +30,7 @@ def build(*, length: float = 0.1) -> Scene:
     return Scene(system=chain(3, length), duration=0.1, observe={"top": top, "ends": ends})
 
 
+@pytest.mark.slow
 def test_one_world_is_observed_as_many_are():
     pytest.importorskip("xarray")
     simulation = Simulation.of(build(), device="cpu")
