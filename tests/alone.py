@@ -12,8 +12,8 @@ def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     """Compare positions and velocities with those of simulations of each world, to the last bit.
 
     A simulation of one world has one thread to a particle here, as worlds have: with several lanes the order of
-    sums is another. On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their own: by
-    one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
+    sums is another. On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their
+    own: by one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
     """
     by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
     atol = 1000 * float(np.finfo(ensemble.model.dtype).eps) if by_rounding else 0.0
