@@ -88,6 +88,7 @@ def test_a_lost_folder_ends_a_run_with_a_message(msdwarp, own):
 
 FULL = """
 import resource, sys
+sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
 sys.argv = ["msdwarp", "run", "cube", "--size", "6", "--frames", "none", "--video", "none", "--device", "cpu"]
 from msdwarp.cli import main

@@ -153,6 +153,7 @@ def test_particles_alone_hold_nothing_to_draw(tmp_path):
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
     code = """
 import resource, sys
+sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
 from msdwarp import Trajectory, TrajectoryWriter, box
 from msdwarp.files.export import export
 system = box((12, 12, 12))

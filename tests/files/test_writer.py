@@ -136,6 +136,7 @@ def test_killed_at_random_twenty_times(tmp_path, vtk_output):
 
 FILL_THE_DISK = """
 import resource, sys
+sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
 import numpy as np
 from msdwarp import box
 from msdwarp.files.writer import TrajectoryWriter
