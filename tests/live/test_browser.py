@@ -56,7 +56,7 @@ def client(view, **options):
     opened = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[name], max_size=None, **options)
     # A client counts from when it says where its camera stands.
     zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 280, 450, zero, (0.0, 0.0, 1.0))
+    camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 560, 900, zero, (0.0, 0.0, 1.0))
     opened.send(msgspec.msgpack.encode(camera.as_serializable_dict()))
     return opened
 
