@@ -21,7 +21,8 @@ from msdwarp import (
     chain,
     sheet,
 )
-from msdwarp.engine.model import ALIGNED, Model
+from msdwarp.engine.model import Model
+from msdwarp.engine.records import ALIGNED
 from msdwarp.engine.state import State
 
 AXES = {1: [0], 2: [0, 2]}

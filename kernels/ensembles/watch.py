@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..reductions import free_energies
 
 RUNNING, NOT_FINITE, ENERGY = 0, 1, 2
 """What has become of a world."""
@@ -17,7 +18,7 @@ def look_over_worlds(dim: int, scalar: type):
     Each lane sums the kinetic and gravitational energies of a share of its world's particles, in float64, strided;
     pinned ones have none. What constant forces can do is counted as gravity's.
     """
-    V = vector(dim, scalar)
+    V, energies_of = vector(dim, scalar), free_energies(dim, scalar)
 
     @kernel
     def look_over_each(
@@ -48,16 +49,9 @@ def look_over_worlds(dim: int, scalar: type):
             if steady.shape[0] > 0:
                 for k in range(wp.static(dim)):
                     potential -= wp.float64(steady[i][k]) * wp.float64(x_i[k])
-            m = wp.float64(inverse_mass[w % inverse_mass.shape[0], i])
-            if m > wp.float64(0.0):
-                square = wp.float64(0.0)
-                fall = wp.float64(0.0)
-                for k in range(wp.static(dim)):
-                    speed = wp.float64(v_i[k])
-                    square += speed * speed
-                    fall += wp.float64(g[k]) * wp.float64(x_i[k])
-                kinetic += wp.float64(0.5) * square / m
-                potential -= fall / m
+            moves, falls = energies_of(inverse_mass[w % inverse_mass.shape[0], i], g, x_i, v_i)
+            kinetic += moves
+            potential += falls
             i += energies.shape[1]
         first[w, lane] = found
         energies[w, lane, 0] = kinetic

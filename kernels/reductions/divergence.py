@@ -64,13 +64,37 @@ ADD_UP = """
 
 
 @functools.cache
+def free_energies(dim: int, scalar: type):
+    """Compose the kinetic and gravitational energy of a particle [J], in float64; a pinned one has none."""
+    V = vector(dim, scalar)
+
+    @wp.func
+    def energies_of(inverse_mass: scalar, gravity: V, x: V, v: V):
+        w = wp.float64(inverse_mass)
+        kinetic = wp.float64(0.0)
+        potential = wp.float64(0.0)
+        if w > wp.float64(0.0):
+            square = wp.float64(0.0)
+            fall = wp.float64(0.0)
+            for k in range(wp.static(dim)):
+                speed = wp.float64(v[k])
+                square += speed * speed
+                fall += wp.float64(gravity[k]) * wp.float64(x[k])
+            kinetic = wp.float64(0.5) * square / w
+            potential = -fall / w
+        return kinetic, potential
+
+    return energies_of
+
+
+@functools.cache
 def look_over(dim: int, scalar: type):
     """Compose the kernel that sums energies and lowers `first[0]` to the least particle that is not finite.
 
     Each thread sums the kinetic and gravitational energies of a share of the particles, in float64; pinned ones
     have none.
     """
-    V = vector(dim, scalar)
+    V, energies_of = vector(dim, scalar), free_energies(dim, scalar)
 
     @kernel
     def look_over_particles(
@@ -91,16 +115,9 @@ def look_over(dim: int, scalar: type):
         while i < x.shape[0]:
             if not (wp.isfinite(x[i]) and wp.isfinite(v[i])):
                 wp.atomic_min(first, 0, i)
-            w = wp.float64(inverse_mass[i])
-            if w > wp.float64(0.0):
-                square = wp.float64(0.0)
-                fall = wp.float64(0.0)
-                for k in range(wp.static(dim)):
-                    speed = wp.float64(v[i][k])
-                    square += speed * speed
-                    fall += wp.float64(gravity[k]) * wp.float64(x[i][k])
-                kinetic += wp.float64(0.5) * square / w
-                potential -= fall / w
+            moves, falls = energies_of(inverse_mass[i], gravity, x[i], v[i])
+            kinetic += moves
+            potential += falls
             i += energies.shape[0]
         energies[share, wp.static(KINETIC)] = kinetic
         energies[share, wp.static(POTENTIAL)] = potential
@@ -128,7 +145,7 @@ def look_over_in_blocks(dim: int, scalar: type):
     `first` is the least particle that is not finite, or else a number that no particle has. It is launched with
     blocks of LOOKING_BLOCK threads, as many as `blocks` has rows.
     """
-    V = vector(dim, scalar)
+    V, energies_of = vector(dim, scalar), free_energies(dim, scalar)
     load = records(dim, scalar).load
 
     def look_over_particles(
@@ -153,16 +170,9 @@ def look_over_in_blocks(dim: int, scalar: type):
             v_i = load(v, i)
             if not (wp.isfinite(x_i) and wp.isfinite(v_i)):
                 first = wp.min(first, i)
-            w = wp.float64(inverse_mass[i])
-            if w > wp.float64(0.0):
-                square = wp.float64(0.0)
-                fall = wp.float64(0.0)
-                for k in range(wp.static(dim)):
-                    speed = wp.float64(v_i[k])
-                    square += speed * speed
-                    fall += wp.float64(gravity[k]) * wp.float64(x_i[k])
-                kinetic += wp.float64(0.5) * square / w
-                potential -= fall / w
+            moves, falls = energies_of(inverse_mass[i], gravity, x_i, v_i)
+            kinetic += moves
+            potential += falls
             i += blocks.shape[0] * LOOKING_BLOCK
         add_up(kinetic, potential, first, blocks, done, found)
 

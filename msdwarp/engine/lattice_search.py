@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import TEARING_FIELDS, System, stored, uniform
-from ..kernels.forces import COLUMN, CONSTANTS, stencil_rows
-
-MASK_BITS = 32
-"""Bits that say which neighbours a particle has."""
+from ..kernels.forces import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
 
 
 class Lattice(NamedTuple):
@@ -124,8 +121,8 @@ def find_lattice(system: System) -> Lattice:
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
     names = list(dict.fromkeys(name for body in system.directions for name in body))
-    if 2 * len(names) > MASK_BITS:
-        raise NotALattice(f"there are {len(names)} directions, more than {MASK_BITS // 2}")
+    if 2 * len(names) > MOST_NEIGHBOURS:
+        raise NotALattice(f"there are {len(names)} directions, more than {MOST_NEIGHBOURS // 2}")
     steps = tuple(step_of(name) for name in names)
     rows, _ = stencil_rows(steps)
     count = system.connection_count

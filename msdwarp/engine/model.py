@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
-from ..kernels.records import record_length
 from ..world import (
     CONTACT_FORCE,
     TOUCH_FORCE,
@@ -26,15 +25,12 @@ from ..world import (
 )
 from .device import PRECISIONS, find_device, scalar_array
 from .effects import Surroundings, effects_of
+from .records import records_together
 from .routes import choose_route, scatter_order
 from .tearing import Tearing
 from .work import Work
 
 CONTACT_RULES = ("coulomb", "report")
-ALIGNED = 64
-"""Arrays of vectors that lie together begin at multiples of so many numbers: at lines of a GPU's cache."""
-MOST_NUMBERS = 2**31 - 1
-"""Numbers in an array of Warp's."""
 
 
 class Model:
@@ -226,24 +222,7 @@ class Model:
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
         """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
-        length, size = record_length(self.dim), wp.types.type_size_in_bytes(self.scalar)
-        each = -(-(self.vectors_each + 2 * self.margin) * length // ALIGNED) * ALIGNED
-        if count > 1 and count * each > MOST_NUMBERS:
-            return tuple(self.vectors() for _ in range(count))
-        storage = wp.zeros(count * each, dtype=self.scalar, device=self.device)
-        views = []
-        for k in range(count):
-            view = wp.array(
-                ptr=int(storage.ptr or 0) + (k * each + self.margin * length) * size,
-                dtype=self.vector,
-                shape=self.vectors_each,
-                strides=(length * size,),
-                device=self.device,
-                capacity=storage.capacity,
-            )
-            view._ref = storage  # a view does not own its memory
-            views.append(view)
-        return tuple(views)
+        return records_together(count, self.vectors_each, self.dim, self.scalar, self.device, self.margin)
 
     @property
     def vectors_each(self) -> int:
