@@ -42,6 +42,7 @@ if _typing.TYPE_CHECKING:
         QuadraticDamper,
         Surface,
         System,
+        space_filling_order,
     )
     from .checks import ContactOverrun, DoubtfulFit, DoubtfulStart
     from .engine import Measures
@@ -88,7 +89,8 @@ __version__ = "0.1.0"
 # Where each name is found. A room is imported, and Warp with those that need it, when one of its names is first
 # asked for.
 _ROOMS = {
-    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System",
+    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
+    "space_filling_order",
     "checks": "ContactOverrun DoubtfulFit DoubtfulStart",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
@@ -187,6 +189,7 @@ __all__ = [
     "sheet",
     "shell",
     "show",
+    "space_filling_order",
     "stability_limit",
     "sweep",
     "verbose",

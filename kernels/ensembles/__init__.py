@@ -7,6 +7,7 @@ scene is composed of: so each world moves as it would alone, to the last bit.
 
 from .by_world import EACH, SHARED, UNIFORM, Differences, by_world
 from .means import ENERGY_COLUMNS, Weighed, mean_over_group, moving, sum_energies, sum_lanes
+from .on_chip import MOST_BYTES, on_chip_worlds
 from .rates import add_blocks_of_worlds, raise_bounds_of_worlds
 from .stages import each_connection_of_worlds, each_particle_of_worlds, persistent_worlds
 from .watch import ENERGY, NOT_FINITE, RUNNING, judge, look_over_worlds, next_frame, put_back
@@ -15,6 +16,7 @@ __all__ = [
     "EACH",
     "ENERGY",
     "ENERGY_COLUMNS",
+    "MOST_BYTES",
     "NOT_FINITE",
     "RUNNING",
     "SHARED",
@@ -30,6 +32,7 @@ __all__ = [
     "mean_over_group",
     "moving",
     "next_frame",
+    "on_chip_worlds",
     "persistent_worlds",
     "put_back",
     "raise_bounds_of_worlds",

@@ -7,6 +7,7 @@ import warp as wp
 
 from ..basis import vector
 from ..integrators import Composition, world
+from ..places import arrays_of, shifts
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
 """How a constant of connections differs: not at all; a number for each world; or more numbers for each world."""
@@ -69,8 +70,8 @@ def by_world(composition: Composition, differs: Differences) -> Tools:
     place_constants = _constants(composition, differs, World, ByWorld) if differs.storage else None
     scattered = "f" in composition.route.Forces.vars
     gravity, mass, friction = differs.gravity, differs.mass, differs.friction
-    sums = shifts(World, ["forces.f"]) if scattered else None
-    contacts = shifts(World, ["touched.force"]) if touched else None
+    sums = shifts(World, ("forces.f",)) if scattered else None
+    contacts = shifts(World, ("touched.force",)) if touched else None
 
     @wp.func
     def take(surroundings: World, by: ByWorld, w: int) -> World:
@@ -166,28 +167,7 @@ def _constants(composition: Composition, differs: Differences, World: Any, ByWor
     return place_by_direction
 
 
-SHIFT = "s.{0}.data = reinterpret_cast<decltype(s.{0}.data)>(reinterpret_cast<char*>(s.{0}.data) + bytes);"
-
-
-def shifts(Struct: Any, fields: list[str]) -> Any:
-    """Compose wp.func (s, bytes): arrays of a struct begin so many bytes further on. Fields may be "of.fields"."""
-
-    @wp.func_native("\n".join(map(SHIFT.format, fields)))
-    def shift(s: wp.ref[Struct], bytes: wp.int64): ...
-
-    return shift
-
-
 @functools.cache
 def to_world(Step: Any, compensated: bool) -> Any:
-    """Compose wp.func (step, bytes) that shifts all arrays of a method's step to a world.
-
-    All of them have a vector for each particle; what sums have lost has so only in compensated precision.
-    """
-    fields = []
-    for name, field in Step.vars.items():
-        if wp.types.is_array(field.type):
-            fields.append(name)
-        elif name == "lost" and compensated:
-            fields += [f"lost.{inner}" for inner in field.type.vars]
-    return shifts(Step, fields)
+    """Compose wp.func (step, bytes) that shifts all arrays of a method's step to a world."""
+    return shifts(Step, arrays_of(Step, compensated))

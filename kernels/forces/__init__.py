@@ -10,7 +10,7 @@ from .breaking import NO_SUBSTEP, Breaking, breaking, leave_out_broken
 from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
 from .dampers import Law, damper_force
 from .gather import CHUNK, SLICE, gather
-from .lanes import MOST_NEIGHBOURS, lane_of, stencil_of_lanes
+from .lanes import MOST_NEIGHBOURS, gather_of_lanes, lane_of, stencil_of_lanes
 from .linearised import add_blocks
 from .plasticity import plastic_flow, yielding
 from .route import Route
@@ -33,6 +33,7 @@ __all__ = [
     "breaking",
     "damper_force",
     "gather",
+    "gather_of_lanes",
     "lane_of",
     "leave_out_broken",
     "plastic_flow",

@@ -27,8 +27,9 @@ def constants(scalar: type, storage: str):
     """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
 
     Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
-    ones), "packed" (the same table, c being a kind), "own" (three numbers per connection) or "listed" (the
-    same, c being a slot that names one). `take` returns a vector, in the order of CONSTANTS.
+    ones), "packed" (the same table, c being a kind), "lengths" (a rest length per connection, all else alike),
+    "own" (three numbers per connection) or "listed" (the same, c being a slot that names one). `take` returns a
+    vector, in the order of CONSTANTS.
     """
     Three = vector(3, scalar)
     load = records(3, scalar).load
@@ -74,6 +75,19 @@ def constants(scalar: type, storage: str):
     @wp.func_native(TAKE)
     def number(values: wp.array(dtype=scalar), c: int) -> scalar: ...
 
+    if storage == "lengths":
+
+        @wp.struct
+        class Lengths:
+            rest_length: wp.array(dtype=scalar)  # l0 [m], shape [connection_count], or [slot_count]
+            stiffness: scalar  # k [N/m]
+            damping: scalar  # b in the units of the law
+
+        @wp.func
+        def take_length(constants: Lengths, c: int) -> Three:
+            return Three(number(constants.rest_length, c), constants.stiffness, constants.damping)
+
+        return Lengths, take_length
     if storage == "listed":
 
         @wp.struct

@@ -1,4 +1,4 @@
-"""The route to the forces for small lattices on a GPU: several threads share a particle.
+"""The routes by particles for small bodies on a GPU: several threads share a particle.
 
 A thread for each particle waits for one neighbour after the other, and the GPU is idle meanwhile.
 So a particle has several threads, its lanes. Of n lanes each takes every n-th neighbour, and all learn the sum.
@@ -11,7 +11,9 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensation
 from ..records import records
+from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
+from .gather import SLICE
 from .law import spring_damper
 from .route import Route, difference
 from .stencil import stencil_layout, stencil_rows
@@ -48,6 +50,17 @@ def lane_of(lanes: int):
 
 
 @functools.cache
+def sum_over_lanes(dim: int, scalar: type, lanes: int):
+    """Compose the sum of what the lanes of a particle have found."""
+    V = vector(dim, scalar)
+
+    @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
+    def sum_of_lanes(value: V) -> V: ...
+
+    return sum_of_lanes
+
+
+@functools.cache
 def stencil_of_lanes(
     dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, lanes: int
 ) -> Route:
@@ -58,7 +71,8 @@ def stencil_of_lanes(
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     Lost, _ = compensation(dim, scalar, compensated)
-    load, constants_of, lane_here = records(dim, scalar).load, records(3, scalar).load, lane_of(lanes)
+    load, constants_of = records(dim, scalar).load, records(3, scalar).load
+    lane_here, sum_of_lanes = lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
     apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
@@ -79,9 +93,6 @@ def stencil_of_lanes(
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: Shifts  # how far off each row of neighbours lies, in particles
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
-
-    @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
-    def sum_of_lanes(value: V) -> V: ...
 
     @wp.func
     def force_at(forces: SharedLattice, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
@@ -115,3 +126,58 @@ def stencil_of_lanes(
         return sum_of_lanes(force)
 
     return Route(SharedLattice, force_at, block=128, grid_stride=False, lanes=lanes)
+
+
+@functools.cache
+def gather_of_lanes(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, lanes: int
+) -> Route:
+    """Compose the gathering route for few particles, `lanes` threads to a particle: see `gather`.
+
+    Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be one lane only.
+    """
+    V = vector(dim, scalar)
+    Lost, _ = compensation(dim, scalar, compensated)
+    load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
+    apart, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    packed, damped = storage == "packed", damper is not None
+
+    @wp.struct
+    class GatheredByLanes:
+        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
+        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
+        constants: Constants  # of slots
+
+    @wp.func
+    def force_at(forces: GatheredByLanes, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        part = i / wp.static(SLICE)
+        begin = forces.first[part] + i % wp.static(SLICE)
+        slots = (forces.first[part + 1] - forces.first[part]) / wp.static(SLICE)
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        rounds = (slots + wp.static(lanes - 1)) / wp.static(lanes)
+        s = lane_here()
+        for _n in range(rounds):
+            slot = begin + wp.min(s, slots - 1) * wp.static(SLICE)
+            j = forces.other[slot]
+            c = slot
+            if wp.static(packed):
+                c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
+                j = j & wp.static((1 << KIND_SHIFT) - 1)
+            own = take(forces.constants, c)
+            dx = apart(lost, x, x_i, i, j)
+            if wp.static(damped):
+                dv = v_i - load(v, j)
+            q = force_density(dx, dv, own[0], own[1], own[2])
+            if s >= slots:  # there are fewer than lanes have rounds for
+                q = scalar(0.0)
+            force -= q * dx
+            s += wp.static(lanes)
+        return sum_of_lanes(force)
+
+    return Route(GatheredByLanes, force_at, block=128, grid_stride=False, lanes=lanes)

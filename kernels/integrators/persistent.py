@@ -7,6 +7,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..forces import NO_SUBSTEP
+from ..places import arrays_of, on_device
 from .composition import Composition, beginning, by_first_lane, tools
 
 MOST_THREADS = 512
@@ -39,6 +40,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
     moving, timed, tears = composition.contact.moving, composition.timed, composition.route.tears
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
+    say_where = on_device(Step, arrays_of(Step, composition.compensated))
 
     def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
@@ -50,6 +52,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
             begun = int(world.forces.breaking.substep)
         for k in range(count):
             step = steps[k % steps.shape[0]]
+            say_where(step)
             if wp.static(timed):
                 world.stage = first_stage + k
             if wp.static(begin is not None):

@@ -8,6 +8,7 @@ from .facets import Facets, facets_of, run_back
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
+from .numbering import space_filling_order
 from .parting import Edges, broken_before
 from .selection import selected
 from .series import Series
@@ -55,6 +56,7 @@ __all__ = [
     "rotations",
     "run_back",
     "selected",
+    "space_filling_order",
     "stored",
     "touching_surfaces",
     "uniform",

@@ -14,6 +14,7 @@ from .both import both
 from .dampers import LINEAR, Damper
 from .description import description
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
+from .numbering import renumbered
 from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
@@ -380,6 +381,15 @@ class System:
         mine = np.zeros(self.particle_count, dtype=bool)
         mine[self.groups[name]] = True
         return mine
+
+    def renumbered(self, order: ArrayLike | None = None) -> Self:
+        """Return this system with its particles in another order, and its connections in that of their particles.
+
+        For meshes: a GPU is faster if joined particles are near each other in memory. A lattice loses its
+        directions, which make it fast. What was particle `order[k]` becomes number k; by default the order is
+        `space_filling_order(position)`.
+        """
+        return self.trusted(**renumbered(self, order))
 
     def __add__(self, other: "System") -> Self:
         """Return one system that holds both, with the particles and connections of `other` behind."""

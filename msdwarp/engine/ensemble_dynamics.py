@@ -11,17 +11,21 @@ from ..kernels.ensembles import (
     by_world,
     each_connection_of_worlds,
     each_particle_of_worlds,
+    on_chip_worlds,
     persistent_worlds,
 )
 from .contact import Contact
 from .dynamics import Dynamics
 from .ensemble_forces import ensemble_forces
 from .ensemble_model import EnsembleModel
+from .on_chip import Chip, on_chip
 from .state import State
 from .stepper import power_of_two
 
 MOST_IN_BLOCK = {"float32": 1024, "float32-compensated": 1024, "float64": 512}
 """Threads of a block, and of a multiprocessor, that find registers enough."""
+IN_COLUMNS = 512
+"""Threads of a multiprocessor that find registers enough for columns of particles."""
 FEW_WORLDS_BLOCK, MANY_WORLDS_BLOCK = 1024, 512
 """Threads of the largest block where each world has a multiprocessor for itself, and where they are more."""
 MOST_IN_SMALL_WORLD, MOST_IN_WORLD = 512, 4096
@@ -92,6 +96,15 @@ class EnsembleDynamics(Dynamics):
         inputs = [self.world, self._by, steps, stages, model.connection_count]
         wp.launch(kernel, model.worlds * threads, inputs, device=model.device, block_dim=threads)
 
+    def launch_all_on_chip(self, method: Any, chip: Chip, stages: int) -> None:
+        """Do the same with the state of each world in the shared memory of its block."""
+        model, threads = self.model, chip.threads
+        together = min(self.together, IN_COLUMNS) if chip.in_columns else self.together
+        kinds = (self.composition, self.differs, method, threads, together, chip.room, chip.in_columns)
+        inputs = [self.world, self._by, chip.steps, stages, chip.home, chip.words, chip.each, chip.margin]
+        kernel: Any = on_chip_worlds(*kinds)
+        wp.launch(kernel, model.worlds * threads, inputs, device=model.device, block_dim=threads)
+
 
 class EnsembleStepper:
     """Takes substeps of all worlds: by a launch for each stage, or by one for all of a frame.
@@ -110,20 +123,28 @@ class EnsembleStepper:
         self, dynamics: EnsembleDynamics, state: State, take_substep: Callable[[], None], threads: int | str | None
     ) -> None:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
+        self._chip: Chip | None = None
         self.threads = _asked_for(threads, dynamics)
         """Threads that take all substeps of a world; None where each stage is a launch."""
-        if self.threads is None:
+        if dynamics.launches_before_forces or threads is None:
             return
         # Each substep flips the state: the third is the first again.
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
         self._method, self._per_substep = stages[0][0], len(stages) // 2
         self._kept = [step for _, step in stages]
         Step = self._method(dynamics.composition).Step
+        if threads == "auto":
+            kept = self._kept[: self._per_substep]
+            self._chip = on_chip(dynamics.model, state, dynamics.composition.route, Step, kept)
+        if self._chip is not None:
+            self.threads = self._chip.threads
         self._steps = wp.array(self._kept, dtype=Step, device=dynamics.model.device)
 
     def take(self, substeps: int) -> None:
         """Take substeps; the state then lies where it lay before."""
-        if self.threads is None:
+        if self._chip is not None:
+            self._dynamics.launch_all_on_chip(self._method, self._chip, substeps * self._per_substep)
+        elif self.threads is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, k)
                 self._take_substep()

@@ -19,6 +19,7 @@ from ..kernels.forces import (
     MOST_NEIGHBOURS,
     SLICE,
     gather,
+    gather_of_lanes,
     scatter,
     stencil,
     stencil_of_lanes,
@@ -32,9 +33,13 @@ from .tearing import Tearing
 
 MANY_NEIGHBOURS = 12
 """With more of them, several threads to a particle are worth more."""
-LANES_OF_MANY = ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4))
-LANES_OF_FEW = ((32, 8), (64, 4), (2_048, 1), (30_000, 4))
-"""Up to how many particles so many threads share one, with many and with few neighbours; one thread beyond.
+LANES = {
+    ("stencil", "many"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4)),
+    ("stencil", "few"): ((32, 8), (64, 4), (4_096, 1), (30_000, 4)),
+    ("gather", "many"): ((20_000, 8), (32_000, 4)),
+    ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
+}
+"""Up to how many particles so many threads share one, by route and number of neighbours; one thread beyond.
 
 From measurements on an H200; what has one thread in between is advanced by one block or cluster for a whole frame.
 """
@@ -64,15 +69,21 @@ def _join_with_themselves(tearing: Tearing, connections: wp.array) -> None:
 
 
 class Gather:
-    """The route by particles, with a table of neighbours that is built on the device."""
+    """The route by particles, with a table of neighbours that is built on the device.
 
-    def __init__(self, model: Model) -> None:
+    Several `lanes`, threads to a particle, are for systems that do not tear, on a GPU.
+    """
+
+    def __init__(self, model: Model, lanes: int = 1) -> None:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
         storage = "packed" if packed else "listed" if model.lengths_change else storage
         tearing = model.tearing
         kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
-        self.route = gather(*kinds, tearing and tearing.breaking)
+        if lanes > 1:
+            self.route = gather_of_lanes(*kinds, lanes)
+        else:
+            self.route = gather(*kinds, tearing and tearing.breaking)
         self.data = self.route.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
@@ -81,7 +92,7 @@ class Gather:
         if model.lengths_change:  # rest lengths change, and both ends must see it
             fields["connection"] = connection
         for name, value in fields.items():
-            by_connection = storage == "own" or name == "kind"
+            by_connection = storage == "own" or name == "kind" or (storage, name) == ("lengths", "rest_length")
             setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
         if tearing is not None:
             tearing.data.number = connection
@@ -102,6 +113,10 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     three, device = wp.types.vector(3, model.scalar), model.device
     kinds = None if model.lengths_change else find_kinds(model.system)
     if kinds is None:
+        system = model.system
+        if not model.lengths_change and is_uniform(system.stiffness) and is_uniform(system.damping):
+            alike = {name: float(getattr(system, name)[0]) for name in ("stiffness", "damping")}
+            return "lengths", {"rest_length": model.rest_length, **alike}
         own = {name: getattr(model, name) for name in CONSTANTS}
         return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
     table, kind = kinds
@@ -255,12 +270,14 @@ class Stencil:
 
 
 def lanes(model: Model) -> int:
-    """Return how many threads share a particle by the stencil: several on a GPU where they are few."""
+    """Return how many threads share a particle: several on a GPU where they are few."""
     lattice = model.lattice
-    shared = model.device.is_cuda and model.tearing is None
-    if lattice is None or not (shared and lattice.uniform):
+    if model.route == "scatter" or not model.device.is_cuda or model.tearing is not None:
         return 1
-    table = LANES_OF_MANY if 2 * len(lattice.steps) > MANY_NEIGHBOURS else LANES_OF_FEW
+    if lattice is not None and not lattice.uniform:
+        return 1
+    ends = 2 * (len(lattice.steps) * model.particle_count if lattice else model.connection_count)
+    table = LANES[model.route, "many" if ends > MANY_NEIGHBOURS * model.particle_count else "few"]
     return next((count for most, count in table if model.particle_count <= most), 1)
 
 
@@ -269,4 +286,4 @@ ROUTE_CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
 
 def forces_of(model: Model) -> Scatter | Gather | Stencil:
     """Return the forces by a model's route, as they are best computed for one world."""
-    return Stencil(model, lanes(model)) if model.route == "stencil" else ROUTE_CLASSES[model.route](model)
+    return Scatter(model) if model.route == "scatter" else ROUTE_CLASSES[model.route](model, lanes(model))

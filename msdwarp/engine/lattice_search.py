@@ -73,7 +73,12 @@ class Lattice(NamedTuple):
     @property
     def margin(self) -> int:
         """How many particles beyond the first and the last may be read, and not be used."""
-        return 2 + (2 + COLUMN) * (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
+        return 2 + (2 + COLUMN) * (self.reach - 2)
+
+    @property
+    def reach(self) -> int:
+        """The same where particles are advanced one by one."""
+        return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
 class NotALattice(ValueError):

@@ -17,7 +17,7 @@ MOST_IN_ONE_BLOCK = 350
 """More particles, or connections, are faster in a cluster of blocks that wait for each other."""
 CLUSTER = 8
 """Blocks in a cluster: as many as every GPU that has clusters allows."""
-MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 2_048}
+MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 4_096}
 """More connections, or particles, are faster with a launch for each stage."""
 
 

@@ -1,7 +1,8 @@
-"""Threads that share a particle of a small lattice: the stencil with several lanes, which a GPU has."""
+"""Threads that share a particle of a small body: the routes with several lanes, which a GPU has."""
 
 import numpy as np
 import pytest
+from tangles import tangle
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, Wind, box, sheet
 from msdwarp.engine import forces
@@ -15,8 +16,8 @@ BODIES = {
 }
 
 
-def moved(system: System, frames: int = 10, **options) -> np.ndarray:
-    simulation = Simulation(system, route="stencil", **(FALLING | options))
+def moved(system: System, frames: int = 10, route: str = "stencil", **options) -> np.ndarray:
+    simulation = Simulation(system, route=route, **(FALLING | options))
     simulation.step(frames)
     return simulation.frame().position
 
@@ -45,8 +46,23 @@ def test_one_lane_adds_up_as_the_stencil_does(name, precision, request):
     assert np.array_equal(moved(BODIES[name], **options), by_stencil)  # the same neighbours in the same order
 
 
-def test_a_cpu_has_one_lane():
-    assert forces.lanes(Model(BODIES["solid"], device="cpu", route="stencil")) == 1
+@pytest.mark.parametrize("own", [(), ("rest_length",), ("stiffness",)], ids=["one", "kinds", "own"])
+def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
+    # A tangle: slices of the table have slots that pad.
+    body = tangle(3, 200 if own == ("stiffness",) else 65, own, damped=True)
+    options = {"device": "cpu", "route": "gather", "precision": "float64", "colliders": []}
+    by_table = moved(body, **options)
+
+    def one_lane(*kinds):
+        return forces.gather_of_lanes(*kinds[:-1], 1)
+
+    monkeypatch.setattr(forces, "gather", one_lane)
+    assert np.array_equal(moved(body, **options), by_table)
+
+
+@pytest.mark.parametrize("route", ["stencil", "gather"])
+def test_a_cpu_has_one_lane(route):
+    assert forces.lanes(Model(BODIES["solid"], device="cpu", route=route)) == 1
 
 
 @pytest.mark.gpu
@@ -55,12 +71,12 @@ def test_a_cpu_has_one_lane():
 @pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog(damper_extrapolation=0.5), RK4()], ids=repr)
 def test_lanes_change_nothing_but_the_order_of_sums(lanes, blocks, integrator, monkeypatch):
     # In free flight, so that no contact decides by rounding; 10 frames of float64 leave 1e-12 of the 2 m at most.
-    for name in ("solid", "cloth", "bent"):
+    for name, route in [("solid", "stencil"), ("cloth", "stencil"), ("bent", "stencil"), ("solid", "gather")]:
         found = []
         for count in (1, lanes):
             monkeypatch.setattr(forces, "lanes", lambda model, count=count: count)
             options = {"integrator": integrator, "blocks": blocks, "device": "cuda:0", "precision": "float64"}
-            found.append(moved(BODIES[name], colliders=[], **options))
+            found.append(moved(BODIES[name], route=route, colliders=[], **options))
         assert np.abs(found[0] - found[1]).max() < 1e-12
 
 
@@ -89,12 +105,12 @@ def test_loads_obstacles_and_work_are_counted_once_for_all_lanes(monkeypatch):
 @pytest.mark.parametrize(
     "shape", [(3, 3, 3), (4, 4, 4), (6, 6, 6), (8, 8, 8), (12, 12, 12), (20, 20, 20), (26, 40, 32)]
 )
-def test_bodies_of_every_size_have_lanes_that_agree_with_gathering(shape):
+def test_bodies_of_every_size_have_lanes_that_agree_with_scattering(shape):
     body = box(shape, damping=2.0).spin((0.1, 0.2, 0.3))
-    frames = [
-        Simulation(body, route=route, device="cuda:0", precision="float64") for route in ("stencil", "gather")
-    ]
+    routes = ("scatter", "stencil", "gather")
+    frames = [Simulation(body, route=route, device="cuda:0", precision="float64") for route in routes]
     for one in frames:
         one.step(5)
-    a, b = (one.frame().position for one in frames)
-    assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
+    a, *others = (one.frame().position for one in frames)
+    for b in others:
+        assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()

@@ -1,0 +1,81 @@
+"""Numbering: which numbers particles have, and so how near neighbours lie in memory."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
+from .surface import Surface
+from .uniform import is_uniform
+
+if TYPE_CHECKING:
+    from .system import System
+
+BITS = 62
+"""Bits of a place along the curve, shared by the coordinates."""
+
+
+def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
+    """Return the order in which a space-filling curve visits points: those near each other seldom lie far apart.
+
+    It is the Z-order (Morton 1966): points are sorted by the bits of their coordinates, taken in turn.
+
+    Parameters
+    ----------
+    position
+        Points [m], shape [count, d] with d = 1, 2 or 3.
+
+    Returns
+    -------
+    order
+        The number of the point that comes k-th, shape [count].
+
+    Raises
+    ------
+    ValueError
+        If `position` has another shape, or is not finite.
+    """
+    x = np.asarray(position, dtype=np.float64)
+    if x.ndim != 2 or x.shape[1] not in (1, 2, 3) or not np.isfinite(x).all():
+        raise ValueError(
+            f"position has shape {x.shape}; it must be finite, in the shape (count, d) with d = 1, 2, 3"
+        )
+    if len(x) == 0:
+        return np.zeros(0, dtype=np.int64)
+    dim = x.shape[1]
+    bits = min(BITS // dim, 31)
+    lowest, extent = x.min(axis=0), float(np.ptp(x, axis=0).max())
+    cells = np.floor((x - lowest) * ((2**bits - 1) / extent if extent > 0 else 0.0)).astype(np.int64)
+    place = np.zeros(len(x), dtype=np.int64)
+    for bit in range(bits):
+        for axis in range(dim):
+            place |= ((cells[:, axis] >> bit) & 1) << (dim * bit + axis)
+    return np.argsort(place, kind="stable")
+
+
+def renumbered(system: "System", order: ArrayLike | None) -> dict[str, Any]:
+    """Return the fields of a system whose particle k was number order[k]; see `System.renumbered`."""
+    n = system.particle_count
+    chosen = space_filling_order(system.position) if order is None else np.asarray(order)
+    if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not np.array_equal(np.sort(chosen), np.arange(n)):
+        raise ValueError(f"order is {checks.said(order)}; it must have each number from 0 to {n - 1} once")
+    number = np.empty(n, dtype=np.int32)
+    number[chosen] = np.arange(n, dtype=np.int32)
+    connections = number[system.connections]
+    ends = np.sort(connections, axis=1)
+    of_connections = np.lexsort((ends[:, 1], ends[:, 0]))
+    fields: dict[str, Any] = {"connections": connections[of_connections], "damper": system.damper}
+    for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
+        for name in names:
+            values = getattr(system, name)
+            fields[name] = values if is_uniform(values) else values[where]
+    if system.original_length is system.rest_length:
+        fields["original_length"] = fields["rest_length"]
+    surface = system.surface
+    if surface is not None:
+        kept = {name: getattr(surface, name) for name in ("weights", "uv", "triangles", "normal_of")}
+        fields["surface"] = Surface(particle=number[surface.particle], **kept)
+    fields["groups"] = {name: np.sort(number[group]) for name, group in system.groups.items()}
+    return fields
