@@ -33,7 +33,7 @@ from msdwarp import SymplecticEuler, System, box, stability_limit
 from ..cases import Case, acceleration, cloth_case, incidence
 from ..common import arguments, machine, read_csv, table, write_csv
 from .codes import Msdwarp, Newton, Numba, Numpy, OnTheHost, Taichi, steps_in
-from .cuda import Marching, OneBlock, Scatter, Unsuitable
+from .cuda import Lanes, Marching, OneBlock, Scatter, Unsuitable
 
 PEERS = {
     "msdwarp": Msdwarp,
@@ -44,6 +44,7 @@ PEERS = {
     "newton by particle": partial(Newton, by_particle=True),
     "Taichi": Taichi,
     "CUDA lattice": Marching,
+    "CUDA lanes": Lanes,
     "CUDA one block": OneBlock,
     "CUDA scatter": Scatter,
     "Numba": Numba,

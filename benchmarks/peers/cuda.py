@@ -9,6 +9,8 @@ connections, and the lattice kernels the lattice, so that they read neither indi
   three particles of the column that they pull: 10 records a particle at great depth, 27 at depth 1, of which
   all but one are hits of the L1 cache, which is as fast as shared memory. DRAM sees at least 64 bytes a
   particle and step. Every connection is computed twice. The fastest depth is measured for each body.
+- `Lanes`: 2, 4 or 8 threads share a particle, take its neighbours in turn, and add up by shuffles: for bodies too
+  small to fill the chip with a thread for each particle. The fastest number is measured for each body.
 - `OneBlock`: bodies of up to 1024 particles stay in the shared memory of one multiprocessor for many steps,
   so that a step costs two barriers and no launch.
 - `Scatter`: a thread per connection, an index pair and a rest length read, forces added by 16-byte atomics
@@ -20,11 +22,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .cuda_kernels import COMMON, LATTICE, ONE_BLOCK, SCATTER
+from .cuda_kernels import COMMON, LANES, LATTICE, ONE_BLOCK, SCATTER
 
 DEPTHS = (1, 2, 4, 8, 16)
 LEAST_THREADS = 16_384
 """A depth is tried where this many threads are left."""
+MOST_WITH_LANES = 300_000
+"""Larger bodies have threads enough with one for each particle."""
 BLOCK = 256
 """Threads of a block, at most."""
 
@@ -34,7 +38,7 @@ class Unsuitable(Exception):
 
 
 class Cuda:
-    """What the three have in common: records on the device, a stream, and steps as a graph of launches."""
+    """What they have in common: records on the device, a stream, and steps as a graph of launches."""
 
     def __init__(self, body, device: str) -> None:
         if not device.startswith("cuda"):
@@ -107,30 +111,33 @@ class Lattice(Cuda):
         return index.ravel()
 
 
-class Marching(Lattice):
-    """One kernel a step over the lattice, between two pairs of buffers; see the module."""
+class TwoBuffers(Lattice):
+    """One kernel a step over the lattice, between two pairs of buffers; which kernel is fastest is measured."""
 
     def __init__(self, body, device: str) -> None:
         super().__init__(body, device)
         self.other = [self.cupy.empty_like(a) for a in (self.x, self.v)]
-        nx, ny, nz = self.sizes.values()
-        width = math.ceil(nx / math.ceil(nx / 32))
-        self.block = (width, min(ny, BLOCK // width), 1)
-        depths = [d for d in DEPTHS if d == 1 or (d <= nz and len(self.x) >= LEAST_THREADS * d)]
-        seconds = {depth: self.trial(depth) for depth in depths}
-        best = min(seconds, key=seconds.get)
+        choices = self.choices()
+        seconds = {choice: self.trial(choice) for choice in choices}
+        best = min(choices, key=seconds.__getitem__)
         self.use(best)
-        self.note = f"blocks of {self.block[0]} x {self.block[1]}, depth {best}"
+        self.note = self.named(best)
 
-    def use(self, depth: int) -> None:
-        """Take the kernel of this depth."""
-        self.kernel = self.compiled(LATTICE, DEPTH=depth, BLOCK=BLOCK, **self.sizes).get_function("lattice_step")
-        spans = (self.block[0], self.block[1], depth)
-        self.grid = tuple(math.ceil(n / span) for n, span in zip(self.sizes.values(), spans, strict=True))
+    def choices(self) -> list:
+        """Return the kernels that are tried."""
+        raise NotImplementedError
 
-    def trial(self, depth: int) -> float:
+    def use(self, choice) -> None:
+        """Take one of these kernels."""
+        raise NotImplementedError
+
+    def named(self, choice) -> str:
+        """Say in words which it is."""
+        raise NotImplementedError
+
+    def trial(self, choice) -> float:
         """Return the milliseconds that ten launches take; the body stays as it is."""
-        self.use(depth)
+        self.use(choice)
         start, end = self.cupy.cuda.Event(), self.cupy.cuda.Event()
         for k in range(12):
             if k == 2:
@@ -148,6 +155,47 @@ class Marching(Lattice):
         for _ in range(steps):
             self.launch(self.kernel, self.grid, self.block, *here, *there)
             here, there = there, here
+
+
+class Marching(TwoBuffers):
+    """A thread marches up a column; see the module."""
+
+    def choices(self) -> list:
+        """Return depths."""
+        nx, ny, nz = self.sizes.values()
+        width = math.ceil(nx / math.ceil(nx / 32))
+        self.block = (width, min(ny, BLOCK // width), 1)
+        return [d for d in DEPTHS if d == 1 or (d <= nz and len(self.x) >= LEAST_THREADS * d)]
+
+    def use(self, choice) -> None:
+        """Take the kernel of this depth."""
+        self.kernel = self.compiled(LATTICE, DEPTH=choice, BLOCK=BLOCK, **self.sizes).get_function("lattice_step")
+        spans = (self.block[0], self.block[1], choice)
+        self.grid = tuple(math.ceil(n / span) for n, span in zip(self.sizes.values(), spans, strict=True))
+
+    def named(self, choice) -> str:
+        """Name block and depth."""
+        return f"blocks of {self.block[0]} x {self.block[1]}, depth {choice}"
+
+
+class Lanes(TwoBuffers):
+    """Several threads share a particle; see the module."""
+
+    def choices(self) -> list:
+        """Return numbers of threads that share a particle, with those in a block."""
+        if len(self.x) > MOST_WITH_LANES:
+            raise Unsuitable("enough particles for a thread each")
+        return [(lanes, block) for lanes in (2, 4, 8) for block in (64, 128, 256)]
+
+    def use(self, choice) -> None:
+        """Take the kernel of so many lanes, in such blocks."""
+        lanes, block = choice
+        self.kernel = self.compiled(LANES, LANES=lanes, BLOCK=block, **self.sizes).get_function("lanes_step")
+        self.grid, self.block = (math.ceil(len(self.x) * lanes / block),), (block,)
+
+    def named(self, choice) -> str:
+        """Name lanes and block."""
+        return f"{choice[0]} threads to a particle, blocks of {choice[1]}"
 
 
 class OneBlock(Lattice):

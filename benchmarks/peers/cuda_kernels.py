@@ -114,6 +114,40 @@ lattice_step(const float4* __restrict__ x, const float4* __restrict__ v, float4*
 }
 """
 
+LANES = r"""
+// LANES threads share a particle: each takes every LANES-th of the 27 places around, and they add up by shuffles.
+extern "C" __global__ void __launch_bounds__(BLOCK)
+lanes_step(const float4* __restrict__ x, const float4* __restrict__ v, float4* __restrict__ x_out,
+           float4* __restrict__ v_out)
+{
+    const int thread = blockIdx.x * BLOCK + threadIdx.x, index = thread / LANES, lane = thread % LANES;
+    const bool mine = index < NX * NY * NZ;
+    const int at = mine ? index : 0, i = at % NX, j = at / NX % NY, k = at / (NX * NY);
+    Particle p;
+    load(p, x, v, at);
+#pragma unroll
+    for (int round = 0; round < (27 + LANES - 1) / LANES; ++round) {
+        const int n = round * LANES + lane;
+        const int a = n % 3 - 1, b = n / 3 % 3 - 1, d = n / 9 - 1, away = a * a + b * b + d * d;
+        const bool here = n < 27 && away > 0 && i + a >= 0 && i + a < NX && j + b >= 0 && j + b < NY && k + d >= 0
+                          && k + d < NZ;
+        const int other = at + (here ? (d * NY + b) * NX + a : 0);  // no branch: loads run ahead
+        add_force(p, x[other], v[other], rest_length(away), here);
+    }
+#pragma unroll
+    for (int far = LANES / 2; far > 0; far /= 2) {
+        p.f.x += __shfl_xor_sync(0xffffffffu, p.f.x, far);
+        p.f.y += __shfl_xor_sync(0xffffffffu, p.f.y, far);
+        p.f.z += __shfl_xor_sync(0xffffffffu, p.f.z, far);
+    }
+    if (mine && lane == 0) {
+        advance(p);
+        x_out[index] = p.x;
+        v_out[index] = p.v;
+    }
+}
+"""
+
 ONE_BLOCK = r"""
 extern "C" __global__ void __launch_bounds__(1024)
 one_block_steps(float4* x, float4* v, int steps)
