@@ -15,6 +15,13 @@ RSQRT = """
 #endif
 """
 RSQRT_FLOAT = 'float r; asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(x)); return r;'
+PRODUCT = """
+#if defined(__CUDA_ARCH__)
+    return {cuda}(a, b);
+#else
+    return a * b;
+#endif
+"""
 TINY = {wp.float32: 1.2e-38, wp.float64: 1e-300}
 """The square of a length that is nothing [m²]. Coincident particles have no axis, and so no force: (q)·0."""
 
@@ -31,6 +38,20 @@ def inverse_root(scalar: type):
 
 
 @functools.cache
+def product(scalar: type):
+    """Compose a·b, rounded by itself.
+
+    Whether a compiler rounds a product, or fuses it with a sum, depends on what else is in a kernel: it may be
+    computed once, outside a loop. A connection should pull alike in every kernel, to the last bit.
+    """
+
+    @wp.func_native(PRODUCT.format(cuda="__fmul_rn" if scalar is wp.float32 else "__dmul_rn"))
+    def rounded(a: scalar, b: scalar) -> scalar: ...
+
+    return rounded
+
+
+@functools.cache
 def spring_damper(dim: int, scalar: type, damper: Law | None):
     """Compose the force density q of a connection: its force on its first particle is −q Δx (report eq. 7).
 
@@ -40,13 +61,13 @@ def spring_damper(dim: int, scalar: type, damper: Law | None):
     V = vector(dim, scalar)
     linear, damped = damper == LINEAR, damper is not None
     resistance = damper_force(scalar, damper or LINEAR)
-    rsqrt = inverse_root(scalar)
+    rsqrt, rounded = inverse_root(scalar), product(scalar)
     tiny = TINY[scalar]
 
     @wp.func
     def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
         inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
-        tension = -stiffness * rest_length  # but for k |Δx|, which is k in the density
+        tension = rounded(-stiffness, rest_length)  # but for k |Δx|, which is k in the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
         if wp.static(damped and not linear):

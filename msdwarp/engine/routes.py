@@ -17,6 +17,8 @@ ROUTES = ("scatter", "gather", "stencil")
 AUTO = "auto"
 FEW_CONNECTIONS = 300
 """So few are scattered: a thread for each is sooner done than one for each particle."""
+LEAST_PARTICLES = 32
+"""Lattices of so few are not: by a stencil several threads share a particle."""
 FEW_PARTICLES = 20_000
 """With fewer, latency is most of the time, and a stencil has the least."""
 LEAST_USED = 0.4
@@ -76,13 +78,16 @@ def _preferred(system: System) -> tuple[str, Lattice | None] | None:
 
 def automatic_route(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
     """Return the route that was fastest for such a system, and its lattice where that is a stencil."""
-    if not on_gpu or system.connection_count <= FEW_CONNECTIONS:
+    few = system.connection_count <= FEW_CONNECTIONS
+    if not on_gpu or (few and system.particle_count > LEAST_PARTICLES):
         return "scatter", None
     try:
         lattice = find_lattice(system)
     except NotALattice:
-        return "gather", None
+        return "scatter" if few else "gather", None
     ties = len(lattice.ties)
+    if few:
+        return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
     # Of what a stencil computes for missing neighbours nothing is used.

@@ -1,4 +1,4 @@
-"""Worlds whose state stays in the shared memory of a GPU: they move as they do by a launch for each stage."""
+"""Worlds whose state stays in the shared memory of a GPU: they move as they do in the memory of the device."""
 
 import numpy as np
 import pytest
@@ -40,17 +40,18 @@ def ensemble_of(name: str, device: str, **how) -> Ensemble:
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
 @pytest.mark.parametrize("method", METHODS, ids=repr)
 @pytest.mark.parametrize("name", BODIES)
-def test_worlds_on_the_chip_move_as_by_launches(name, method, precision):
+def test_worlds_on_the_chip_move_as_in_the_memory_of_the_device(name, method, precision):
     # With an odd number of substeps what is written last lies where the next frame does not begin.
     how = {"integrator": method, "precision": precision, "fps": 300.0, "substeps": 5}
-    on_chip, by_launches = (ensemble_of(name, "cuda:0", threads=one, **how) for one in ("auto", None))
+    threads = BODIES[name][2]
+    on_chip, in_memory = (ensemble_of(name, "cuda:0", threads=one, **how) for one in ("auto", threads))
     if (precision, method) == ("float32", METHODS[0]):
-        assert chip_of(on_chip).threads == BODIES[name][2]
+        assert chip_of(on_chip).threads == threads
         assert chip_of(on_chip).in_columns == (name == "block")
-    for one in (on_chip, by_launches):
+    for one in (on_chip, in_memory):
         one.step(60)
     for field in ("position", "velocity"):
-        assert np.array_equal(getattr(on_chip.frame(), field), getattr(by_launches.frame(), field))
+        assert np.array_equal(getattr(on_chip.frame(), field), getattr(in_memory.frame(), field))
 
 
 @pytest.mark.gpu
