@@ -65,7 +65,7 @@ def test_automatic_routes_are_those_that_are_fastest():
     assert [automatic_route(system, on_gpu=True)[0] for system in bodies] == fastest
     # Of a die's particles each has several threads, but not if its connections may break.
     assert automatic_route(box((3, 3, 3)), on_gpu=True)[0] == "stencil"
-    assert automatic_route(box((3, 3, 3), break_strain=1.0), on_gpu=True)[0] == "scatter"
+    assert automatic_route(box((3, 3, 3)).replace(break_strain=1.0), on_gpu=True)[0] == "scatter"
 
 
 def test_a_lattice_with_few_ties_keeps_its_stencil():
