@@ -15,6 +15,7 @@ from ..pictures import VIEW_ANGLE, Stage
 from .images import Images, Links
 from .panel import Panel
 from .patches import LEVELS, Patch, compact, levels, patches, scale_colours
+from .waking import wake_from_any_thread
 
 if TYPE_CHECKING:
     from .view import View
@@ -76,6 +77,7 @@ class Browser:
 
         with redirect_stdout(io.StringIO()):  # it prints addresses whatever it is told
             self._server = Server(host=host, port=PORT if port is None else port, label="msdwarp", verbose=False)
+        wake_from_any_thread(self._server)  # the view's thread is not the one that sends
         self.host, self.port = host, self._server.get_port()
         self._panel = Panel(self._server)
         self._patches: list[tuple[Any, Patch]] = []

@@ -139,6 +139,17 @@ def test_a_client_is_sent_images_one_at_a_time(view):
     until(lambda: not view.images)
 
 
+def test_the_view_wakes_the_thread_that_sends(view):
+    # In debug mode asyncio refuses each time what else fails now and then: another thread that wakes its own.
+    page = view.screens[0]
+    page._server.get_event_loop().set_debug(True)
+    with client(view) as socket_:
+        until(lambda: page.watched)
+        assert sum(len(socket_.recv(timeout=SETTLES)) for _ in range(10)) > 1000  # what all clients are sent
+        view.post("send", value="images")
+        assert len(pictures(socket_, 3)) >= 3  # what one client is sent
+
+
 def test_nothing_of_the_disk_is_served(view):
     import http.client
 
