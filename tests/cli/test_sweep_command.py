@@ -3,7 +3,6 @@
 import contextlib
 import csv
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -131,10 +130,15 @@ def is_alive(pid):
     ("number", "jobs"), [(signal.SIGKILL, "2"), (signal.SIGINT, "2"), (signal.SIGINT, "1"), (signal.SIGTERM, "1")]
 )
 def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path, heard, number, jobs):
+    # However late this is to end it, it is not done: the second half of the points waits.
+    hold = tmp_path / "hold"
+    hold.touch()
     (tmp_path / "own.py").write_text(
-        "import os\nfrom pathlib import Path\nfrom msdwarp import Scene, box\n\n"
+        "import os, time\nfrom pathlib import Path\nfrom msdwarp import Scene, box\n\n"
         "def build(*, stiffness: float = 100.0):\n"
         "    Path(__file__).with_name(f'pid-{os.getpid()}').touch()\n"
+        "    while stiffness >= 115 and Path(__file__).with_name('hold').exists():\n"
+        "        time.sleep(0.01)\n"
         "    return Scene(system=box((3, 3, 3), 0.1, stiffness=stiffness), duration=0.2)\n"
     )
     words = ["own.py", "--stiffness", "100:130", "--keep", "summary", "--device", "cpu", "-o", "out"]
@@ -142,8 +146,11 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         while len(list(tmp_path.glob("out/runs/[0-9a-f]*"))) < 3 and process.poll() is None:
             time.sleep(0.02)
-        os.kill(process.pid, number)
-        said = process.communicate()[1]
+        process.send_signal(number)
+        try:
+            said = process.communicate(timeout=60)[1]  # whoever is left has it open
+        finally:
+            hold.unlink()
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     if number != signal.SIGKILL:
         word = "interrupted" if number == signal.SIGINT else "terminated"
