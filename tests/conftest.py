@@ -4,7 +4,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 if sys.dont_write_bytecode:
@@ -14,8 +14,9 @@ if sys.dont_write_bytecode:
     del os.environ["PYTHONDONTWRITEBYTECODE"]
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
-# Tests run side by side already: several for each core would wait for each other.
+# Tests run side by side already: several threads for each core would wait for each other, those of NumPy too.
 os.environ.setdefault("MSDWARP_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 import warp as wp
@@ -44,58 +45,82 @@ def pytest_report_header() -> str | None:
 
 @pytest.hookimpl(tryfirst=True)  # before anything shuffles them
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a GPU where there is none, and half of what is tried by other routes on the CPU."""
+    """Leave out what needs a GPU where there is none, and much of what is tried by other routes on the CPU.
+
+    Of what is left of a product of parameters, a few tests that have all values are quick.
+    """
     start_warp()
-    gpu, full, fields = wp.is_cuda_available(), config.getoption("--every-route"), {}
-    kept, left = [], []
-    for item in items:
-        here = gpu or not item.get_closest_marker("gpu")
-        (kept if here and (full or _on_its_turn(item, fields)) else left).append(item)
+    gpu, full = wp.is_cuda_available(), config.getoption("--every-route")
+    kept = [item for item in items if gpu or not item.get_closest_marker("gpu")]
+    if not full:
+        left_out = _by_other_routes(kept)
+        kept = [item for item in kept if item not in left_out]
+    there = set(kept)
+    left = [item for item in items if item not in there]
     if left:
         config.hook.pytest_deselected(items=left)
         items[:] = kept
-    _slow_every_second(items)
-
-
-def _slow_every_second(items: list[pytest.Item]) -> None:
-    """Mark half of each product of quick tests slow: the white fields have each value of each parameter."""
-    products: dict = {}
-    for item in items:
-        if hasattr(item, "callspec") and not item.get_closest_marker("slow"):
-            products.setdefault(item.function, []).append(item)
-    for tests in products.values():
-        axes = [mark.args[0] for mark in tests[0].iter_markers("parametrize")]
-        names = [axis.split(",")[0].strip() if isinstance(axis, str) else axis[0] for axis in axes]
-        seen: list[dict] = [{} for _ in names]
-        fields = []
-        for test in tests:
-            values = [id(test.callspec.params[name]) for name in names]
-            fields.append(sum(own.setdefault(one, len(own)) for own, one in zip(seen, values, strict=True)))
-        if sum(len(own) > 1 for own in seen) > 1:
-            for test, field in zip(tests, fields, strict=True):
-                if field % 2:
+    for tests in _products(item for item in items if not item.get_closest_marker("slow")):
+        if len(_values(tests[0])) > 1:
+            quick = _covering(tests)
+            for test in tests:
+                if test not in quick:
                     test.add_marker(pytest.mark.slow)
 
 
-def _on_its_turn(item: pytest.Item, fields: dict) -> bool:
-    """Return whether a test is done by its route: as on a chessboard, gather has white fields, stencil black ones.
+def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
+    """Return what is not tried by other routes on the CPU, which are slow.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
     that are composed of both: each route is tried with every value of each of several parameters, or with every
     second one of the only parameter. Where there is nothing but the device to choose, both have their turn.
-    `fields` numbers values as they are met.
     """
-    call = getattr(item, "callspec", None)
-    route = call.params.get("device") if call else None
-    axes = [mark.args[0] for mark in item.iter_markers("parametrize")]
-    if route not in ("cpu gather", "cpu stencil") or not axes:
-        return True
-    # Of names that are given values together, as in parametrize(("a", "b"), ...), one counts.
-    names = [axis.split(",")[0].strip() if isinstance(axis, str) else axis[0] for axis in axes]
-    numbers = [fields.setdefault((item.function, route, name), {}) for name in names]
-    values = [id(call.params[name]) for name in names]
-    field = sum(seen.setdefault(value, len(seen)) for seen, value in zip(numbers, values, strict=True))
-    return field % 2 == (route == "cpu stencil")
+    left: set[pytest.Item] = set()
+    for tests in _products(items):
+        route = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
+        if route in ("cpu gather", "cpu stencil") and _values(tests[0]):
+            k = int(route == "cpu stencil")  # which begins at the other end
+            chosen = tests[k::2] if len(_values(tests[0])) == 1 else _covering(tests[:: 1 - 2 * k])
+            left |= set(tests) - set(chosen)
+    return left
+
+
+def _products(items: Iterable[pytest.Item]) -> list[list[pytest.Item]]:
+    """Return lists of tests that differ only in what `parametrize` gives them: their device is the same."""
+    found: dict[tuple, list[pytest.Item]] = {}
+    for item in items:
+        if hasattr(item, "callspec"):
+            given = {name for mark in item.iter_markers("parametrize") for name in _names(mark)}
+            params = item.callspec.params  # type: ignore[attr-defined]
+            rest = ((name, str(value)) for name, value in params.items() if name not in given)
+            found.setdefault((item.function, *rest), []).append(item)  # type: ignore[attr-defined]
+    return list(found.values())
+
+
+def _covering(tests: list[pytest.Item]) -> set[pytest.Item]:
+    """Return a few of the tests of a product that have each value of each parameter."""
+    left = {value for test in tests for value in _values(test).items()}
+    chosen = set()
+    while left:  # the test that has most of the values that none has yet
+        best = max(tests, key=lambda test: len(left & _values(test).items()))
+        chosen.add(best)
+        left -= _values(best).items()
+    return chosen
+
+
+def _values(test: pytest.Item) -> dict[str, int]:
+    """Return the value of each parameter by name, as a number that tells values apart.
+
+    Of names that are given values together, as in parametrize(("a", "b"), ...), one counts.
+    """
+    names = [_names(mark)[0] for mark in test.iter_markers("parametrize")]
+    return {name: id(test.callspec.params[name]) for name in names}  # type: ignore[attr-defined]
+
+
+def _names(mark: pytest.Mark) -> list[str]:
+    """Return the names that a mark `parametrize` gives values."""
+    names = mark.args[0]
+    return [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
 
 
 @pytest.fixture(params=["cpu", *(pytest.param("cuda:0", marks=pytest.mark.gpu) for _ in GPU_ROUTES[:1])])

@@ -72,8 +72,9 @@ def imports(source: str, package: str) -> list[Import]:
     return found
 
 
+@functools.cache
 def modules() -> dict[str, Module]:
-    """Return the modules of the package by their dotted names."""
+    """Return the modules of the package by their dotted names; reading them all takes a second."""
     found = {}
     for folder, package in (("msdwarp", TOP), ("kernels", f"{TOP}.kernels"), ("scenes", f"{TOP}.scenes")):
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -86,14 +87,11 @@ def modules() -> dict[str, Module]:
     return found
 
 
-MODULES = modules()
-
-
 @functools.cache
 def arrows() -> dict[str, set[str]]:
     """Return the other rooms that each room imports, itself or in a function; scenes are what uses the package."""
-    found: dict[str, set[str]] = {module.room: set() for module in MODULES.values()}
-    for module in MODULES.values():
+    found: dict[str, set[str]] = {module.room: set() for module in modules().values()}
+    for module in modules().values():
         if module.room == "scenes" and module.name != f"{TOP}.scenes":
             continue  # each uses the package as anybody's script does
         within = (item for item in module.imports if item.name.split(".")[0] == TOP)
@@ -120,7 +118,7 @@ def levels() -> dict[str, int]:
 
 def main() -> None:
     """Print the rooms, from what knows least to what knows most."""
-    of, files = levels(), MODULES.values()
+    of, files = levels(), modules().values()
     for room in sorted(of, key=lambda room: (of[room], room)):
         lines = [
             len(module.path.read_text(encoding="utf-8").splitlines()) for module in files if module.room == room

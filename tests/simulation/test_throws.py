@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, chisquare
 
 from msdwarp import Ensemble, Plane, Touch, box
 
@@ -41,6 +40,8 @@ def statistic(die) -> float:
 
 @pytest.mark.slow
 def test_a_fair_die_is_fair_and_a_loaded_one_is_not():
+    from scipy.stats import chi2  # which takes a second
+
     assert DIE.position.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
     limit = chi2.ppf(0.999, df=5)  # a fair die exceeds it once in a thousand times; the throws are always the same
     assert statistic(DIE) < limit
@@ -50,6 +51,8 @@ def test_a_fair_die_is_fair_and_a_loaded_one_is_not():
 
 @pytest.mark.slow
 def test_dice_that_knock_each_other_are_fair_but_for_a_loaded_one():
+    from scipy.stats import chisquare
+
     """Two small dice are thrown at each other: symmetry makes a fair one fair, whatever it meets on its way."""
     worlds, edge = 90, 0.1
     die = box((2, 2, 2), 2 * edge, mass=0.05, stiffness=2000.0, damping=3.0)
