@@ -27,10 +27,10 @@ def options(device, **more):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_a_particle_swings_about_its_point(device, dim, blocks):
+def test_a_particle_swings_about_its_point(plain_device, dim, blocks):
     # x'' = −k x / m in each coordinate. RK4 at hω = 0.01 errs by (hω)⁴ ωt / 120 of the amplitude.
     point = np.zeros(dim)
-    how = options(device, integrator=RK4(), blocks=blocks)
+    how = options(plain_device, integrator=RK4(), blocks=blocks)
     simulation = Simulation(one(dim), loads=[Attachment([0], point, stiffness=K)], **how)
     simulation.step(10)
     found, error = simulation.frame(), 3 * 6 * 0.01**4 / 120
@@ -39,11 +39,11 @@ def test_a_particle_swings_about_its_point(device, dim, blocks):
     assert (found.position[1] == -9.0).all()
 
 
-def test_a_damped_one_comes_to_rest(device):
+def test_a_damped_one_comes_to_rest(plain_device):
     # x'' = −k x − b x': x = e^(−βt) (cos ω't + β/ω' sin ω't), β = b/2, ω'² = k − β².
     b = 4.0
     load = Attachment([0], (0.0, 0.0, 0.0), stiffness=K, damping=b)
-    simulation = Simulation(one(), loads=[load], integrator=RK4(), **options(device))
+    simulation = Simulation(one(), loads=[load], integrator=RK4(), **options(plain_device))
     simulation.step(10)
     w = math.sqrt(K - b * b / 4)
     decay = math.exp(-b / 2) * (math.cos(w) + b / 2 / w * math.sin(w))
@@ -52,9 +52,9 @@ def test_a_damped_one_comes_to_rest(device):
     assert simulation.measure().dissipated_power == pytest.approx(b * float(v @ v), rel=1e-12)
 
 
-def test_by_default_particles_are_held_where_they_are(device):
+def test_by_default_particles_are_held_where_they_are(plain_device):
     # k (x − x₀) is m g: the deepest point of a swing lies 2 m g / k below; the mean at m g / k.
-    how = options(device, gravity=9.0, integrator=RK4())
+    how = options(plain_device, gravity=9.0, integrator=RK4())
     simulation = Simulation(one(), loads=[Attachment([0], stiffness=K)], **how)
     simulation.step(5)
     sunk = simulation.frame().position[0, 2] - one().position[0, 2]
@@ -84,9 +84,9 @@ def test_one_with_a_rest_length_is_a_connection_to_a_pinned_particle(device):
     assert own.dissipated_power == pytest.approx(others.dissipated_power, rel=1e-10)
 
 
-def test_now_is_the_distance_at_the_start(device):
+def test_now_is_the_distance_at_the_start(plain_device):
     still = Attachment([0], (0.0, 0.0, 0.0), stiffness=K, rest_length="now")
-    simulation = Simulation(one(), loads=[still], **options(device))
+    simulation = Simulation(one(), loads=[still], **options(plain_device))
     simulation.step(3)
     np.testing.assert_allclose(simulation.frame().position, one().position, rtol=0, atol=180 * 8 * EPS64)
     assert simulation.measure().effect_energy == pytest.approx(0.0, abs=1e-20)
@@ -95,10 +95,10 @@ def test_now_is_the_distance_at_the_start(device):
 SPEED = np.array([1.0, -2.0, 0.5])
 
 
-def test_what_is_attached_to_steady_motion_moves_as_at_rest_in_its_frame(device):
+def test_what_is_attached_to_steady_motion_moves_as_at_rest_in_its_frame(plain_device):
     # Galileo: a point at constant velocity is a point at rest, seen from beside it; the damper too.
     carrier = Sphere((5.0, 0, 0), 0.1, motion=lambda t: SPEED * t)
-    how = options(device, integrator=RK4())
+    how = options(plain_device, integrator=RK4())
     rest = Simulation(one(), loads=[Attachment([0], (0.0, 0, 0), stiffness=K, damping=2.0)], **how)
     along = Simulation(
         one(velocity=[SPEED, np.zeros(3)]),

@@ -50,11 +50,13 @@ def after_hit(v, normal, *, restitution: float, friction: float, factor: float =
         (0.5, math.inf),
     ],
 )
-def test_oblique_bounce_has_the_closed_form(device, integrator, restitution, friction):
+def test_oblique_bounce_has_the_closed_form(plain_device, integrator, restitution, friction):
     plane = Plane(OBLIQUE, offset=0.4, restitution=restitution, friction=friction)
     n = np.array(OBLIQUE)
     start, velocity = 0.6 * n + [0.3, 0.1, 0.2], np.array([-3.0, 0.5, -1.0])
-    simulation = simulate(particle(start, velocity), plane, device, h=1 / 1000, substeps=50, integrator=integrator)
+    simulation = simulate(
+        particle(start, velocity), plane, plain_device, h=1 / 1000, substeps=50, integrator=integrator
+    )
     simulation.step(10)
     now = simulation.frame()
     expected = after_hit(velocity, n, restitution=restitution, friction=friction)
@@ -67,11 +69,11 @@ def test_oblique_bounce_has_the_closed_form(device, integrator, restitution, fri
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_planes_in_every_dimension(device, dim):
+def test_planes_in_every_dimension(plain_device, dim):
     normal = FLOOR[dim]
     velocity = {1: (-2.0,), 2: (1.5, -2.0), 3: (1.5, -0.5, -2.0)}[dim]
     plane = Plane(normal, restitution=0.5, friction=0.2)
-    simulation = simulate(particle(0.05 * np.array(normal), velocity), plane, device, h=0.01, substeps=5)
+    simulation = simulate(particle(0.05 * np.array(normal), velocity), plane, plain_device, h=0.01, substeps=5)
     simulation.step()
     expected = after_hit(velocity, normal, restitution=0.5, friction=0.2)
     np.testing.assert_allclose(simulation.frame().velocity[0], expected, rtol=0, atol=1e-15)  # roundings
@@ -82,13 +84,13 @@ def test_normal_may_have_any_length():
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_one_hit_with_infinite_friction_is_the_reports_rule(device, precision):
+def test_one_hit_with_infinite_friction_is_the_reports_rule(plain_device, precision):
     # Without a force in the substep both rules are v_n' = −e v_n, v_t' = f v_t.
     velocity, atol = (3.0, -1.0, -2.0), {"float32": 1e-6, "float64": 1e-15}[precision]  # roundings of 3 m/s
     for contact in ("coulomb", "report"):
         plane = Plane(restitution=0.6, friction=math.inf, tangential_factor=0.8)
         simulation = simulate(
-            particle((0, 0, 0.01), velocity), plane, device, h=0.01, contact=contact, precision=precision
+            particle((0, 0, 0.01), velocity), plane, plain_device, h=0.01, contact=contact, precision=precision
         )
         simulation.step()
         now = simulation.frame()
@@ -97,14 +99,14 @@ def test_one_hit_with_infinite_friction_is_the_reports_rule(device, precision):
         assert now.position[0, 2] == pytest.approx(0.0 if contact == "report" else 0.022, rel=1e-6, abs=0)
 
 
-def test_rules_differ_in_the_normal_speed_they_return(device):
+def test_rules_differ_in_the_normal_speed_they_return(plain_device):
     # v is −2 m/s before and −2 − g h after the kick of the substep: "report" mirrors that, "coulomb" what
     # the particle came with, so that gravity during the hit adds nothing to the bounce.
     h, plane = 0.01, Plane(restitution=0.5, friction=0.25, tangential_factor=0.75)
     found = {}
     for contact in ("report", "coulomb"):
         simulation = simulate(
-            particle((0, 0, 0.01), (4.0, 0.0, -2.0)), plane, device, h=h, gravity=G, contact=contact
+            particle((0, 0, 0.01), (4.0, 0.0, -2.0)), plane, plain_device, h=h, gravity=G, contact=contact
         )
         simulation.step()
         found[contact] = simulation.frame().velocity[0]
@@ -113,38 +115,38 @@ def test_rules_differ_in_the_normal_speed_they_return(device):
     np.testing.assert_allclose(found["coulomb"], (4 - 0.25 * (3 + G * h), 0, 1.0), rtol=0, atol=1e-15)
 
 
-def test_report_rule_multiplies_at_every_touch(device):
+def test_report_rule_multiplies_at_every_touch(plain_device):
     # A particle held down by gravity touches every substep: f^n after n of them, whatever the load.
     plane = Plane(restitution=0.0, tangential_factor=0.9)
     simulation = simulate(
-        particle((0, 0, 0), (5.0, 0, 0)), plane, device, h=0.01, substeps=20, gravity=G, contact="report"
+        particle((0, 0, 0), (5.0, 0, 0)), plane, plain_device, h=0.01, substeps=20, gravity=G, contact="report"
     )
     simulation.step()
     np.testing.assert_allclose(simulation.frame().velocity[0], (5 * 0.9**20, 0, 0), rtol=1e-14)  # 20 roundings
 
 
 @pytest.mark.parametrize(("speed", "bounces"), [(0.009, False), (0.011, True)])
-def test_slow_approach_does_not_bounce(device, speed, bounces):
+def test_slow_approach_does_not_bounce(plain_device, speed, bounces):
     simulation = simulate(
-        particle((0, 0, 0), (0, 0, -speed)), Plane(restitution=0.5, rest_speed=0.01), device, h=0.01
+        particle((0, 0, 0), (0, 0, -speed)), Plane(restitution=0.5, rest_speed=0.01), plain_device, h=0.01
     )
     simulation.step()
     assert simulation.frame().velocity[0, 2] == (0.5 * speed if bounces else 0.0)  # half of a number is exact
 
 
 @pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
-def test_particle_on_its_way_out_is_left_alone(device):
+def test_particle_on_its_way_out_is_left_alone(plain_device):
     start, velocity = (0.0, 0.0, -1.0), (3.0, 0.0, 0.5)
-    simulation = simulate(particle(start, velocity), Plane(friction=1.0), device, h=0.125, substeps=8)
+    simulation = simulate(particle(start, velocity), Plane(friction=1.0), plain_device, h=0.125, substeps=8)
     simulation.step()  # 1 s; every number here is exact in binary
     np.testing.assert_array_equal(simulation.frame().position[0], (3.0, 0.0, -0.5))
     np.testing.assert_array_equal(simulation.frame().velocity[0], velocity)
 
 
 @pytest.mark.parametrize("h", [1 / 500, 1 / 1000, 1 / 4000])
-def test_bouncing_ball_reaches_e_squared_of_its_height(device, h):
+def test_bouncing_ball_reaches_e_squared_of_its_height(plain_device, h):
     plane = Plane(restitution=0.8)
-    simulation = simulate(particle((0, 0, 1.0), (0, 0, 0)), plane, device, h=h, gravity=G)
+    simulation = simulate(particle((0, 0, 1.0), (0, 0, 0)), plane, plain_device, h=h, gravity=G)
     apexes, before = [], simulation.frame()
     while len(apexes) < 4:
         simulation.step()
@@ -161,9 +163,9 @@ def test_bouncing_ball_reaches_e_squared_of_its_height(device, h):
 
 
 @pytest.mark.parametrize("h", [1 / 60, 1 / 240, 1 / 960])
-def test_particle_slides_as_far_as_coulomb_says(device, h):
+def test_particle_slides_as_far_as_coulomb_says(plain_device, h):
     v, mu = 6.0, 0.3
-    simulation = simulate(particle((0, 0, 0), (v, 0, 0)), Plane(friction=mu), device, h=h, gravity=G)
+    simulation = simulate(particle((0, 0, 0), (v, 0, 0)), Plane(friction=mu), plain_device, h=h, gravity=G)
     simulation.step(math.ceil(1.1 * v / (mu * G * h)))
     now = simulation.frame()
     assert not now.velocity.any()
@@ -194,12 +196,12 @@ def slope(angle: float, **coefficients) -> Plane:
 
 @every_integrator
 @pytest.mark.parametrize("h", [1 / 60, 1 / 600])
-def test_particle_on_a_slope_within_friction_stays(device, integrator, h):
+def test_particle_on_a_slope_within_friction_stays(plain_device, integrator, h):
     # tan 0.4 = 0.42 < μ = 0.5: friction holds all of gravity along the slope.
     simulation = simulate(
         particle((0, 0, 0), (0, 0, 0)),
         slope(0.4, friction=0.5),
-        device,
+        plain_device,
         h=h,
         substeps=60,
         gravity=G,
@@ -211,10 +213,10 @@ def test_particle_on_a_slope_within_friction_stays(device, integrator, h):
         assert np.abs(simulation.frame().velocity).max() < 1e-15  # roundings of g h
 
 
-def test_particle_on_a_slope_beyond_friction_slides(device):
+def test_particle_on_a_slope_beyond_friction_slides(plain_device):
     angle, mu, h = 0.4, 0.3, 1 / 600
     simulation = simulate(
-        particle((0, 0, 0), (0, 0, 0)), slope(angle, friction=mu), device, h=h, substeps=60, gravity=G
+        particle((0, 0, 0), (0, 0, 0)), slope(angle, friction=mu), plain_device, h=h, substeps=60, gravity=G
     )
     simulation.step(10)
     now = simulation.frame()
@@ -227,12 +229,12 @@ def test_particle_on_a_slope_beyond_friction_slides(device):
 
 
 @pytest.mark.parametrize("start", [(0.1, 0.0, 0.3), (0.1, 0.0, 0.2)], ids=["in turn", "at once"])
-def test_corner_turns_a_particle_twice(device, start):
+def test_corner_turns_a_particle_twice(plain_device, start):
     planes = [
         Plane((1, 0, 0), restitution=0.5, friction=0.0),
         Plane((0, 0, 1), restitution=0.25, friction=0.0),
     ]
-    simulation = simulate(particle(start, (-1.0, 3.0, -2.0)), planes, device, h=0.01, substeps=50)
+    simulation = simulate(particle(start, (-1.0, 3.0, -2.0)), planes, plain_device, h=0.01, substeps=50)
     simulation.step()
     now = simulation.frame()
     np.testing.assert_allclose(now.velocity[0], (0.5, 3.0, 0.5), rtol=0, atol=1e-15)  # roundings

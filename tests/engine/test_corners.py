@@ -71,13 +71,13 @@ def test_what_nobody_starts_in_has_no_kernel_for_it():
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("angle", [0.3, 0.8, 2.2])
-def test_a_wedge_holds_whatever_its_angle(device, angle, friction, order):
+def test_a_wedge_holds_whatever_its_angle(plain_device, angle, friction, order):
     # A floor and a ceiling that meet in x = 0: put out of one by the shortest way the particle came into the
     # other, and stayed there, 46 mm deep.
     ceiling = np.array([math.sin(angle), 0.0, -math.cos(angle)])
     planes = [Plane(restitution=0.0, friction=friction), Plane(tuple(ceiling), restitution=0.0, friction=friction)]
     start = System(position=[[0.5, 0.0, 0.05]], velocity=(-3.0, 0.0, -0.3))
-    simulation = simulate(start, planes[::order], device, h=1 / 240)
+    simulation = simulate(start, planes[::order], plain_device, h=1 / 240)
     for _ in range(240):
         simulation.step()
         x = simulation.frame().position[0]
@@ -89,12 +89,12 @@ def test_a_wedge_holds_whatever_its_angle(device, angle, friction, order):
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("block", [BLOCK, Cone((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.25, **F)], ids=["box", "cone"])
-def test_what_slides_on_a_plane_meets_the_side_of_what_stands_there(device, block, friction, order):
+def test_what_slides_on_a_plane_meets_the_side_of_what_stands_there(plain_device, block, friction, order):
     # Between both it once came in from beneath: the underside of a box is nearer than its side.
     rows = np.arange(-0.1, 0.11, 0.05)
     start = System(position=[[0.4, y, 0.0] for y in rows], velocity=(-4.0, 0.0, 0.0))
     colliders = [Plane(restitution=0.0, friction=friction), block][::order]
-    simulation = simulate(start, colliders, device, h=1 / 240)
+    simulation = simulate(start, colliders, plain_device, h=1 / 240)
     for _ in range(120):
         simulation.step()
         x = simulation.frame().position

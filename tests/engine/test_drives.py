@@ -135,13 +135,13 @@ def test_what_is_attached_follows_in_the_order_of_its_method(device, method, dam
 
 
 @pytest.mark.parametrize("method", METHODS[1:], ids=str)
-def test_a_turn_is_about_the_centre_and_its_speed_is_told(device, method):
+def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
     # A rod driven as a whole: ω × r, exact but for the differences (the second order of leapfrog's kick: (ωh)²/6).
     omega, h = 3.0, 1 / 600
     rod = System(position=[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], mass=[1.0, 1.0, 2.0])
     for about, centre in ((None, np.array([1.25, 0.0])), ((0.0, 1.0), np.array([0.0, 1.0]))):
         drive = Drive(None, lambda t: ((0.5 * t, 0 * t), omega * t), about=about)
-        common = {"integrator": method, "precision": "float64", "substeps": 10, "device": device}
+        common = {"integrator": method, "precision": "float64", "substeps": 10, "device": plain_device}
         simulation = Simulation(rod, loads=[drive], **common)
         simulation.step(20)
         t = simulation.time
@@ -157,11 +157,11 @@ def test_a_turn_is_about_the_centre_and_its_speed_is_told(device, method):
 
 
 @pytest.mark.parametrize("method", METHODS[1:], ids=str)
-def test_released_particles_go_on_as_they_went(device, method):
+def test_released_particles_go_on_as_they_went(plain_device, method):
     # With the speed of the motion then, and the mass they have: a free throw.
     system = System(position=[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], mass=2.0).named("hand")
     drive = Drive("hand", lambda t: (np.sin(2 * t), 0 * t, t))
-    common = {"integrator": method, "precision": "float64", "device": device, "fps": 50.0, "substeps": 4}
+    common = {"integrator": method, "precision": "float64", "device": plain_device, "fps": 50.0, "substeps": 4}
     simulation = Simulation(system, loads=[drive], schedule=[at(0.5, release="hand")], gravity=10.0, **common)
     simulation.step(50)
     v, s = np.array([2 * math.cos(1.0), 0, 1.0]), 0.5
@@ -171,10 +171,10 @@ def test_released_particles_go_on_as_they_went(device, method):
     assert simulation.measure().kinetic_energy == pytest.approx(2.0 * ((v - (0, 0, 5)) ** 2).sum(), rel=1e-3)
 
 
-def test_some_may_be_released_before_others(device):
+def test_some_may_be_released_before_others(plain_device):
     system = System(position=np.arange(6.0).reshape(3, 2))
     simulation = Simulation(
-        system, loads=[Drive(None, lambda t: (0 * t, 0 * t))], precision="float64", device=device
+        system, loads=[Drive(None, lambda t: (0 * t, 0 * t))], precision="float64", device=plain_device
     )
     simulation.change(release=[1])
     simulation.step(3)

@@ -36,11 +36,11 @@ def options(device, **more):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_a_constant_force_accelerates(device, dim, blocks):
+def test_a_constant_force_accelerates(plain_device, dim, blocks):
     # Leapfrog is exact for a constant acceleration: x = F t² / 2m.
     force = np.arange(1.0, 1.0 + dim)
     simulation = Simulation(
-        free(dim), loads=[Force(force, on=[0, 1])], integrator=Leapfrog(), blocks=blocks, **options(device)
+        free(dim), loads=[Force(force, on=[0, 1])], integrator=Leapfrog(), blocks=blocks, **options(plain_device)
     )
     simulation.step(10)
     moved = simulation.frame().position - free(dim).position
@@ -49,13 +49,13 @@ def test_a_constant_force_accelerates(device, dim, blocks):
     np.testing.assert_allclose(simulation.frame().velocity, 2 * expected, rtol=0, atol=100 * 20 * EPS64)
 
 
-def test_forces_add_up_and_can_be_shared(device):
+def test_forces_add_up_and_can_be_shared(plain_device):
     loads = [
         Force((1.0, 0.0, 0.0), on=[0]),
         Force((0.0, 2.0, 0.0), on=[0, 1], total=True),
         Force(lambda t: (0.0, 0.0, 4.0), on=[0, 1, 2]),
     ]
-    simulation = Simulation(free(), loads=loads, integrator=Leapfrog(), **options(device))
+    simulation = Simulation(free(), loads=loads, integrator=Leapfrog(), **options(plain_device))
     simulation.step(10)
     expected = np.array([[1.0, 1.0, 4.0], [0.0, 0.5, 2.0], [0.0, 0.0, 4.0]])  # F / m, after a second
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=100 * 8 * EPS64)
@@ -109,10 +109,10 @@ def test_a_force_of_place_is_compiled_in(device, precision):
     )
 
 
-def test_it_knows_time_and_number(device):
+def test_it_knows_time_and_number(plain_device):
     # v = i t² / 2 / m, of which leapfrog has (t_n − h/2) at each kick: exact for a force linear in time.
     simulation = Simulation(
-        free(), loads=[Force(pull_32)], integrator=Leapfrog(), **options(device, precision="float32")
+        free(), loads=[Force(pull_32)], integrator=Leapfrog(), **options(plain_device, precision="float32")
     )
     simulation.step(10)
     expected = np.zeros((3, 3))
@@ -146,8 +146,8 @@ def test_all_routes_carry_it(plain_device, method, blocks):
     )
 
 
-def test_a_scene_without_loads_has_nothing_of_them(device):
-    plain = Simulation(free(), device=device).stepping.dynamics
+def test_a_scene_without_loads_has_nothing_of_them(plain_device):
+    plain = Simulation(free(), device=plain_device).stepping.dynamics
     assert plain.composition.pieces == ()
     assert not {"marks", "stage", "time", "work"} & set(plain.world._cls.vars)
 

@@ -15,7 +15,7 @@ def moving(motion, **fields) -> dict:
 
 
 @every_integrator
-def test_what_moves_evenly_is_as_what_stands(device, integrator):
+def test_what_moves_evenly_is_as_what_stands(plain_device, integrator):
     # Galilei: a box that moves at w, seen by somebody who moves with it. With gravity, so that it bounces, slides
     # and comes to rest; compared at 1.5 s.
     w, start, v = np.array([0.7, -0.4, 0.2]), np.array([0.0, 0.1, 0.8]), np.array([1.0, 0.3, -1.0])
@@ -25,7 +25,7 @@ def test_what_moves_evenly_is_as_what_stands(device, integrator):
         simulation = simulate(
             particle(start, [velocity]),
             Box(**fields, **moving(motion)),
-            device,
+            plain_device,
             h=1 / 400,
             substeps=50,
             integrator=integrator,
@@ -66,15 +66,15 @@ def test_what_gathers_speed_is_as_gravity(device, integrator, h):
 
 
 @each_once
-def test_a_piston_carries_what_lies_on_it(device, h, integrator):
+def test_a_piston_carries_what_lies_on_it(plain_device, h, integrator):
     # It gathers speed faster than `rest_speed` in a substep, and still nothing bounces.
     a = 15.0
     piston = Box((0, 0, -0.5), (1, 1, 1), motion=lambda t: (0, 0, a * t**2 / 2), restitution=1.0)
     start, common = particle((0.1, 0.2, 0)), {"h": h, "integrator": integrator, "gravity": 0.0}
-    simulation = simulate(start, piston, device, substeps=1, **common)
+    simulation = simulate(start, piston, plain_device, substeps=1, **common)
     simulation.step()
     assert simulation.frame().velocity[0, 2] == pytest.approx(a * h / 2, rel=1e-12)  # from the first substep on
-    simulation = simulate(start, piston, device, substeps=round(0.1 / h), **common)
+    simulation = simulate(start, piston, plain_device, substeps=round(0.1 / h), **common)
     for _ in range(10):
         simulation.step()
         now, t = simulation.frame(), simulation.time
@@ -84,14 +84,14 @@ def test_a_piston_carries_what_lies_on_it(device, h, integrator):
 
 
 @every_step
-def test_a_shaking_floor_carries_and_throws(device, h):
+def test_a_shaking_floor_carries_and_throws(plain_device, h):
     # A ω² = 0.8 g carries. At 1.5 g it lets go where A ω² sin ω t = g, and what flies does so by itself.
     omega, g = 10.0, 10.0
     for strength in (0.8, 1.5):
         A = strength * g / omega**2
         floor = Plane(motion=lambda t, A=A: (0, 0, A * math.sin(omega * t)), restitution=0.0)
         start = particle((0, 0, 0), [[0, 0, A * omega]])
-        simulation = simulate(start, floor, device, h=h, gravity=g)
+        simulation = simulate(start, floor, plain_device, h=h, gravity=g)
         flight = []
         while simulation.time < 0.3:
             simulation.step()
@@ -115,7 +115,7 @@ def test_a_shaking_floor_carries_and_throws(device, h):
 
 
 @every_step
-def test_a_turning_disc_takes_a_particle_with_it(device, h):
+def test_a_turning_disc_takes_a_particle_with_it(plain_device, h):
     # From rest it slips until friction has brought it to speed; then it turns with the disc and never creeps.
     omega, radius = 3.0, 0.5
     disc = Box(
@@ -123,7 +123,9 @@ def test_a_turning_disc_takes_a_particle_with_it(device, h):
     )
     centre = np.array([0.2, 0.1, 0.0])
     assert omega**2 * radius < 0.9 * G
-    simulation = simulate(particle(centre + np.array([radius, 0, 0])), disc, device, h=h, substeps=round(0.05 / h))
+    simulation = simulate(
+        particle(centre + np.array([radius, 0, 0])), disc, plain_device, h=h, substeps=round(0.05 / h)
+    )
     simulation.step()
     # μ g at first, along y: for 0.05 s, in which the disc turns its direction by less than 0.15.
     assert np.linalg.norm(simulation.frame().velocity[0]) == pytest.approx(0.9 * G * 0.05, rel=0.02)
@@ -143,14 +145,14 @@ def test_a_turning_disc_takes_a_particle_with_it(device, h):
     assert np.linalg.norm(then) < 1.5
 
 
-def test_a_turning_ball_drags_what_it_hits(device):
+def test_a_turning_ball_drags_what_it_hits(plain_device):
     # It turns about its own centre: at the top its surface runs along x at ω R, the particle takes it over.
     omega, R = 4.0, 0.5
     ball = Sphere(
         (0.3, -0.2, 0.1), R, restitution=0.0, friction=math.inf, motion=lambda t: (np.zeros(3), (0, omega * t, 0))
     )
     h = 1 / 4000
-    simulation = simulate(particle((0.3, -0.2, 0.6 + h / 2), [[0, 0, -1.0]]), ball, device, h=h, gravity=0.0)
+    simulation = simulate(particle((0.3, -0.2, 0.6 + h / 2), [[0, 0, -1.0]]), ball, plain_device, h=h, gravity=0.0)
     simulation.step()
     # To ω h of its direction, and (ω h)²/24 of its length.
     np.testing.assert_allclose(
@@ -159,11 +161,11 @@ def test_a_turning_ball_drags_what_it_hits(device):
 
 
 @every_step
-def test_a_paddle_in_the_plane_strikes(device, h):
+def test_a_paddle_in_the_plane_strikes(plain_device, h):
     # A rod that turns about its middle meets a particle at rest 1 m away, at ω · 1 m across the rod.
     omega = 2.0
     rod = Box((0.5, 0.0), (4.0, 0.1), restitution=0.5, friction=0.0, motion=lambda t: ((0.0, 0.0), omega * t))
-    simulation = simulate(System(position=[[1.5, 0.3]]), rod, device, h=h, gravity=0.0)
+    simulation = simulate(System(position=[[1.5, 0.3]]), rod, plain_device, h=h, gravity=0.0)
     simulation.step(round(0.5 / h))
     # e = 0.5: 1.5 times the speed of the place that is hit, along the normal there; the hit is known to a substep.
     hit = math.hypot(1.0, 0.3)
@@ -187,7 +189,7 @@ def test_pinned_particles_are_not_moved(device, integrator):
 
 
 @pytest.mark.parametrize("substeps", [1, 2, 5])
-def test_a_motion_is_known_from_time_zero_on(device, substeps):
+def test_a_motion_is_known_from_time_zero_on(plain_device, substeps):
     # What is hit in the very first substep moves as it does later, though its motion has no past: 2 m/s come in
     # upon a floor that comes up at 1 m/s, and e = 0.5.
     seen = []
@@ -199,7 +201,7 @@ def test_a_motion_is_known_from_time_zero_on(device, substeps):
     h = 0.01
     floor = Plane(motion=rise, restitution=0.5, friction=0.0)
     start = particle((0, 0, h), [[0.3, 0, -1.0]])
-    simulation = simulate(start, floor, device, h=h, substeps=substeps, gravity=0.0)
+    simulation = simulate(start, floor, plain_device, h=h, substeps=substeps, gravity=0.0)
     simulation.step()
     np.testing.assert_allclose(simulation.frame().velocity[0], (0.3, 0, 2.0), rtol=0, atol=8 * EPS64 / h)
     assert min(seen) == 0.0
@@ -224,11 +226,13 @@ def test_one_launch_is_as_many(device, integrator):
 
 
 @pytest.mark.parametrize("stays", [True, False], ids=["one launch", "launches"])
-def test_a_frame_may_be_taken_in_parts(device, stays):
+def test_a_frame_may_be_taken_in_parts(plain_device, stays):
     # As what looks for the substep of a divergence does: colliders are where they are then.
     options = {} if stays else {"blocks": None}
     floor = Plane(motion=lambda t: (0, 0, 4.0 * t * t))
-    whole, parts = (simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=8, **options) for _ in range(2))
+    whole, parts = (
+        simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=8, **options) for _ in range(2)
+    )
     whole.step()
     parts.stepping.dynamics.begin_frame(0.0)
     for count, first in ((3, 0), (1, 3), (4, 4)):
@@ -237,9 +241,9 @@ def test_a_frame_may_be_taken_in_parts(device, stays):
     assert whole.frame().position[0, 2] == pytest.approx(4.0 * 0.08**2, rel=1e-12)
 
 
-def test_reset_takes_time_back(device):
+def test_reset_takes_time_back(plain_device):
     floor = Plane(motion=lambda t: (0, 0, 0.1 * math.sin(8 * t)), restitution=0.7)
-    simulation = simulate(particle((0, 0, 0.3)), floor, device, h=1 / 500, substeps=10)
+    simulation = simulate(particle((0, 0, 0.3)), floor, plain_device, h=1 / 500, substeps=10)
     first = [simulation.frame() for _ in range(40) if simulation.step() is None]
     simulation.reset()
     again = [simulation.frame() for _ in range(40) if simulation.step() is None]
@@ -248,10 +252,10 @@ def test_reset_takes_time_back(device):
         np.testing.assert_array_equal(a.velocity, b.velocity)
 
 
-def test_a_change_does_not_disturb_what_moves(device):
+def test_a_change_does_not_disturb_what_moves(plain_device):
     # Another stiffness of no connection: the collider goes on from where it is.
     floor = Plane(motion=lambda t: (0.3 * t, 0, 2.0 * t * t))
-    simulation = simulate(particle((0, 0, 0)), floor, device, h=1 / 100, substeps=10)
+    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=1 / 100, substeps=10)
     simulation.step(3)
     simulation.change(stiffness=10.0)
     simulation.step(3)
@@ -275,11 +279,11 @@ def test_many_frames_at_once_are_as_one_by_one(device, substeps):
     np.testing.assert_array_equal(many.frame().velocity, one.frame().velocity)
 
 
-def test_what_the_host_changes_between_steps_counts_at_once(device):
+def test_what_the_host_changes_between_steps_counts_at_once(plain_device):
     # A motion may read what the caller changes between two calls of `step`: nothing is prepared across them.
     speed = {"up": 1.0}
     floor = Plane(motion=lambda t: (0 * t, 0 * t, speed["up"] * t), restitution=0.0)
-    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10)
     simulation.step(2)
     speed["up"] = 2.0
     simulation.step(2)
@@ -287,7 +291,7 @@ def test_what_the_host_changes_between_steps_counts_at_once(device):
 
 
 @pytest.mark.parametrize("frames", [[2, 1], [3]])
-def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(device, frames):
+def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(plain_device, frames):
     # Prepared or not: the frames before it stand, and one that never comes is no error.
     def ends(t):
         if np.max(t) > 0.2 + 1e-9:
@@ -295,7 +299,7 @@ def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(device, frames):
         return 0.1 * t, 0 * t, 0 * t
 
     floor = Plane(motion=ends)
-    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10)
     for count in frames[:-1]:
         simulation.step(count)
     with pytest.raises(ValueError, match=r"colliders\[0\] has no place at 0.21 s: off the rails"):
@@ -303,29 +307,29 @@ def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(device, frames):
     assert simulation.frame_index == 2
 
 
-def test_a_motion_may_take_another_form_on_the_way(device):
+def test_a_motion_may_take_another_form_on_the_way(plain_device):
     # First a displacement alone, then one with a turn, as only one call for each time tells.
     def form(t):
         return (0.0, 0.0, 0.1 * t) if t < 0.15 else ((0.0, 0.0, 0.1 * t), (0.0, 0.0, t))
 
     floor = Plane(motion=form, restitution=0.0)
-    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10, gravity=5.0)
+    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10, gravity=5.0)
     simulation.step(3)
     assert simulation.frame().position[0, 2] == pytest.approx(0.03, rel=1e-12)
 
 
-def test_a_fixed_one_among_moving_ones_stands(device):
+def test_a_fixed_one_among_moving_ones_stands(plain_device):
     floor = Plane(friction=0.0)
     wall = Plane((1, 0, 0), offset=-1.0, motion=lambda t: (t, 0, 0), restitution=0.0)
-    simulation = simulate(particle((0, 0, 0.5)), [floor, wall], device, h=1 / 100, substeps=100)
+    simulation = simulate(particle((0, 0, 0.5)), [floor, wall], plain_device, h=1 / 100, substeps=100)
     simulation.step(2)
     # To roundings of 1 m a substep.
     np.testing.assert_allclose(simulation.frame().position[0], (1.0, 0, 0), rtol=0, atol=200 * EPS64)
 
 
-def test_motion_that_goes_wrong_later_is_named_and_nothing_is_lost(device):
+def test_motion_that_goes_wrong_later_is_named_and_nothing_is_lost(plain_device):
     floor = Plane(motion=lambda t: (0, 0, 0.1 * t if t < 0.25 else math.inf))
-    simulation = simulate(particle((0, 0, 0)), floor, device, h=0.01, substeps=10)
+    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10)
     simulation.step(2)
     kept = simulation.frame()
     with pytest.raises(ValueError, match=r"motion\(0.25\) is \(0, 0, inf\)"):
@@ -346,9 +350,13 @@ def test_motion_that_goes_wrong_later_is_named_and_nothing_is_lost(device):
         (3, lambda t: (np.array([0.0, 0.0, 0.2 * t]), np.zeros(3))),
     ],
 )
-def test_motion_in_every_form(device, dim, motion):
+def test_motion_in_every_form(plain_device, dim, motion):
     simulation = simulate(
-        System(position=np.zeros((1, dim))), Plane(motion=motion, restitution=0.0), device, h=0.01, substeps=50
+        System(position=np.zeros((1, dim))),
+        Plane(motion=motion, restitution=0.0),
+        plain_device,
+        h=0.01,
+        substeps=50,
     )
     simulation.step(2)
     np.testing.assert_allclose(  # 100 roundings of 0.2 m

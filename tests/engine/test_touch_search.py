@@ -35,9 +35,9 @@ def grains(count: int, size: float) -> System:
 
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_spheres_list_what_a_tree_finds(device, precision):
+def test_spheres_list_what_a_tree_finds(plain_device, precision):
     touch = Touch(thickness=0.1, stiffness=100.0)
-    simulation = Simulation(grains(800, 1.0), touch=touch, device=device, precision=precision)
+    simulation = Simulation(grains(800, 1.0), touch=touch, device=plain_device, precision=precision)
     found = rows_of(simulation)
     tree = cKDTree(simulation.frame().position)
     around = 0.1 * (1 + nearby.LEAST_SKIN)
@@ -251,13 +251,13 @@ def test_a_frame_that_is_found_bad_is_repeated_with_the_same_history(device_that
     np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), once)
 
 
-def test_a_method_of_stages_moves_within_a_substep(device):
+def test_a_method_of_stages_moves_within_a_substep(plain_device):
     # Lists that are made before every substep hold for its later stages only with a skin: without one the frame
     # would be repeated for ever. 2 mm a stage, where half of the least skin is 1.25 mm.
     position, velocity = [[0, 0, 0], [0.02, 0, 0]], [[0.5, 0, 0], [-0.5, 0, 0]]
     fast = System(position=position, velocity=velocity, mass=0.01, connections=np.zeros((0, 2), int))
     touch = Touch(thickness=0.01, stiffness=200.0, restitution=0.9)
-    options = {"gravity": 0.0, "substeps": 4, "integrator": RK4(), "device": device, "allow_unstable": True}
+    options = {"gravity": 0.0, "substeps": 4, "integrator": RK4(), "device": plain_device, "allow_unstable": True}
     simulation = Simulation(fast, touch=touch, **options)
     simulation.step(5)
     v = simulation.frame().velocity[:, 0]
