@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from problems import two_quick
 
 from msdwarp import (
     RK4,
@@ -32,7 +33,7 @@ INTEGRATORS = [
     RKC2(),
     LinearlyImplicitEuler(iterations=1),  # more would take long, and change little here
 ]
-every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=str)
+every_integrator = pytest.mark.parametrize("integrator", two_quick(INTEGRATORS), ids=str)
 every_step = pytest.mark.parametrize("h", STEPS)
 
 

@@ -73,14 +73,14 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
     that are composed of both: each route is tried with every value of each of several parameters, or with every
-    second one of the only parameter. Where there is nothing but the device to choose, both have their turn.
+    fourth one of the only parameter. Where there is nothing but the device to choose, both have their turn.
     """
     left: set[pytest.Item] = set()
     for tests in _products(items):
         route = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
         if route in ("cpu gather", "cpu stencil") and _values(tests[0]):
             k = int(route == "cpu stencil")  # which begins at the other end
-            chosen = tests[k::2] if len(_values(tests[0])) == 1 else _covering(tests[:: 1 - 2 * k])
+            chosen = tests[k::4] if len(_values(tests[0])) == 1 else _covering(tests[:: 1 - 2 * k])
             left |= set(tests) - set(chosen)
     return left
 

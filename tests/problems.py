@@ -4,13 +4,20 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 import msdwarp
-from msdwarp import System
+from msdwarp import RK4, Integrator, SymplecticEuler, System
 
 EPS32 = float(np.finfo(np.float32).eps)
 EPS64 = float(np.finfo(np.float64).eps)
+
+
+def two_quick(methods: list[Integrator]) -> list:
+    """Return methods as parameters of a test whose kernels are its own: all but two of them are slow."""
+    quick = SymplecticEuler, RK4  # of one stage, and of several
+    return [one if isinstance(one, quick) else pytest.param(one, marks=pytest.mark.slow) for one in methods]
 
 
 def triangle(**changes) -> System:

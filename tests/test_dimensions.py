@@ -154,6 +154,7 @@ def test_a_block_in_the_plane_is_as_one_in_space(device, damper):
     assert np.abs(one.strain).max() > 0.02  # it has been hit
 
 
+@pytest.mark.slow
 def test_a_block_in_the_plane_is_as_one_in_space_in_single_precision(device):
     block = sheet((9, 4), 0.25, mass=0.05, stiffness=200.0, damping=0.2, dim=2).rotate(0.2).translate((0.0, 1.2))
     # 1000 substeps with roundings of 1 m; there is little time for the first hits to make more of them.

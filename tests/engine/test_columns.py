@@ -53,7 +53,7 @@ def test_forces_in_columns(plain_device, in_columns, name, damping):
 
 
 @pytest.mark.parametrize("shape", [(3, 4, 2), (3, 4, 3), (4, 3, 6), (2, 2, 9)])
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
+@pytest.mark.parametrize("precision", [pytest.param("float32", marks=pytest.mark.slow), "float32-compensated"])
 def test_forces_in_columns_in_single_precision(plain_device, in_columns, precision, shape):
     far = moving(box(shape, stiffness=30.0, damping=2.0)).translate(FAR)
     assert_forces_are_right(far, plain_device, precision, "stencil")

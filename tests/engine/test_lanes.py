@@ -37,7 +37,12 @@ def one_lane(monkeypatch) -> None:
 
 @pytest.mark.parametrize(
     ("name", "precision"),
-    [("solid", "float64"), ("solid", "float32-compensated"), ("cloth", "float64"), ("bent", "float64")],
+    [
+        ("cloth", "float64"),
+        pytest.param("solid", "float64", marks=pytest.mark.slow),
+        pytest.param("solid", "float32-compensated", marks=pytest.mark.slow),
+        pytest.param("bent", "float64", marks=pytest.mark.slow),
+    ],
 )
 def test_one_lane_adds_up_as_the_stencil_does(name, precision, request):
     options = {"device": "cpu", "precision": precision}

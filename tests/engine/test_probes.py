@@ -307,8 +307,12 @@ def _oscillator(method, k, b, h, x, steps):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS, ids=str)
-def test_by_substep_and_by_frame_agree_where_frames_end(device, method):
+@pytest.mark.parametrize(  # each method, and each route
+    ("method", "route"),
+    [*((method, "auto") for method in METHODS), (SymplecticEuler(), "gather"), (SymplecticEuler(), "stencil")],
+    ids=str,
+)
+def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, route):
     # With what depends on time, works, and moves, so that looking in between must leave all of it as it is.
     block = standing(stiffness=2000.0).pin([26])
     block = block.replace(position=block.position + np.array([0, 0, 0.02]))
@@ -329,7 +333,8 @@ def test_by_substep_and_by_frame_agree_where_frames_end(device, method):
             integrator=method,
             substeps=20,
             precision="float64",
-            device=device,
+            route=route,
+            device=plain_device,
             probes=probes,
             **surroundings,
         )
@@ -337,7 +342,7 @@ def test_by_substep_and_by_frame_agree_where_frames_end(device, method):
     ]
     if (
         method == Leapfrog(damper_extrapolation=0.5)
-        and device.startswith("cuda")
+        and plain_device.startswith("cuda")
         and runs[0].model.route == "scatter"
     ):
         pytest.skip(
@@ -347,7 +352,7 @@ def test_by_substep_and_by_frame_agree_where_frames_end(device, method):
         one.step(5)
     plain, framed, both = runs
     # Exactly so in a fixed order; else sums are made in another one: 1e-16 of forces of 1000 N, 100 times.
-    most = 0 if device == "cpu" else 1e-9
+    most = 0 if plain_device == "cpu" else 1e-9
     for one in (framed, both):
         np.testing.assert_allclose(one.frame().position, plain.frame().position, rtol=0, atol=most)
         work, expected = one.measure().external_work, plain.measure().external_work

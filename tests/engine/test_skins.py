@@ -136,13 +136,13 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
-def test_precisions_agree(device, precision):
+def test_precisions_agree(plain_device, precision):
     body = BODIES["ball"](damping=1.0).translate((0, 0, 3.0))
     loads = [Gas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
     places = []
     for one in ("float64", precision):
         simulation = Simulation(
-            body, loads=loads, gravity=0.0, fps=600.0, substeps=4, precision=one, device=device
+            body, loads=loads, gravity=0.0, fps=600.0, substeps=4, precision=one, device=plain_device
         )
         simulation.step(30)
         places.append(simulation.frame().position)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from problems import EPS64
+from problems import EPS64, two_quick
 from springs import INTEGRATORS, pair, simulate
 
 from msdwarp import RK4, Leapfrog, Simulation, System, box, chain, sheet
@@ -33,7 +33,7 @@ def test_it_breaks_beyond_its_strain_and_not_at_it(device):
         assert simulation.snapshot().broken[0] == broken
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS, ids=str)
+@pytest.mark.parametrize("integrator", two_quick(INTEGRATORS), ids=str)
 def test_a_force_is_a_stretch(device, integrator):
     # k (l − l0) = 12.5 N where l/l0 − 1 = ¼: numbers without rounding, so that all is the same to the last bit.
     swinging = {"mass": 1.0, "damping": 0.5, "velocity": [[-2.0], [2.0]]}
@@ -117,6 +117,7 @@ def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, bl
     assert torn.measure().elastic_energy == pytest.approx(built.measure().elastic_energy, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_columns_of_a_lattice_tear(monkeypatch, plain_device):
     from msdwarp.engine import dynamics
 

@@ -195,7 +195,7 @@ def test_measuring_changes_nothing(device_that_repeats):
     np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), expected)
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_routes_agree(plain_device, precision):
     found = {}
     for route in ("scatter", "gather", "stencil"):

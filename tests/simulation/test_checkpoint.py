@@ -40,6 +40,7 @@ def assert_same(a: Simulation, b: Simulation) -> None:
 
 # Each method once, one of them in each precision.
 PAIRS = [*zip(INTEGRATORS, 2 * PRECISIONS, strict=True), ("rk4", "float64"), ("rk4", "float32-compensated")]
+PAIRS = [one if k < 2 else pytest.param(*one, marks=pytest.mark.slow) for k, one in enumerate(PAIRS)]
 
 
 @pytest.mark.parametrize(("name", "precision"), PAIRS)
