@@ -83,7 +83,7 @@ def test_worlds_move_as_alone(plain_device, route):
         for a, route in enumerate(ROUTES)
         for b, method in enumerate(METHODS)
         for c, how in enumerate([*((one, "auto") for one in PRECISIONS), ("float32-compensated", None)])
-        if (a + b + c) % 3 == 0  # every pair of them at least once
+        if (a + b + c) % 3 == 0 and (b + c) % 2 == 0  # each of them with several of the others
     ],
 )
 def test_worlds_move_as_alone_by_every_method(plain_device, route, method, precision, threads):
@@ -137,7 +137,7 @@ BODIES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "route"),
-    [(name, route) for a, name in enumerate(BODIES) for b, route in enumerate(ROUTES) if (a + b) % 2 == 0],
+    [(name, route) for a, name in enumerate(BODIES) for b, route in enumerate(ROUTES) if (a + b) % 3 == 0],
 )
 def test_worlds_of_other_bodies(plain_device, name, route):
     in_order(plain_device, route)

@@ -66,8 +66,6 @@ def test_worlds_touch_as_alone(plain_device, route):
         ("scatter", "leapfrog", "float32"),
         ("gather", "leapfrog", "float32-compensated"),
         ("gather", "extrapolated", "float64"),
-        ("scatter", "extrapolated", "float32-compensated"),
-        ("gather", "rk4", "float32"),
         ("scatter", "rk4", "float64"),
     ],
 )
