@@ -9,7 +9,6 @@ import pytest
 import warp as wp
 
 from msdwarp import (
-    RK4,
     Box,
     Capsule,
     Cone,
@@ -18,7 +17,6 @@ from msdwarp import (
     QuadraticDamper,
     Simulation,
     Sphere,
-    SymplecticEuler,
     System,
     box,
     chain,
@@ -46,26 +44,39 @@ def motion(system: System, **options) -> Composition:
     return Dynamics(Model(system, device="cpu", **options)).composition
 
 
-def source(kernel: wp.Kernel) -> str:
-    """Return the C++ that was generated for a kernel that has run on the CPU."""
-    name = kernel.module.get_module_identifier(1)  # the CPU's block size
-    return (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text(encoding="utf-8")
+def generated(kernel: wp.Kernel) -> str:
+    """Return the C++ that Warp generates for a kernel, which is not compiled."""
+    from warp._src.context import ModuleBuilder  # as Module._compile does it in Warp 1.19
+
+    module, block = kernel.module, 1  # the CPU's block size
+    module.get_module_identifier(block)
+    options = module.resolve_options(wp.config, block_dim=block) | {"output_arch": None, "block_dim": block}
+    return ModuleBuilder(module, options, hasher=module.hashers[block], target="cpu").codegen("cpu")
 
 
 def statements(kernel: wp.Kernel) -> str:
-    """Return what a kernel that has run on the CPU computes: the statements of its generated C++.
+    """Return what a kernel computes: the statements of its generated C++.
 
     Declarations and comments are left out, and so is the frame that Warp puts around every kernel.
     """
-    code = source(kernel)
-    return "\n".join(re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", code, re.MULTILINE))
+    return "\n".join(
+        re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", generated(kernel), re.MULTILINE)
+    )
 
 
 def substep(system: System, method=symplectic_euler, **options) -> wp.Kernel:
-    """Return the kernel of a method's substeps, after it has run on the CPU."""
-    integrator = {symplectic_euler: SymplecticEuler(), rk4: RK4()}[method]
-    Simulation(system, substeps=1, integrator=integrator, allow_unstable=True, device="cpu", **options).step()
+    """Return the kernel of a method's substeps on the CPU."""
     return persistent(motion(system, **options), method, 1)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_what_is_composed_here_is_what_a_simulation_runs(route):
+    options = {"colliders": [Plane()], "route": route}
+    Simulation(FULL, substeps=1, allow_unstable=True, device="cpu", **options).step()
+    kernel = substep(FULL, **options)
+    name = kernel.module.get_module_identifier(1)
+    ran = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text(encoding="utf-8")
+    assert normalised(ran) == normalised(generated(kernel))
 
 
 @pytest.fixture(scope="module", params=ROUTES)
@@ -196,7 +207,7 @@ def normalised(code: str) -> str:
     ids=[f"{name}-{route}-{method.__name__}" for name, route, method in BEFORE],
 )
 def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, route, method):
-    text = normalised(source(substep(SYSTEMS[name], method, route=route)))
+    text = normalised(generated(substep(SYSTEMS[name], method, route=route)))
     found = len(text.splitlines()), hashlib.sha256(text.encode()).hexdigest()[:16]
     assert found == BEFORE[name, route, method]
 
@@ -223,16 +234,6 @@ METHODS = {
     "rk4": rk4,
     "rkc2": chebyshev,
 }
-
-
-def generated(kernel: wp.Kernel) -> str:
-    """Return the C++ that Warp generates for a kernel, which is not compiled."""
-    from warp._src.context import ModuleBuilder  # as Module._compile does it in Warp 1.19
-
-    module, block = kernel.module, 1
-    module.get_module_identifier(block)
-    options = module.resolve_options(wp.config, block_dim=block) | {"output_arch": None, "block_dim": block}
-    return ModuleBuilder(module, options, hasher=module.hashers[block], target="cpu").codegen("cpu")
 
 
 def digest(code: str) -> str:
@@ -270,7 +271,7 @@ def test_kernels_are_what_they_were(name, route):
 
 def pieces(system: System, **options) -> set[str]:
     """Return the names of the functions and structs that a substep is composed from."""
-    return set(re.findall(r"@(\w+)", normalised(source(substep(system, **options)))))
+    return set(re.findall(r"@(\w+)", normalised(generated(substep(system, **options)))))
 
 
 DAMPED = chain(3, damping=1.0)

@@ -174,11 +174,11 @@ def test_a_paddle_in_the_plane_strikes(plain_device, h):
 
 
 @every_integrator
-def test_pinned_particles_are_not_moved(device, integrator):
+def test_pinned_particles_are_not_moved(plain_device, integrator):
     # A wall sweeps through a block: it takes along what is free, and passes what is pinned.
     block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).pin([0, 5])
     wall = Plane((1, 0, 0), offset=-0.5, restitution=0.0, motion=lambda t: (2.0 * t, 0, 0))
-    simulation = simulate(block, wall, device, h=1 / 1000, substeps=50, integrator=integrator, gravity=0.0)
+    simulation = simulate(block, wall, plain_device, h=1 / 1000, substeps=50, integrator=integrator, gravity=0.0)
     for _ in range(10):
         simulation.step()
     now = simulation.frame()

@@ -150,7 +150,7 @@ def test_what_is_pinned_is_where_it_is(device):
 
 
 @pytest.mark.parametrize("what", QUANTITIES)
-def test_being_measured_changes_nothing(device, what):
+def test_being_measured_changes_nothing(plain_device, what):
     block = standing(stiffness=800.0)
     block = block.replace(velocity=np.tile([1.0, 0.0, -2.0], (27, 1)))
     how = {
@@ -158,13 +158,13 @@ def test_being_measured_changes_nothing(device, what):
         "touch": Touch(),
         "integrator": Leapfrog(),
         "fps": 240.0,  # each launch of a frame is recorded: short ones are soon done
-        "device": device,
+        "device": plain_device,
     }
     runs = [Simulation(block, **how), Simulation(block, probes={"it": Probe("block", what)}, **how)]
     for one in runs:
         one.step(40)
     plain, probed = (one.frame().position for one in runs)
-    if device == "cpu":
+    if plain_device == "cpu":
         np.testing.assert_array_equal(probed, plain)
     else:  # scattered sums repeat to rounding only, which the motion of a soft body multiplies
         np.testing.assert_allclose(probed, plain, rtol=0, atol=1e-4)

@@ -177,7 +177,7 @@ def test_what_else_pulls_at_the_driven_is_counted_once(plain_device):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
-def test_what_carries_attachments_along_does_the_same(device, method, order, blocks):
+def test_what_carries_attachments_along_does_the_same(plain_device, method, order, blocks):
     # Beside a point that stands still, along an axis and in all directions, and turning too. How fast a carrier is
     # at the very start is that of h/100 later: of RK4's work a share that falls with less than its order.
     def make(substeps: int) -> Simulation:
@@ -187,7 +187,7 @@ def test_what_carries_attachments_along_does_the_same(device, method, order, blo
             Attachment([1, 3], arm, stiffness=20.0),
             Attachment([3], stiffness=9.0),
         ]
-        how = options(device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
+        how = options(plain_device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
         return Simulation(rope(), loads=loads, **how)
 
     coarse, fine = drifts(20, make)
@@ -359,7 +359,7 @@ def test_neither_is_a_floor_that_lifts(device):
 
 @pytest.mark.parametrize("what", ["drive", "tray", "arm"])
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
-def test_what_heats_is_found_though_something_shakes_it(device, method, what):
+def test_what_heats_is_found_though_something_shakes_it(plain_device, method, what):
     # A step beyond the limit: its energy is far from infinite in the frame in which it is found.
     body = box((3, 3, 3), 0.1, mass=0.1, stiffness=200.0)
     around = {
@@ -367,7 +367,7 @@ def test_what_heats_is_found_though_something_shakes_it(device, method, what):
         "tray": {"colliders": [Plane(offset=-0.2, motion=shake)]},
         "arm": {"loads": [Attachment([0, 1], Sphere(motion=shake), stiffness=50.0)]},
     }
-    how = {"integrator": method, "device": device, "gravity": 1.0, "fps": 1.0} | around[what]
+    how = {"integrator": method, "device": plain_device, "gravity": 1.0, "fps": 1.0} | around[what]
     limit = Simulation(body, safety=1.0, **how)
     steps = math.floor(limit.substeps / 1.6)  # the bound may be twice the largest rate
     how |= {"fps": steps / 10, "substeps": 10, "allow_unstable": True}
