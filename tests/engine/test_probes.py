@@ -45,10 +45,10 @@ def standing(**constants) -> System:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=str)
-def test_a_resting_block_presses_with_its_weight(device, method):
+def test_a_resting_block_presses_with_its_weight(plain_device, method):
     block = standing()
     probes = {"under": Probe("block", "contact force")}
-    simulation = Simulation(block, colliders=[Plane()], integrator=method, probes=probes, device=device)
+    simulation = Simulation(block, colliders=[Plane()], integrator=method, probes=probes, device=plain_device)
     simulation.step(400)  # its slowest mode is damped at some 10/s: e⁻⁶⁰ of the fall is left
     weight = G * block.mass.sum()
     # The contact rule holds what rests at no speed: what is left is float32's rounding, 1e-7 for each of 27 × 10
