@@ -12,7 +12,7 @@ def shuffled(body: System) -> System:
 
 
 def test_every_field_goes_with_its_particle_or_connection():
-    body = (ball(5, 0.1).named("ball") + chain(4)).pin(3)
+    body = (ball(0.5, 0.1).named("ball") + chain(4)).pin(3)
     random = np.random.default_rng(2)
     body = body.replace(
         velocity=np.where(body.pinned[:, None], 0.0, random.normal(size=body.position.shape)),
