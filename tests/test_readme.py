@@ -174,6 +174,10 @@ def test_tables_of_contact_say_what_was_measured():
         cells.append(one["crossing"] if cells else f"{one['crossing']} of {one['frames']}")
     for speed, cells in folded.items():
         assert f"| {speed} | {' | '.join(cells)} |" in page
+    for one in measured("contact_shots.csv"):
+        cell = "goes through" if float(one["height"]) < -1.0 else one["crossing"]
+        row = next(line for line in page.splitlines() if line.startswith(f"| {one['speed']} m/s | "))
+        assert row.split(" | ")[{"0.12": 1, "0.03": 3}[one["edge"]]] == cell
 
 
 @pytest.mark.slow

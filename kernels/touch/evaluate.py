@@ -19,11 +19,13 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
+from .exert import exert_force
 from .friction import TANGENTIAL, friction
 from .lanes import bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
-from .surfaces import DEEPEST, Surfaces, first_flag
+from .sides import STEEP, meets, remembered
+from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
 
 @functools.cache
@@ -89,24 +91,25 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
 
 @functools.cache
-def touch(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
+def touch(scalar: type, sunk: bool, sided: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that adds up the forces of the contacts of points. Its threads share those that are busy.
 
     So many of them (`lanes`) share each point.
 
     Where bodies start inside each other (`sunk`), an overlap counts by what it exceeds one that is allowed, which
-    shrinks to nothing: they are led apart, not thrown.
+    shrinks to nothing: they are led apart, not thrown. Where there are sheets (`sided`), points remember on which
+    side of them they are.
     """
-    return _each_point(scalar, sunk, False, lanes, worlds)
+    return _each_point(scalar, sunk, sided, False, lanes, worlds)
 
 
 @functools.cache
-def energy_of_touch(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
+def energy_of_touch(scalar: type, sunk: bool, sided: bool, lanes: int, worlds: bool = False):
     """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
-    return _each_point(scalar, sunk, True, lanes, worlds)
+    return _each_point(scalar, sunk, sided, True, lanes, worlds)
 
 
-def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: bool):
+def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
     V, Data = vector(3, scalar), Surfaces(scalar, worlds)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
@@ -115,36 +118,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
     pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
-
-    @wp.func
-    def part(total: wp.int64, share: scalar) -> wp.int64:
-        return wp.int64(wp.float64(total) * wp.float64(share))
-
-    @wp.func
-    def exert(
-        force: wp.array2d(dtype=wp.int64),
-        ends: wp.vec2i,
-        s: scalar,
-        corner: wp.vec3i,
-        w: V,
-        f: V,
-        unit: wp.float64,
-        lane: int,
-    ):
-        """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
-        for k in range(lane, 3, wp.static(lanes)):
-            total = wp.int64(wp.float64(f[k]) / unit)
-            if ends[0] == ends[1]:
-                wp.atomic_add(force, ends[0], k, total)
-            else:
-                second = part(total, s)
-                wp.atomic_add(force, ends[1], k, second)
-                wp.atomic_add(force, ends[0], k, total - second)
-            on_1 = part(total, w[1])
-            on_2 = part(total, w[2])
-            wp.atomic_add(force, corner[1], k, -on_1)
-            wp.atomic_add(force, corner[2], k, -on_2)
-            wp.atomic_add(force, corner[0], k, on_1 + on_2 - total)
+    exert, have_common, slip_on, steep = exert_force(scalar, lanes), meets(), remembered(scalar), scalar(STEEP)
 
     @wp.func
     def touch_one(
@@ -171,11 +145,30 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
             new_partner_1 = int(-1)
             new_slip_0 = V()
             new_slip_1 = V()
+            # Of a sheet: first what it is held on this side of, then whatever is opposite to that.
+            new_seen_0 = int(0)
+            new_seen_1 = int(0)
+            away_0 = V()
+            away_1 = V()
+            turn = int(0)
             other = next_body(data.whose, p, n, int(-1), lane)
             while other < wp.static(NONE):
+                held = int(0)
+                if wp.static(sided):
+                    if turn < wp.static(HISTORY):
+                        if data.partner[turn, p] == other:
+                            held = data.seen[turn, p]
+                        if held == 0:
+                            turn += 1
+                            continue
                 # The facets of one body: the nearest counts.
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
+                two_sided = bool(False)
+                if wp.static(sided):
+                    two_sided = data.sided[other] != 0 and mine != other
+                    if held != 0:
+                        reach = wp.max(reach, data.depth[other])
                 best = scalar(far)
                 near = scalar(far)
                 facet = int(wp.static(NONE))
@@ -186,6 +179,12 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                         f = data.row[p, e]
                         w_f = nearest_to(data.x, data.corner[f], x)
                         away = x - place_on(data.x, data.corner[f], w_f)
+                        if wp.static(sided):
+                            if wp.dot(away, away_0) > zero or wp.dot(away, away_1) > zero:
+                                continue
+                            if held != 0:
+                                if not have_common(data.corner, wp.abs(held) - 1, f):
+                                    continue
                         if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                             best = wp.dot(away, away)
                             near = wp.sqrt(best) + skin[0]
@@ -210,7 +209,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     side = wp.dot(x - q, normal)
                     closed = data.closed[other] != 0 and mine != other
                     within = w[0] > zero and w[1] > zero and w[2] > zero
-                    if closed and not within:
+                    if (closed or two_sided) and not within:
                         # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
                         tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
                             load(data.x, corner[1]) - load(data.x, corner[0])
@@ -223,7 +222,7 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                                 if e != entry:
                                     w_f = nearest_to(data.x, data.corner[f], x)
                                 away = x - place_on(data.x, data.corner[f], w_f)
-                                if wp.dot(away, away) <= tie:
+                                if wp.dot(away, away) <= tie and (closed or wp.dot(away, x - q) >= almost * best):
                                     seen = wp.dot(away, normal_of(data.x, data.corner[f]))
                                     steeper = wp.abs(seen) - wp.abs(side)
                                     if steeper > zero or (steeper == zero and seen > side):
@@ -242,6 +241,16 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                     if closed and side < zero:
                         gap = -gap
                         normal = -normal
+                    now = int(0)
+                    if wp.static(sided):
+                        if two_sided and side * side >= steep * best:
+                            now = facet + 1
+                            if side < zero:
+                                now = -now
+                            if (held < 0 and now > 0) or (held > 0 and now < 0):
+                                now = -now  # it has come through
+                                gap = -gap
+                                normal = -normal
                     overlap = thickness - gap
                     if wp.static(sunk):
                         overlap = overlap - data.allowed[p]
@@ -268,7 +277,9 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
                         # A point that was touching this body before may stick to it.
                         slip = V()
-                        if data.partner[0, p] == other:
+                        if wp.static(sided):
+                            slip = slip_on(data.partner, data.seen, data.slip, p, other, held)
+                        elif data.partner[0, p] == other:
                             slip = data.slip[0, p]
                         elif data.partner[1, p] == other:
                             slip = data.slip[1, p]
@@ -302,16 +313,22 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                                     least = zero
                                     if closed:
                                         least = -reach
+                                    elif now != 0:  # from now on it is known where it came from
+                                        least = -wp.max(reach, data.depth[other])
                                     if wp.static(sunk):
                                         least = least - data.allowed[p]
                                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
                         if new_partner_0 < 0:
                             new_partner_0 = other
                             new_slip_0 = slip
+                            new_seen_0 = now
+                            away_0 = x - q
                         elif new_partner_1 < 0:
                             new_partner_1 = other
                             new_slip_1 = slip
-                elif h > zero and lane == 0 and best < far:
+                            new_seen_1 = now
+                            away_1 = x - q
+                elif h > zero and lane == 0 and best < far and held == 0:
                     # What comes so fast that a substep takes it through has never been in touch.
                     q = place_on(data.x, corner, w)
                     gap = wp.sqrt(best)
@@ -323,13 +340,21 @@ def _each_point(scalar: type, sunk: bool, measuring: bool, lanes: int, worlds: b
                         if wp.dot(x - q, normal_of(data.x, corner)) < zero:
                             u_n = zero  # it is within, and lost already
                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-                other = next_body(data.whose, p, n, other, lane)
+                turn += 1
+                if wp.static(not sided) or turn > wp.static(HISTORY):
+                    other = next_body(data.whose, p, n, other, lane)
+                    turn = int(0)
+                    away_0 = V()
+                    away_1 = V()
             if wp.static(not measuring):
                 if h > zero and lane == 0:
                     data.partner[0, p] = new_partner_0
                     data.partner[1, p] = new_partner_1
                     data.slip[0, p] = new_slip_0
                     data.slip[1, p] = new_slip_1
+                    if wp.static(sided):
+                        data.seen[0, p] = new_seen_0
+                        data.seen[1, p] = new_seen_1
         if wp.static(sunk and not measuring):
             if lane == 0:
                 data.allowed[p] = wp.max(zero, data.allowed[p] - h * data.outwards)

@@ -196,11 +196,12 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def find_rows(scalar: type, worlds: bool = False):
+def find_rows(scalar: type, sided: bool, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before lists are made anew.
 
     Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
-    nearest first; none, where the point is so far outside that it cannot come in. With each stands how far off it
+    nearest first; none, where the point is so far outside that it cannot come in; of a sheet whose sides are told
+    apart all that are near, as a point may hold to another one than the nearest. With each stands how far off it
     is, so that later most need not be looked at. What is left in and never touched changes nothing: neither the
     skin nor the order in which facets are found does.
     """
@@ -261,10 +262,18 @@ def find_rows(scalar: type, worlds: bool = False):
             if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
                 rule = find_rule(data, mine, other)
                 limit = reach_of(data, rule, mine, other) + skin
+                layers = bool(False)
+                if wp.static(sided):
+                    layers = data.sided[other] != 0 and mine != other
+                    if layers:
+                        if data.partner[0, p] == other or data.partner[1, p] == other:
+                            limit = wp.max(limit, data.depth[other] + skin)
+                        else:  # it is no nearer than its thickness: what it comes near of was no further
+                            limit = wp.max(limit, scalar(2.0) * skin)
                 begin = int(count)
                 nearest = scalar(limit)
                 around = scalar(limit)
-                if known >= 0:
+                if known >= 0 and not layers:
                     if data.owner[known] == other:
                         # What was nearest tells how far off the nearest is now, at most.
                         c = data.corner[known]
@@ -281,7 +290,7 @@ def find_rows(scalar: type, worlds: bool = False):
                         may = may and not is_near(data.first_near, data.near, ends[1], c)
                     if may:
                         away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
-                        if away < limit and away <= doubt * (nearest + scalar(2.0) * skin):
+                        if away < limit and (layers or away <= doubt * (nearest + scalar(2.0) * skin)):
                             if count < room:
                                 data.row[p, count] = facet
                                 data.away[p, count] = away
@@ -295,7 +304,8 @@ def find_rows(scalar: type, worlds: bool = False):
                         if is_outside(data, p, x, begin, count, nearest):
                             count = begin
                 # Who is nearest now stays so, but for those that are no further by twice what skins allow.
-                limit = doubt * (nearest + scalar(2.0) * skin)
+                if not layers:
+                    limit = doubt * (nearest + scalar(2.0) * skin)
                 kept = int(begin)
                 for e in range(begin, count):
                     away = data.away[p, e]

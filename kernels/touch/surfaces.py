@@ -57,6 +57,7 @@ def Surfaces(scalar: type, worlds: bool = False):
         speeds: wp.array(dtype=wp.vec3)  # the highest of theirs by axis, and less the lowest [m/s], shape [2]
         slip: wp.array2d(dtype=V)  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
         partner: wp.array2d(dtype=int)  # which body that is, −1: none
+        seen: wp.array2d(dtype=int)  # 1 + the facet of it on whose side the point is, negative from behind; or 0
         allowed: wp.array(dtype=scalar)  # by how much it may still overlap, since it did at the start [m]
         outwards: scalar  # how fast that shrinks [m/s]
         done: wp.array(dtype=wp.float64)  # the work of what shrinks it [J]
@@ -70,7 +71,8 @@ def Surfaces(scalar: type, worlds: bool = False):
         root: wp.array(dtype=int)  # where in the tree of facets those of each are
         kind: wp.array(dtype=int)  # which rules hold for it, shape [body_count]
         closed: wp.array(dtype=int)  # whether its surface has an inside
-        depth: wp.array(dtype=scalar)  # how deep a point may be in it and still be pushed out [m]
+        sided: wp.array(dtype=int)  # whether it is a sheet on whose sides points of other bodies stay
+        depth: wp.array(dtype=scalar)  # how deep a point may be in it, or behind it, and still be pushed out [m]
         stiffness: wp.array(dtype=scalar)  # of a contact with a body alike [N/m]
         density: wp.array(dtype=scalar)  # vertices by points: a point has this share of the stiffness
         radius: wp.array(dtype=scalar)  # half of its thickness [m]

@@ -41,6 +41,8 @@ class TouchingSurfaces(NamedTuple):
     """The body of each particle, shape [particle_count]."""
     closed: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
+    sided: NDArray[np.bool_]
+    """Whether each body is a sheet whose sides can be told apart: no two triangles run alike through an edge."""
     spacing: NDArray[np.float64]
     """How far its particles are apart, by the mean length of its connections [m]; 0 of a single particle."""
     radius: NDArray[np.float64]
@@ -94,6 +96,7 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
     near = slice(None) if near is None else near
     spacing = _means(system.original_length[near], of_connections[near], bodies) * np.where(rope, 1.0, SPACING)
     closed = drawn & ~_open(triangles, body, bodies)
+    sided = drawn & ~closed & ~_turned_over(triangles, body, bodies)
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(
         particle,
@@ -104,6 +107,7 @@ def touching_surfaces(system: System) -> TouchingSurfaces:
         body.astype(np.int32),
         body_of.astype(np.int32),
         closed,
+        sided,
         spacing,
         share_of_spacing * spacing,
         mean_stiffness(system, body_of, system.stiffness),
@@ -142,9 +146,22 @@ def _open(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[n
     """Return which bodies have an edge that is not run through once in either direction, shape [body_count]."""
     found = np.zeros(bodies, dtype=bool)
     if len(triangles):
-        runs = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+        runs = _runs(triangles)
         found[body[runs[~run_back(runs, int(triangles.max()) + 1), 0]]] = True
     return found
+
+
+def _turned_over(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[np.bool_]:
+    """Return which bodies have an edge that triangles run through in the same direction, shape [body_count]."""
+    found = np.zeros(bodies, dtype=bool)
+    runs, count = np.unique(_runs(triangles), axis=0, return_counts=True)
+    found[body[runs[count > 1, 0]]] = True
+    return found
+
+
+def _runs(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the directed edges of triangles, shape [3 triangle_count, 2]."""
+    return np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
 
 
 def _means(values: NDArray[np.float64], of: NDArray, bodies: int) -> NDArray[np.float64]:

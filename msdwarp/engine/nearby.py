@@ -72,10 +72,15 @@ class Nearby:
         The same on the device, whose lists are kept here.
     farthest
         How far off a facet may push a point [m].
+    sided
+        Whether points remember on which side of sheets they are, down to the `depth` of these.
     """
 
-    def __init__(self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float) -> None:
-        self._model, self._data, self._farthest = model, data, farthest
+    def __init__(
+        self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float, sided: bool
+    ) -> None:
+        self._model, self._data, self._farthest, self._sided = model, data, farthest, sided
+        self._around = max(farthest, float(data.depth.numpy().max()))
         scalar, device, each = model.scalar, model.device, Repeated(model)
         bodies, points = len(data.kind), len(data.share)
         spacing = surfaces.spacing[surfaces.spacing > 0]
@@ -170,12 +175,12 @@ class Nearby:
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""
         data, device, kinds = self._data, self._model.device, (self._model.scalar, self._model.in_worlds)
-        around = [self._farthest, self.skin]
+        around = [self._around, self.skin]
         inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
         wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
         self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
         inputs = [data, self._tree.id, *self._boxes, *around]
-        self.share(find_rows(*kinds), len(data.share), inputs, [self.flags], block=BLOCK)
+        self.share(find_rows(kinds[0], self._sided, kinds[1]), len(data.share), inputs, [self.flags], block=BLOCK)
 
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""

@@ -97,13 +97,17 @@ class Touching(Effect):
         data.slip = wp.zeros((HISTORY, worlds * points), dtype=model.vector, device=device)
         data.allowed = wp.zeros(worlds * points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, worlds * points), -1, dtype=int, device=device)
+        data.seen = wp.zeros((HISTORY, worlds * points), dtype=int, device=device)
+        sided = surfaces.sided & (bodies > 1)  # of itself a sheet is on both sides
+        self._sided = bool(sided.any())
+        data.sided = each.alike(sided.astype(np.int32), int)
         data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
         self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(surfaces.body[surfaces.corner[:, 0]], int, bodies)
         data.kind, data.closed = each.alike(kind, int), each.alike(surfaces.closed.astype(np.int32), int)
         # A lattice is one spacing thick at least: what is past its middle has come from the other side.
-        depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in by_row]
+        depth = [np.where(one.closed | sided, 0.5 * one.spacing, 0.0) for one in by_row]
         on_vertices = np.bincount(surfaces.body, minlength=bodies)
         carriers = np.unique(surfaces.particle[surfaces.weight != 0])
         carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -128,7 +132,10 @@ class Touching(Effect):
         given = [one.thickness for one in rules if one.thickness is not None]
         own = [2.0 * float(one.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0 for one in by_row]
         reach = [max(wide, float(one.max(initial=0.0)), *given, 0.0) for wide, one in zip(own, depth, strict=True)]
-        self._farthest = max(reach)
+        self._farthest = max(
+            max(wide, float(one[surfaces.closed].max(initial=0.0)), *given, 0.0)
+            for wide, one in zip(own, depth, strict=True)
+        )
         self.blocks = blocks_by_row(
             model, by_row, lambda mass, one: contact_blocks(mass, one, rules, kind, rule, density)
         )
@@ -151,7 +158,7 @@ class Touching(Effect):
         self.data.unit = units[0]
         if model.in_worlds:
             data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)
-        self._nearby = Nearby(model, surfaces, data, self._farthest)
+        self._nearby = Nearby(model, surfaces, data, self._farthest, self._sided)
         self._nearby.every = self.search_every
         self._flags, self._nowhere = self._nearby.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
@@ -206,6 +213,7 @@ class Touching(Effect):
         if other._touch.partner.shape == self._touch.partner.shape:
             wp.copy(self._touch.slip, other._touch.slip)
             wp.copy(self._touch.partner, other._touch.partner)
+            wp.copy(self._touch.seen, other._touch.seen)
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""
@@ -242,7 +250,7 @@ class Touching(Effect):
         inputs = [data, *times, self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
-        composed = kernel(model.scalar, self._sunk, lanes, model.in_worlds)
+        composed = kernel(model.scalar, self._sunk, self._sided, lanes, model.in_worlds)
         self._nearby.share(composed, many, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
@@ -278,12 +286,12 @@ class Touching(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """How points stick."""
-        return [self._touch.slip, self._touch.partner, self._touch.allowed]
+        """How points stick, and on which sides of sheets they are."""
+        return [self._touch.slip, self._touch.partner, self._touch.seen, self._touch.allowed]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return how points stick."""
-        names = ("slip", "partner", *(("allowed",) if self._sunk else ()))
+        """Return how points stick, and on which sides of sheets they are."""
+        names = ("slip", "partner", *(("seen",) if self._sided else ()), *(("allowed",) if self._sunk else ()))
         arrays = {f"touch.{name}": getattr(self._touch, name).numpy().copy() for name in names}
         return arrays | ({"touch.outwards": np.array([self._touch.outwards])} if self._sunk else {})
 
@@ -291,6 +299,10 @@ class Touching(Effect):
         """Take back what `checkpoint` gave."""
         self._touch.slip.assign(arrays["touch.slip"])
         self._touch.partner.assign(arrays["touch.partner"])
+        if "touch.seen" in arrays:  # files of earlier versions have none
+            self._touch.seen.assign(arrays["touch.seen"])
+        else:
+            self._touch.seen.zero_()
         self._sunk = "touch.allowed" in arrays
         if self._sunk:
             self._touch.allowed.assign(arrays["touch.allowed"])

@@ -58,6 +58,7 @@ class TouchingWorlds(Touching):
         """Forget what points stick to: all worlds start anew."""
         self._touch.slip.zero_()
         self._touch.partner.fill_(-1)
+        self._touch.seen.zero_()
         self.frozen[:] = False
 
     def is_void(self) -> bool:
@@ -92,11 +93,15 @@ class TouchingWorlds(Touching):
     def checkpoints(self) -> list[dict[str, NDArray]]:
         """Return of each world what `Touching.restore` takes: how its points stick."""
         points, bodies, arrays = len(self._surfaces.share), len(self._surfaces.closed), self.checkpoint()
+        facets = len(self._surfaces.corner)
         found = []
         for world in range(self._model.worlds):
             own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
             partner = own["touch.partner"]
             own["touch.partner"] = np.where(partner >= 0, partner - world * bodies, partner)
+            if "touch.seen" in own:
+                seen = own["touch.seen"]
+                own["touch.seen"] = seen - np.sign(seen) * (world * facets)
             found.append(own)
         return found
 

@@ -91,11 +91,14 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
 
     away = distances(points, now)
     near = away < reach + skin
+    # Before a point touches a sheet, all is listed that it may hold to once it has come through: twice the skin.
+    sheets = s.sided[other] & ~own
+    near |= sheets & (away < 2 * skin)
     # Less than 2/3 of a spacing thick, a body touches all of itself but the facets that a point is a part of.
     assert (1.5 * thickness[own.any(axis=1)].min() if touch.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
     expected = near & (~own | (apart & (touch.between == "all")))
-    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 % for rounding;
+    # Of each body, but sheets, those are left out that cannot come to be the nearest: by twice the skin, and 1 %;
     # and all of them, where the point is outside of a closed one by more than their thickness and the skin.
     for body in range(len(s.closed)):
         if s.closed[body]:
@@ -105,7 +108,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
             far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + skin)
             expected &= ~((without & far_off & (mine != body))[:, None] & mine_only)
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
-        expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * skin))
+        expected &= (other != body) | sheets | (away <= 1.01 * (nearest[:, None] + 2 * skin))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
     assert (expected & own).any() == (touch.between == "all")
 
