@@ -22,6 +22,8 @@ CONTACTS_OF_A_ROPE = 4.0
 """The same of a particle that hangs on others, in a rope or a heap."""
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
+NOTHING = 1e-30
+"""Spacing of what has none, such as a single particle [m]."""
 PIECE = 32
 """Facets that are boxed together, on a GPU by a warp."""
 MORTON_BITS = 16
@@ -76,7 +78,7 @@ def contact_blocks(
     count half of it. All points of a surface are taken to be in contact at a time, and as many of others.
     """
     bodies = len(surfaces.closed)
-    own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, 1e-30)
+    own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, NOTHING)
     stiff, reaction, ratio = (np.zeros(bodies) for _ in range(3))
     # Bodies of the same kind that are alike count once.
     table = np.stack([kind, own, spacing, surfaces.closed], axis=1)
@@ -90,7 +92,9 @@ def contact_blocks(
                 continue
             one = rules[which]
             k = one.stiffness if one.stiffness is not None else harmonic_mean(k_a, k_b)
-            most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / s_b) ** 2))
+            # How many points of the other may press where this one has one: grains lie a thickness apart.
+            apart = s_b if s_b > NOTHING else (one.thickness or s_a)
+            most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / apart) ** 2))
             zeta = max(zeta, 2**0.5 * one.damping_ratio)
         mine = number == a
         stiff[mine], reaction[mine], ratio[mine] = most, opposite, zeta
