@@ -21,7 +21,7 @@ from ..compensation import compensation
 from ..records import records
 from .exert import exert_force
 from .friction import TANGENTIAL, friction
-from .lanes import bounds_of_blocks, chosen_of_lanes, least_of_lanes
+from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
 from .pairs import NONE, body_in_row, pairs, places, unit_normal
 from .sides import STEEP, meets, remembered
@@ -380,4 +380,4 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
             touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
             k += threads / wp.static(lanes)
 
-    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar))
+    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

@@ -10,6 +10,8 @@ BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10
 """Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
+FAST = {"fast_math": True}
+"""Options of kernels in which divisions and roots on a GPU may be wrong by two units in the last place."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});

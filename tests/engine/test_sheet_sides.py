@@ -152,7 +152,7 @@ def test_a_grain_lies_on_a_sheet_that_hangs():
         device="cpu",
         precision="float64",
     )
-    # 25 grains fit where the cloth has a particle: with 32 contacts each, that is some ten times what springs take.
+    # 25 grains fit where the cloth has a particle: with 32 contacts each, some ten times what springs take.
     assert simulation.substeps < 1000
     simulation.step(120)
     x = simulation.frame().position
