@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from .lanes import bounds_of_blocks, least_of_lanes
+from .lanes import FAST, bounds_of_blocks, least_of_lanes
 from .pairs import pairs, places, unit_normal
 from .surfaces import HISTORY, LONGEST_ROW, MOST_BESIDE, Surfaces, first_flag
 
@@ -348,7 +348,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                 data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
             e += threads
 
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
 
 
 @functools.cache
