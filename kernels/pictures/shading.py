@@ -12,7 +12,7 @@ class Body:
     normals: wp.array(dtype=wp.vec3)  # of unit length
     colours: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
-    texture: wp.array2d(dtype=wp.vec3)  # in 0 … 1, shape [height, width]
+    texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
     textured: int  # 1 if the texture is what is seen, 0 if the colours are
     gloss: wp.array(dtype=float)  # strength of highlights of each triangle, shape [triangle_count]
     first_shaded: int  # on triangles before this one no shadows fall
@@ -40,13 +40,16 @@ class Surroundings:
     """Points of the key light: the first four for a look, those behind them for counting."""
     towards_viewer: wp.vec3
     """Unit vector against the direction of view: towards the second light."""
+    fill_from: wp.vec3
+    """Unit vector towards the light that fills what is turned away from the key light."""
     background: wp.vec3
     """Colour where nothing is met, in 0 … 1."""
-    # Strengths of what lights the body: from everywhere, from below, from the key light and from the viewer.
+    # Strengths of what lights the body: from everywhere, from below, and of the three lights.
     ambient: float
     bounce: float
     key: float
     head: float
+    fill: float
     shininess: float
     """Phong's exponent of highlights."""
     shadows: int
@@ -58,8 +61,8 @@ class Surroundings:
     has_ground: int
     below: float
     """What is further below the ground is not seen [m]."""
-    ground: wp.array2d(dtype=wp.vec3)
-    """Its texture in 0 … 1, shape [height, width]."""
+    ground: wp.array2d(dtype=wp.vec3ub)
+    """Its texture, shape [height, width]."""
     ground_centre: wp.vec3
     """Its middle [m]."""
     ground_normal: wp.vec3
@@ -80,7 +83,13 @@ ALIKE = wp.constant(0.5)
 
 
 @wp.func
-def texel(image: wp.array2d(dtype=wp.vec3), u: float, v: float) -> wp.vec3:
+def colour_of(pixel: wp.vec3ub) -> wp.vec3:
+    """Return a colour in 0 … 1."""
+    return wp.vec3(float(pixel[0]), float(pixel[1]), float(pixel[2])) / 255.0
+
+
+@wp.func
+def texel(image: wp.array2d(dtype=wp.vec3ub), u: float, v: float) -> wp.vec3:
     """Return the image at (u, v), linear between pixels; row 0 is at v = 1, and edges extend."""
     column = wp.clamp(u, 0.0, 1.0) * float(image.shape[1]) - 0.5
     row = (1.0 - wp.clamp(v, 0.0, 1.0)) * float(image.shape[0]) - 0.5
@@ -92,9 +101,17 @@ def texel(image: wp.array2d(dtype=wp.vec3), u: float, v: float) -> wp.vec3:
     r1 = wp.min(r0 + 1, image.shape[0] - 1)
     c0 = wp.max(c0, 0)
     r0 = wp.max(r0, 0)
-    upper = (1.0 - s) * image[r0, c0] + s * image[r0, c1]
-    lower = (1.0 - s) * image[r1, c0] + s * image[r1, c1]
+    upper = (1.0 - s) * colour_of(image[r0, c0]) + s * colour_of(image[r0, c1])
+    lower = (1.0 - s) * colour_of(image[r1, c0]) + s * colour_of(image[r1, c1])
     return (1.0 - t) * upper + t * lower
+
+
+@wp.func
+def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
+    """Return the pixel of the image at (u, v); row 0 is at v = 1, and edges extend."""
+    column = int(wp.clamp(uv[0], 0.0, 1.0) * float(image.shape[1]))
+    row = int((1.0 - wp.clamp(uv[1], 0.0, 1.0)) * float(image.shape[0]))
+    return colour_of(image[wp.min(row, image.shape[0] - 1), wp.min(column, image.shape[1] - 1)])
 
 
 @wp.func
@@ -117,6 +134,32 @@ def lifted(spot: wp.vec3, corner: wp.vec3, normal: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def lit(
+    view: Surroundings, colour: wp.vec3, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float
+) -> wp.vec3:
+    """Return how bright a surface is that such a share of the key light reaches, seen along a ray.
+
+    `normal` is its normal on the side that is seen. See `msdwarp/pictures/light.py`.
+    """
+    diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
+    diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
+    glint = float(0.0)
+    facing = wp.dot(normal, view.towards_viewer)
+    if facing > 0.0:
+        diffuse += view.head * facing
+        if gloss > 0.0:
+            mirrored = 2.0 * facing * normal - view.towards_viewer
+            glint += view.head * gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+    facing = wp.dot(normal, view.light)
+    if facing > 0.0:
+        diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
+        if gloss > 0.0:
+            mirrored = 2.0 * facing * normal - view.light
+            glint += view.key * gloss * arrives * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+    return diffuse * colour + wp.vec3(glint, glint, glint)
+
+
+@wp.func
 def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
     """Return the colour of the body where the ray hit it, and the share of the key light that is seen from there.
 
@@ -130,43 +173,44 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     w = 1.0 - hit.u - hit.v
     normal = wp.normalize(hit.u * body.normals[i] + hit.v * body.normals[j] + w * body.normals[k])
     side = float(1.0)
-    if wp.dot(normal, ray) > 0.0:
+    if wp.dot(hit.normal, ray) > 0.0:
         side = -1.0
     normal = side * normal
     colour = hit.u * body.colours[i] + hit.v * body.colours[j] + w * body.colours[k]
     if body.textured == 1:
         at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
         colour = texel(body.texture, at[0], at[1])
-    gloss = body.gloss[hit.face]
-    diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
-    glint = float(0.0)
-    facing = wp.dot(normal, view.towards_viewer)
-    if facing > 0.0:
-        mirrored = 2.0 * facing * normal - view.towards_viewer
-        diffuse += view.head * facing
-        glint += view.head * gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
     share = ALIKE
-    facing = wp.dot(normal, view.light)
-    if facing > 0.0:
-        arrives = float(1.0)
-        if count > 0 and hit.face >= body.first_shaded:
-            spot = view.eye + hit.t * ray
-            start = spot + GAP * hit.t * normal
-            start += hit.u * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face), side * body.normals[i])
-            start += hit.v * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 1), side * body.normals[j])
-            start += w * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 2), side * body.normals[k])
-            share = light_seen(body.mesh, view, start, first, count)
-            arrives = share
-        mirrored = 2.0 * facing * normal - view.light
-        diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
-        glint += view.key * gloss * arrives * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
-    return diffuse * colour + wp.vec3(glint, glint, glint), share
+    arrives = float(1.0)
+    if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
+        spot = view.eye + hit.t * ray
+        start = spot + GAP * hit.t * normal
+        start += hit.u * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face), side * body.normals[i])
+        start += hit.v * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 1), side * body.normals[j])
+        start += w * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 2), side * body.normals[k])
+        share = light_seen(body.mesh, view, start, first, count)
+        arrives = share
+    return lit(view, colour, body.gloss[hit.face], normal, ray, arrives), share
 
 
 @wp.func
 def height(view: Surroundings, spot: wp.vec3) -> float:
     """Return how far a point is above the ground [m]."""
     return wp.dot(spot - view.ground_centre, view.ground_normal)
+
+
+@wp.func
+def meets_ground(view: Surroundings, way: wp.vec3):
+    """Return how many times `way` the ground is from the camera, or -1, and where that is in its texture."""
+    slope = wp.dot(way, view.ground_normal)
+    if view.has_ground == 0 or slope >= 0.0:
+        return -1.0, wp.vec2()
+    t = wp.dot(view.ground_centre - view.eye, view.ground_normal) / slope
+    spot = view.eye + t * way - view.ground_centre
+    uv = wp.vec2(wp.dot(spot, view.ground_u) + 0.5, wp.dot(spot, view.ground_v) + 0.5)
+    if t <= 0.0 or wp.min(uv) < 0.0 or wp.max(uv) > 1.0:
+        return -1.0, wp.vec2()
+    return t, uv
 
 
 @wp.func
@@ -182,13 +226,9 @@ def seen(body: Body, view: Surroundings, column: float, row: float, first: int, 
     if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
         colour, share = seen_body(body, view, hit, ray, first, count)
     else:
-        slope = wp.dot(ray, view.ground_normal)
-        if view.has_ground == 1 and slope < 0.0:
-            t = wp.dot(view.ground_centre - view.eye, view.ground_normal) / slope
+        t, uv = meets_ground(view, ray)
+        if t > 0.0:
             spot = view.eye + t * ray
-            u = wp.dot(spot - view.ground_centre, view.ground_u) + 0.5
-            v = wp.dot(spot - view.ground_centre, view.ground_v) + 0.5
-            if t > 0.0 and u >= 0.0 and u <= 1.0 and v >= 0.0 and v <= 1.0:
-                share = light_seen(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
-                colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, u, v)
+            share = light_seen(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
+            colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
     return colour, share

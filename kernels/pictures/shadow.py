@@ -7,6 +7,14 @@ from ..basis import kernel
 BLOCK, REACH = 8, 2
 """Texels of a shadow map along an edge of a block, and how many blocks around one are looked at with it."""
 
+LEAST, MOST = 1.25, 12.0
+"""Least and largest distances of the texels that are looked at around a spot, in texels: half a shadow's edge at a
+contact, and far from one. The latter is what the blocks around four neighbours have in common."""
+STEEPEST = 6.0
+"""Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
+CORNERS = 4
+"""Points of the light that are looked at first."""
+
 
 @wp.struct
 class Lamp:
@@ -30,12 +38,23 @@ def in_lamp(lamp: Lamp, point: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def inside(share: float, slope: float, reach: wp.vec2) -> wp.vec2:
-    """Return where share + x slope >= 0 holds of x from reach[0] to reach[1]: (first, last)."""
-    if slope > 0.0:
-        return wp.vec2(wp.max(reach[0], -share / slope), reach[1])
-    if slope < 0.0:
-        return wp.vec2(reach[0], wp.min(reach[1], -share / slope))
+def over(slope: float) -> float:
+    """Return 1 / slope, or 0 where there is none."""
+    if slope == 0.0:
+        return 0.0
+    return 1.0 / slope
+
+
+@wp.func
+def inside(share: float, run: float, reach: wp.vec2) -> wp.vec2:
+    """Return where share + x / run >= 0 holds of x from reach[0] to reach[1]: (first, last).
+
+    A run of 0 stands for a share that is everywhere the same.
+    """
+    if run > 0.0:
+        return wp.vec2(wp.max(reach[0], -share * run), reach[1])
+    if run < 0.0:
+        return wp.vec2(reach[0], wp.min(reach[1], -share * run))
     if share < 0.0:
         return wp.vec2(1.0, 0.0)
     return reach
@@ -45,6 +64,7 @@ def inside(share: float, slope: float, reach: wp.vec2) -> wp.vec2:
 def draw_depth(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
+    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never seen, shape [triangle_count]
     lamp: Lamp,
     # In and out:
     depth: wp.array2d(dtype=float),  # [m], shape [size, size]
@@ -56,22 +76,25 @@ def draw_depth(
     ab = in_lamp(lamp, points[triangles[t][1]]) - a
     ac = in_lamp(lamp, points[triangles[t][2]]) - a
     area = ab[0] * ac[1] - ab[1] * ac[0]
-    if area == 0.0:
+    if area == 0.0 or (closed[t] and area < 0.0):
         return
     lowest = int(wp.ceil(wp.max(a[1] + wp.min(wp.min(ab[1], ac[1]), 0.0), 0.0)))
     highest = int(wp.floor(wp.min(a[1] + wp.max(wp.max(ab[1], ac[1]), 0.0), float(size - 1))))
     # The shares of b and c at a texel are linear in its column. Inside, neither they nor the rest are below 0.
     b_slope = ac[1] / area
     c_slope = -ab[1] / area
+    b_run = over(b_slope)
+    c_run = over(c_slope)
+    a_run = over(-b_slope - c_slope)
+    slope = b_slope * ab[2] + c_slope * ac[2]
     for row in range(lowest, highest + 1):
         y = float(row) - a[1]
         b = -(y * ac[0] + a[0] * ac[1]) / area
         c = (y * ab[0] + a[0] * ab[1]) / area
-        reach = inside(b, b_slope, wp.vec2(0.0, float(size - 1)))
-        reach = inside(c, c_slope, reach)
-        reach = inside(1.0 - b - c, -b_slope - c_slope, reach)
+        reach = inside(b, b_run, wp.vec2(0.0, float(size - 1)))
+        reach = inside(c, c_run, reach)
+        reach = inside(1.0 - b - c, a_run, reach)
         near = a[2] + b * ab[2] + c * ac[2]
-        slope = b_slope * ab[2] + c_slope * ac[2]
         # A little more than the triangle, so that rounding leaves no gap between neighbours.
         first = int(wp.ceil(reach[0] - 1.0e-3))
         last = int(wp.floor(reach[1] + 1.0e-3))
@@ -109,3 +132,82 @@ def nearest_around(
         ):
             largest = wp.max(largest, nearest[i, j])
     around[row, column] = wp.vec4(largest, largest, largest, largest)
+
+
+@wp.struct
+class Seen:
+    """What the key light sees, and where to look at that."""
+
+    lamp: Lamp
+    depth: wp.array2d(dtype=float)
+    """How far towards the light the nearest surface is [m], shape [size, size]."""
+    around: wp.array2d(dtype=wp.vec4)
+    """The same of blocks and those around them, shape [size / BLOCK, size / BLOCK]."""
+    softness: float
+    """Radius of the light over its distance."""
+    spots: wp.array(dtype=wp.vec2)
+    """Points of the light, a disc of radius 1: the corners of the square around it, and those that are counted."""
+
+
+@wp.func
+def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
+    """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
+    last = seen.around.shape[0] - 1
+    column = wp.clamp((at[0] + 0.5) / wp.static(float(BLOCK)) - 0.5, 0.0, float(last))
+    row = wp.clamp((at[1] + 0.5) / wp.static(float(BLOCK)) - 0.5, 0.0, float(last))
+    c = wp.min(int(column), last - 1)
+    r = wp.min(int(row), last - 1)
+    s = column - float(c)
+    t = row - float(r)
+    upper = (1.0 - s) * seen.around[r, c][0] + s * seen.around[r, c + 1][0]
+    lower = (1.0 - s) * seen.around[r + 1, c][0] + s * seen.around[r + 1, c + 1][0]
+    return (1.0 - t) * upper + t * lower
+
+
+@wp.func
+def passes(seen: Seen, at: wp.vec3, slope: wp.vec2, margin: float, aside: wp.vec2) -> int:
+    """Return 1 if the light passes the texel that lies so many texels aside of a plane, else 0."""
+    last = seen.depth.shape[0] - 1
+    column = wp.clamp(int(wp.floor(at[0] + aside[0] + 0.5)), 0, last)
+    row = wp.clamp(int(wp.floor(at[1] + aside[1] + 0.5)), 0, last)
+    if seen.depth[row, column] > at[2] + wp.dot(slope, aside) + margin:
+        return 0
+    return 1
+
+
+@wp.func
+def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
+    """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
+
+    The texels that are looked at lie the wider apart the further above the spot something may hide the light.
+    """
+    at = in_lamp(seen.lamp, spot)
+    size = float(seen.depth.shape[0])
+    if wp.min(at[0], at[1]) < -0.5 or wp.max(at[0], at[1]) >= size - 0.5:
+        return 1.0
+    block = seen.around[int(at[1] + 0.5) / wp.static(BLOCK), int(at[0] + 0.5) / wp.static(BLOCK)]
+    texel = 1.0 / seen.lamp.scale
+    if block[0] - at[2] <= 0.3 * texel:
+        return 1.0
+    above = nearest_around_spot(seen, at) - at[2]
+    facing = wp.dot(normal, seen.lamp.towards)
+    if facing == 0.0:
+        return 1.0
+    # How the plane rises towards the light from one texel to the next. [m]
+    slope = -texel / facing * wp.vec2(wp.dot(normal, seen.lamp.u), wp.dot(normal, seen.lamp.v))
+    slope = slope * wp.min(1.0, wp.static(STEEPEST) * texel / wp.max(wp.length(slope), 1.0e-6 * texel))
+    # A texel holds the distance at its middle, half a texel aside.
+    margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))
+    if above <= margin:
+        return 1.0
+    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST))
+    # Behind a straight edge that hides none of the corners, or all, it hides none of the light, or all.
+    count = int(0)
+    for k in range(wp.static(CORNERS)):
+        count += passes(seen, at, slope, margin, radius * seen.spots[k])
+    if count == 0 or count == wp.static(CORNERS):
+        return float(count) / wp.static(float(CORNERS))
+    clear = int(0)
+    for k in range(wp.static(CORNERS), seen.spots.shape[0]):
+        clear += passes(seen, at, slope, margin, radius * seen.spots[k])
+    return float(clear) / float(seen.spots.shape[0] - wp.static(CORNERS))

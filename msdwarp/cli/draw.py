@@ -12,7 +12,7 @@ from PIL import Image
 from rich.progress import Progress
 
 from ..files import FrameArray, Trajectory
-from ..pictures import Renderer, Scale, no_opengl, outermost, timelapse, write_film
+from ..pictures import Renderer, Scale, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -97,8 +97,6 @@ def _draw(
     how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
     renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
     _end_if(asked)
-    if pictures.renderer == "auto" and not renderer.uses_opengl and renderer.drawing.device == "cpu":
-        progress.console.print(f"frames are ray cast: {no_opengl()}", soft_wrap=True)
     positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
     if not pictures.frames == pictures.video == "none":
         drawing = progress.track(shown, count, description="drawing")

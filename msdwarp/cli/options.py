@@ -52,8 +52,8 @@ class Pictures:
     arrows
         Draw contact forces as arrows, in front of the bodies.
     renderer
-        Renderer: opengl, raycast (needs no OpenGL, and draws on a GPU if there is one), or auto: raycast if the
-        simulation runs on a GPU, else opengl if it is found.
+        Renderer: raster (on the CPU), raycast (on a GPU if there is one), opengl, or auto: raycast if the
+        simulation runs on a GPU, else raster.
     """
 
     frames: Literal["png", "none"] = "png"
@@ -66,7 +66,7 @@ class Pictures:
     azimuth: float | None = None
     elevation: float | None = None
     zoom: float = 1.0
-    renderer: Literal["auto", "opengl", "raycast"] = "auto"
+    renderer: Literal["auto", "raster", "raycast", "opengl"] = "auto"
 
     @property
     def any(self) -> bool:
@@ -103,7 +103,7 @@ class Pictures:
         parse_resolution(self.resolution)
         checks.positive("zoom", self.zoom)
         if self.renderer == "opengl" and (why := no_opengl()) is not None:
-            raise ValueError(f"renderer is opengl, which cannot draw here; it must be raycast or auto: {why}")
+            raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
         Look(**self._turned())  # which checks the angles

@@ -40,7 +40,7 @@ class ViewOptions:
     fps
         Frames per second of simulated time.
     renderer
-        Renderer of snapshots and films: opengl, raycast, or auto. See `msdwarp run`.
+        Renderer of snapshots and films: raster, raycast, opengl, or auto. See `msdwarp run`.
     verbose
         Print messages from Warp and VTK too.
     """
@@ -56,7 +56,7 @@ class ViewOptions:
     integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     fps: float = 60.0
-    renderer: Literal["auto", "opengl", "raycast"] = "auto"
+    renderer: Literal["auto", "raster", "raycast", "opengl"] = "auto"
     verbose: Annotated[bool, Parameter(negative=())] = False
 
     @property

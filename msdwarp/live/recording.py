@@ -95,7 +95,7 @@ class Filming:
     folder
         That of the recording.
     renderer
-        What draws: "auto", "opengl" or "raycast".
+        What draws: "auto", "raster", "raycast" or "opengl".
     """
 
     def __init__(self, folder: Path, renderer: str = "auto") -> None:

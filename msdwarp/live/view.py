@@ -84,7 +84,7 @@ class View(Commands):
     paused
         Whether it waits at first.
     renderer
-        Renderer of snapshots and films: "auto", "opengl" or "raycast".
+        Renderer of snapshots and films: "auto", "raster", "raycast" or "opengl".
 
     Attributes
     ----------

@@ -6,21 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drawing import Drawing
-from .light import HEAD, KEY, SHININESS
+from .light import FILL, HEAD, KEY, SHININESS
 from .shading import Shading
 from .shadow_map import ShadowMap
-from .stage import UNSEEN, Ground
+from .stage import UNSEEN, Camera, Ground
 
 AROUND = 24
 """Corners of the piece of ground on which shadows are drawn."""
 
 
-def add_lights(pv: Any, plotter: Any, towards: NDArray) -> None:
-    """Add the key light, which stands still, in a direction of shape [3], and the one at the camera."""
-    key = pv.Light(position=towards, intensity=KEY, light_type="scene light")
-    key.positional = False
-    plotter.add_light(key)
-    plotter.add_light(pv.Light(intensity=HEAD, light_type="headlight"))
+def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
+    """Add the key light, the one at the camera, and the fill light, which stand as they would for a camera."""
+    for strength, towards in ((KEY, camera.light), (HEAD, None), (FILL, camera.fill)):
+        if towards is None:
+            light = pv.Light(intensity=strength, light_type="headlight")
+        else:
+            light = pv.Light(position=towards, intensity=strength, light_type="scene light")
+            light.positional = False
+        plotter.add_light(light)
 
 
 def ground_texture(pv: Any, ground: Ground) -> Any:

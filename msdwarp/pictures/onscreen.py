@@ -152,7 +152,7 @@ class OnScreen:
             self._actors.remove()
         if not keep_camera or self._actors is None:
             plotter.renderer.remove_all_lights()
-            add_lights(pv, plotter, stage.camera.light)
+            add_lights(pv, plotter, stage.camera)
             self._stacked[1].remove_all_lights()
             for light in plotter.renderer.lights:
                 self._stacked[1].add_light(light)

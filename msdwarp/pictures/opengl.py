@@ -66,13 +66,14 @@ class OpenGL:
         # In a notebook PyVista would show a still beside what is asked for.
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none", notebook=False)
         plotter.render_window.SetMultiSamples(0)
+        plotter.render_window.SwapBuffersOff()  # nobody looks, and a copy costs a processor a tenth
         plotter.render_window.SetNumberOfLayers(FRONT + 1)
         plotter.renderer.SetLayer(SCENE)
         plotter.render_window.SetAlphaBitPlanes(1)
         plotter.disable_anti_aliasing()
         plotter.set_background("black")
         plotter.renderer.SetBackgroundAlpha(0.0)
-        add_lights(pv, plotter, self.camera.light)
+        add_lights(pv, plotter, self.camera)
         plotter.camera.position, plotter.camera.focal_point = self.camera.eye, self.camera.target
         plotter.camera.up, plotter.camera.view_angle = self.camera.up, VIEW_ANGLE
         return plotter

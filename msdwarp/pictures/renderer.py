@@ -1,4 +1,4 @@
-"""Pictures of a scene, by OpenGL (PyVista) or by the ray caster, which needs nothing but Warp."""
+"""Pictures of a scene, by Warp (a rasteriser on the CPU, a ray caster on a GPU) or by OpenGL (PyVista)."""
 
 import importlib.util
 import os
@@ -17,10 +17,11 @@ from .drawing import Drawing, Scale
 from .legend import ROOM, with_arrow, with_bar
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
+from .raster import Rasteriser
 from .raycast import RayCaster
 from .stage import Stage
 
-BACKENDS = ("auto", "opengl", "raycast")
+BACKENDS = ("auto", "raster", "raycast", "opengl")
 """What can draw; "auto" is one of the others."""
 
 
@@ -49,8 +50,8 @@ class Renderer:
         red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given
         with each frame. Default: set by the scene's look.
     backend
-        "opengl" (PyVista), "raycast" (Warp, on any device), or "auto": the ray caster where `device` is a GPU,
-        else PyVista where it and an OpenGL library are found.
+        "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray
+        caster where `device` is a GPU, else the rasteriser.
     device
         Where the ray caster draws: cpu, cuda:0 ... By default the first GPU, or the CPU if there is none.
     zoom
@@ -86,8 +87,9 @@ class Renderer:
         if colouring is None:
             colouring = "strain" if scene.look.strain else "texture"
         start_warp()
-        self.uses_opengl = _opengl(backend, device)
-        place = "cpu" if self.uses_opengl else _device(device)
+        self.backend = _chosen(backend, device)
+        """What draws: "raster", "raycast" or "opengl"."""
+        place = _device(device) if self.backend == "raycast" else "cpu"
         self.drawing = Drawing(scene, colouring, place)
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
@@ -97,12 +99,13 @@ class Renderer:
         self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
-        if self.uses_opengl:
+        what = self.drawing, self.stage, self.arrows
+        if self.backend == "opengl":
             if window := opengl_window():
                 os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
-            self._backend: Backend = OpenGL(self.drawing, self.stage, self.arrows)
+            self._backend: Backend = OpenGL(*what)
         else:
-            self._backend = RayCaster(self.drawing, self.stage, self.arrows)
+            self._backend = RayCaster(*what) if self.backend == "raycast" else Rasteriser(*what)
 
     def image(
         self,
@@ -214,14 +217,13 @@ def no_opengl() -> str | None:
     return f"no OpenGL library was found; {ADVICE}" if opengl_window() is None else None
 
 
-def _opengl(backend: str, device: str | None) -> bool:
-    """Tell whether OpenGL draws; raise RuntimeError if it is asked for where it cannot."""
-    if backend == "raycast" or (backend == "auto" and device is not None and device != "cpu"):
-        return False
-    why = no_opengl()
-    if why is not None and backend == "opengl":
-        raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raycast': {why}")
-    return why is None
+def _chosen(backend: str, device: str | None) -> str:
+    """Return what draws; raise RuntimeError if OpenGL is asked for where it cannot."""
+    if backend == "auto":
+        return "raster" if device is None or device == "cpu" else "raycast"
+    if backend == "opengl" and (why := no_opengl()) is not None:
+        raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raster' or 'raycast': {why}")
+    return backend
 
 
 def _device(device: str | None) -> str:

@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.pictures import shadow
 from .light import GOLDEN, SHADED, SHADOW, SOFTNESS, spread
 from .shadow_map import SIZE, ShadowMap
 
 TAPS = 4
 """Texels of the shadow map that are looked at for a fragment; the four of 2 x 2 look at different ones."""
-LEAST, MOST = 1.25, 12.0
-"""Least and largest distances of these texels, in texels: half a shadow's edge at a contact, and far from one. The
-latter is what the blocks around four neighbours have in common."""
-STEEPEST = 6.0
-"""Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
@@ -54,11 +50,11 @@ float keyLight(vec3 at, float facing)
   vec2 inMap = abs(at.xy * lampUnits.x - 0.5);
   float above = texture(shadowAround, at.xy * lampUnits.x).r - at.z;
   vec2 slope = -normal.xy / (abs(normal.z) < 1e-20 ? 1e-20 : normal.z);
-  slope *= min(1.0, {STEEPEST} / max(length(slope), 1e-6));
+  slope *= min(1.0, {shadow.STEEPEST} / max(length(slope), 1e-6));
   // A texel holds the distance at its middle, half a texel aside.
   float margin = lampUnits.y * (0.3 + 0.6 * (abs(slope.x) + abs(slope.y)));
   bool inLight = lampUnits.w == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5;
-  float radius = clamp({SOFTNESS} * above, {LEAST} * lampUnits.y, {MOST} * lampUnits.y);
+  float radius = clamp({SOFTNESS} * above, {shadow.LEAST} * lampUnits.y, {shadow.MOST} * lampUnits.y);
   ivec2 fragment = ivec2(gl_FragCoord.xy) & 1;
   vec2 aside = oneOf(fragment, {_of_fragments(_START)}).xy;
   vec4 rings = oneOf(fragment, {_of_fragments(_RINGS)});
@@ -82,8 +78,9 @@ _ON_BODIES = f"""
   float share = keyLight(lampVSOutput, keyFacing);
   float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, share);
   float head = lightColor1.r * max(headFacing, 0.0);
+  float fill = lightColor2.r * max(dot(normalVCVSOutput, -lightDirectionVC2), 0.0);
   float bounce = 0.5 * lampUnits.z * (1.0 - dot(normalVCVSOutput, upVSOutput));
-  gl_FragData[0] = vec4(ambientColor + (bounce + key + head) * diffuseColor, opacity);
+  gl_FragData[0] = vec4(ambientColor + (bounce + key + head + fill) * diffuseColor, opacity);
   float glint = 0.0;
   if (specularColor.r > 0.0)
   {{

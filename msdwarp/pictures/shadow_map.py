@@ -1,6 +1,7 @@
 """What the key light sees of a drawing: all that it sees is lit, and what lies behind that is in shadow."""
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -46,7 +47,10 @@ class ShadowMap:
         self.corner, self.width = np.zeros(3), 1.0
         """The square's first corner in these directions, and its edge [m]."""
         self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device=device)
+        self.lamp = shadow.Lamp()
+        """The square, as kernels read it."""
         self._depth = wp.zeros((SIZE, SIZE), dtype=float, device=device)
+        self._closed = wp.array(drawing.closed, dtype=wp.bool, device=device)
         blocks = SIZE // shadow.BLOCK
         self._nearest = wp.zeros((blocks, blocks), dtype=float, device=device)
         self._around = wp.zeros((blocks, blocks), dtype=wp.vec4, device=device)
@@ -62,6 +66,13 @@ class ShadowMap:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = self.axes, -self.corner
         return matrix
+
+    def seen(self, softness: float, spots: NDArray) -> Any:
+        """Return the map as kernels read it, with points of the light; it follows, but for the square."""
+        seen = shadow.Seen()
+        seen.depth, seen.around, seen.softness = self._depth, self._around, softness
+        seen.spots = wp.array(spots, dtype=wp.vec2, device=self._drawing.device)
+        return seen
 
     def outline(self, points: NDArray, count: int) -> NDArray[np.float64]:
         """Return corners [m], shape [count, 3], around points seen from the light and the soft edges of shadows.
@@ -89,13 +100,13 @@ class ShadowMap:
         # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
-        lamp = shadow.Lamp()
+        lamp = self.lamp
         lamp.u, lamp.v, lamp.towards = (wp.vec3(*axis) for axis in self.axes)
         lamp.corner, lamp.scale = wp.vec3(*self.corner), 1 / self.texel
         device = self._drawing.device
         # Where nothing is it is as if something were far below all else.
         self._depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
-        inputs = [self._drawing.points, self._triangles, lamp]
+        inputs = [self._drawing.points, self._triangles, self._closed, lamp]
         wp.launch(shadow.draw_depth, len(self._triangles), inputs, [self._depth], device=device)
         wp.launch(shadow.nearest_in_blocks, self._nearest.shape, [self._depth], [self._nearest], device=device)
         wp.launch(shadow.nearest_around, self._around.shape, [self._nearest], [self._around], device=device)

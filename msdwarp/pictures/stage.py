@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import in_space
 from ..world import Look, Scene
 from .collider_meshes import extent
-from .light import towards_key
+from .light import towards_fill, towards_key
 
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
@@ -128,6 +128,11 @@ class Camera:
     def light(self) -> NDArray:
         """Direction towards the key light, of unit length: over the camera's left shoulder."""
         return towards_key(self.right, self.forward)
+
+    @property
+    def fill(self) -> NDArray:
+        """Direction towards the fill light, of unit length."""
+        return towards_fill(self.right, self.forward)
 
 
 class Ground:

@@ -52,7 +52,7 @@ def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
         (["--azimuth", "400"], "azimuth is 400.0; it must be from -360 to 360"),
         (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
         (["--zoom", "0"], "zoom is 0; it must be a number above 0"),
-        (["--renderer", "vulkan"], "renderer is 'vulkan'; it must be one of auto, opengl, raycast"),
+        (["--renderer", "vulkan"], "renderer is 'vulkan'; it must be one of auto, raster, raycast, opengl"),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tmp_path, flags, message):
@@ -143,7 +143,7 @@ def test_opengl_is_refused_where_there_is_none_before_a_file_is_touched(msdwarp,
     monkeypatch.setattr("msdwarp.pictures.renderer.opengl_window", lambda: None)
     code, out, err = msdwarp("run", "cube", "--size", "3", *SMALL, "--renderer", "opengl")
     assert (code, out) == (1, "")
-    assert "renderer is opengl, which cannot draw here; it must be raycast or auto: no OpenGL library" in err
+    assert "renderer is opengl, which cannot draw here; it must be another one or auto: no OpenGL library" in err
     assert not (tmp_path / "out").exists()
 
 

@@ -2,17 +2,11 @@
 
 import numpy as np
 import pytest
+from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp.pictures.arrows import COLOUR, LONGEST
-from msdwarp.pictures.opengl_window import opengl_window
 
-BACKENDS = [
-    pytest.param(
-        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
-    ),
-    pytest.param("raycast", marks=pytest.mark.slow),
-]
 SIZE = (640, 480)
 
 

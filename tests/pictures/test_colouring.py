@@ -2,21 +2,15 @@
 
 import numpy as np
 import pytest
+from backends import BACKENDS, with_opengl
 
 import msdwarp as msd
 from msdwarp import checks
 from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
 from msdwarp.pictures.drawing import Drawing, Scale
 from msdwarp.pictures.legend import with_bar
-from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.timelapse import timelapse
 
-BACKENDS = [
-    pytest.param(
-        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
-    ),
-    pytest.param("raycast", marks=pytest.mark.slow),
-]
 SIZE = (320, 180)
 SPEED = Scale("speed [m/s]", 4.0)
 
@@ -97,7 +91,7 @@ def test_tubes_and_balls_show_values_where_there_is_no_surface(backend):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+@with_opengl
 def test_both_renderers_draw_the_same_picture(scene):
     system = scene.system
     values = SPEED.full * np.linalg.norm(system.position, axis=1)

@@ -3,19 +3,13 @@
 import numpy as np
 import pytest
 import warp as wp
+from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp.pictures.drawing import Drawing, Scale
 from msdwarp.pictures.dressing import look_of_triangles, part_of, uncovered
-from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
 
-BACKENDS = [
-    pytest.param(
-        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
-    ),
-    "raycast",
-]
 SIZE = (160, 120)
 RED, GREEN, BLUE = msd.Look(colour="#d01010", gloss=0), msd.Look(colour="#10c010"), msd.Look(colour="#1010d0")
 

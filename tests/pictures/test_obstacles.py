@@ -4,20 +4,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
-from msdwarp.pictures.light import AMBIENT, BOUNCE, HEAD, KEY, SHADOW
-from msdwarp.pictures.opengl_window import opengl_window
+from msdwarp.pictures.light import AMBIENT, BOUNCE, FILL, HEAD, KEY, SHADOW
 
-BACKENDS = [
-    pytest.param(
-        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
-    ),
-    "raycast",
-]
 SIZE = (320, 180)
 
 TURN = (0.3, -0.5, 0.9)
@@ -211,6 +205,7 @@ def pixel_of(renderer, point):
 def shade(colour, normal, camera):
     """Return the colour of a matt surface with this normal, 0 … 255."""
     facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
+    facing += FILL * max(normal @ camera.fill, 0)
     around = AMBIENT + BOUNCE * (1 - normal[2]) / 2
     return np.minimum(255 * np.array(colour) * (around + facing), 255)
 

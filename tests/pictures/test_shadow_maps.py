@@ -1,16 +1,16 @@
-"""Shadows: what the key light sees, and what OpenGL leaves dark."""
+"""Shadows by a map: what the key light sees, and what is left dark."""
 
 import numpy as np
 import pytest
+from backends import BACKENDS
 
 from msdwarp import Box, Look, Plane, Scene, Sphere, box
 from msdwarp.pictures import Renderer
 from msdwarp.pictures.drawing import Drawing
-from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.shadow_map import SIZE, ShadowMap
 
-with_opengl = pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library here")
 UPWARDS = np.array([0.0, 0.0, 1.0])
+SHADOW_MAPS = [BACKENDS[0], BACKENDS[2]]
 
 
 def lying(height: float = 0.6) -> Scene:
@@ -20,10 +20,12 @@ def lying(height: float = 0.6) -> Scene:
     return Scene(system=cube, colliders=[table], look=Look(colour="#808080", obstacle="#c0c0c0", gloss=0.0))
 
 
-def pictures(scene: Scene, size: tuple[int, int] = (320, 180)) -> tuple[np.ndarray, np.ndarray, Renderer]:
+def pictures(
+    scene: Scene, backend: str, size: tuple[int, int] = (320, 180)
+) -> tuple[np.ndarray, np.ndarray, Renderer]:
     """Return a scene's picture with shadows and without, as brightness, and what drew it."""
     around = [scene.system.position + np.array(shift) for shift in ((-1, -1, 0), (1, 1, 0))]
-    renderer = Renderer(scene, np.array(around), resolution=size, backend="opengl")
+    renderer = Renderer(scene, np.array(around), resolution=size, backend=backend)
     with_shadows = renderer.bare(scene.system.position)
     without = renderer.bare(scene.system.position, shadows=False)
     return with_shadows.astype(int).sum(axis=2), without.astype(int).sum(axis=2), renderer
@@ -65,9 +67,9 @@ def test_shadows_do_not_shimmer_where_little_moves():
     np.testing.assert_allclose(moved, np.round(moved), atol=1e-6)  # whole texels, but for rounding of float64
 
 
-@with_opengl
-def test_a_body_shadows_an_obstacle_and_nothing_else_changes():
-    lit, bare, renderer = pictures(lying())
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+def test_a_body_shadows_an_obstacle_and_nothing_else_changes(backend):
+    lit, bare, renderer = pictures(lying(), backend)
     camera, cube = renderer.stage.camera, np.array([0.0, 0.0, 0.6])
     light = camera.light
     below = cube - cube[2] / light[2] * light  # where the shadow of the cube's middle falls on the table
@@ -80,49 +82,49 @@ def test_a_body_shadows_an_obstacle_and_nothing_else_changes():
     assert (lit <= bare).all()
 
 
-@with_opengl
-def test_an_obstacle_shadows_a_body():
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+def test_an_obstacle_shadows_a_body(backend):
     scene = lying(0.2)
     scene = Scene(system=scene.system, colliders=[*scene.colliders, Sphere((0, 0, 0.9), 0.25)], look=scene.look)
-    light = pictures(scene)[2].stage.camera.light
+    light = pictures(scene, backend)[2].stage.camera.light
     # Over the middle of the cube's upper side, in the light's direction.
     above = np.array([0, 0, 0.4]) + 0.5 * light
     scene = Scene(system=scene.system, colliders=[Sphere(tuple(above), 0.1)], look=scene.look)
-    lit, bare, renderer = pictures(scene)
+    lit, bare, renderer = pictures(scene, backend)
     row, column = (round(float(a[0])) for a in renderer.stage.camera.pixels(np.array([[0, 0, 0.4]]), *lit.shape))
     assert lit[row, column] < 0.85 * bare[row, column]
 
 
-@with_opengl
-def test_a_lit_body_shadows_itself_nowhere():
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+def test_a_lit_body_shadows_itself_nowhere(backend):
     # A sphere is convex: wherever its faces are turned to the light, nothing is in between.
     scene = Scene(
         system=box((2, 2, 2), 0.1), colliders=[Sphere((1, 0, 0), 0.6)], look=Look(gloss=0.0, obstacle="#ffffff")
     )
-    lit, bare, _ = pictures(scene)
+    lit, bare, _ = pictures(scene, backend)
     # Where the light grazes facets, one in 48 of a round's 72 is turned away from it though its shading is not;
     # there the key light is below 0.49 sin(pi / 36) = 0.04 of full brightness.
     assert (bare - lit).max() <= 0.05 * 765
 
 
-@with_opengl
-def test_the_ground_takes_soft_shadows():
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+def test_the_ground_takes_soft_shadows(backend):
     body = box((2, 2, 2), 0.4).translate((0, 0, 1.0))
     scene = Scene(system=body, colliders=[Plane()], look=Look(gloss=0.0))
-    lit, bare, _ = pictures(scene, (640, 360))
+    lit, bare, _ = pictures(scene, backend, (640, 360))
     share = (lit / bare)[lit < bare]
     assert share.min() == pytest.approx(0.66, abs=0.02)  # full shadow; two steps of 255 at most by rounding
     assert np.count_nonzero((share > 0.72) & (share < 0.94)) > 100  # and an edge that fades
 
 
-@with_opengl
-def test_highlights_are_white_on_textures_too():
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+def test_highlights_are_white_on_textures_too(backend):
     texture = np.zeros((4, 4, 3), np.uint8)
     texture[..., 0] = 120
     scene = Scene(
         system=box((2, 2, 2), 0.4), colliders=[], look=Look(texture=texture, gloss=1.0, azimuth=-60, elevation=89)
     )
-    renderer = Renderer(scene, scene.system.position, resolution=(320, 180), backend="opengl")
+    renderer = Renderer(scene, scene.system.position, resolution=(320, 180), backend=backend)
     image = renderer.image(scene.system.position)
     on_body = np.abs(image.astype(int) - (238, 241, 244)).sum(axis=2) > 60
     assert image[..., 1][on_body].max() > 50  # green, of which the texture has none

@@ -9,7 +9,7 @@ import warp as wp
 
 import msdwarp as msd
 from msdwarp.pictures import renderer as renderer_module
-from msdwarp.pictures.light import AMBIENT, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, spread
+from msdwarp.pictures.light import AMBIENT, FILL, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, spread
 from msdwarp.pictures.raycast import RayCaster
 from msdwarp.pictures.stage import Stage
 
@@ -98,7 +98,7 @@ def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     camera = renderer.stage.camera
     shaded = np.array([0.0, 0.0, 0.9]) - (0.9 - 0.2) / camera.light[2] * camera.light
     (row, column), (far_row, far_column) = pixels_of(renderer, [shaded, [0.9, -0.9, 0.2]])
-    head, key = HEAD * -camera.forward[2], KEY * camera.light[2]
+    head, key = HEAD * -camera.forward[2] + FILL * camera.fill[2], KEY * camera.light[2]
     colour = 255 * 0x80 / 255
     # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colours too.
     np.testing.assert_allclose(both[row, column], colour * (AMBIENT + head + SHADED * key), atol=1)
@@ -221,7 +221,7 @@ class TestChoice:
         return msd.Renderer(self.scene, self.scene.system.position, resolution=SIZE, **how)
 
     def test_an_unknown_renderer_is_named(self):
-        with pytest.raises(ValueError, match="backend is 'vulkan'; it must be one of 'auto', 'opengl', 'raycast'"):
+        with pytest.raises(ValueError, match="backend is 'vulkan'; it must be one of 'auto', 'raster'"):
             self.made(backend="vulkan")
 
     def test_an_unknown_device_is_named(self):
@@ -229,7 +229,7 @@ class TestChoice:
             self.made(backend="raycast", device="cuda:99")
 
     @pytest.mark.parametrize("gone", ["window", "pyvista"])
-    def test_where_there_is_no_opengl_the_ray_caster_draws(self, gone, monkeypatch):
+    def test_where_there_is_no_opengl_it_is_refused_and_pictures_are_drawn_without(self, gone, monkeypatch):
         if gone == "window":
             monkeypatch.setattr(renderer_module, "opengl_window", lambda: None)
         else:
@@ -237,8 +237,9 @@ class TestChoice:
             monkeypatch.setattr(
                 importlib.util, "find_spec", lambda name: None if name == "pyvista" else find(name)
             )
-        assert not self.made().uses_opengl
-        with pytest.raises(RuntimeError, match="'opengl', which cannot draw here; it must be 'raycast'"):
+        assert self.made().backend == "raster"
+        message = "'opengl', which cannot draw here; it must be 'raster' or 'raycast'"
+        with pytest.raises(RuntimeError, match=message):
             self.made(backend="opengl")
 
     @pytest.mark.gpu
@@ -246,7 +247,7 @@ class TestChoice:
         if not wp.is_cuda_available():
             pytest.skip("no CUDA device")
         renderer = self.made(device="cuda:0")
-        assert not renderer.uses_opengl
+        assert renderer.backend == "raycast"
         assert renderer.drawing.device == "cuda:0"
 
     def test_the_stage_and_the_drawing_suffice(self):

@@ -2,18 +2,12 @@
 
 import numpy as np
 import pytest
+from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp.pictures.light import SHADOW
-from msdwarp.pictures.opengl_window import opengl_window
 from msdwarp.pictures.timelapse import FAINTEST, timelapse
 
-BACKENDS = [
-    pytest.param(
-        "opengl", marks=pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
-    ),
-    pytest.param("raycast", marks=pytest.mark.slow),
-]
 SIZE = (320, 180)
 PLACES = np.array([(-1.2, 0, 0.6), (0.0, 0, 0.9), (1.2, 0, 0.8)])
 

@@ -1,0 +1,12 @@
+"""What can draw pictures: the one that does by default, quick, and the others."""
+
+import pytest
+
+from msdwarp.pictures.opengl_window import opengl_window
+
+with_opengl = pytest.mark.skipif(opengl_window() is None, reason="no OpenGL library is installed")
+BACKENDS = [
+    "raster",
+    pytest.param("raycast", marks=pytest.mark.slow),
+    pytest.param("opengl", marks=[pytest.mark.slow, with_opengl]),
+]
