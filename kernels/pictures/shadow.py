@@ -12,8 +12,8 @@ LEAST, MOST = 1.25, 12.0
 contact, and far from one. The latter is what the blocks around four neighbours have in common."""
 STEEPEST = 6.0
 """Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
-CORNERS = 4
-"""Points of the light that are looked at first."""
+FIRST = 8
+"""So many points of the light are looked at first: the others are not where all of these are seen, or none."""
 
 
 @wp.struct
@@ -146,7 +146,7 @@ class Seen:
     softness: float
     """Radius of the light over its distance."""
     spots: wp.array(dtype=wp.vec2)
-    """Points of the light, a disc of radius 1: the corners of the square around it, and those that are counted."""
+    """Points of the light, a disc of radius 1; any some that follow each other are spread over it."""
 
 
 @wp.func
@@ -201,13 +201,12 @@ def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
     if above <= margin:
         return 1.0
     radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST))
-    # Behind a straight edge that hides none of the corners, or all, it hides none of the light, or all.
     count = int(0)
-    for k in range(wp.static(CORNERS)):
+    for k in range(wp.static(FIRST)):
         count += passes(seen, at, slope, margin, radius * seen.spots[k])
-    if count == 0 or count == wp.static(CORNERS):
-        return float(count) / wp.static(float(CORNERS))
-    clear = int(0)
-    for k in range(wp.static(CORNERS), seen.spots.shape[0]):
-        clear += passes(seen, at, slope, margin, radius * seen.spots[k])
-    return float(clear) / float(seen.spots.shape[0] - wp.static(CORNERS))
+    if count == 0 or count == wp.static(FIRST):
+        return float(count) / wp.static(float(FIRST))
+    others = int(0)
+    for k in range(wp.static(FIRST), seen.spots.shape[0]):
+        others += passes(seen, at, slope, margin, radius * seen.spots[k])
+    return float(count + others) / float(seen.spots.shape[0])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..kernels.pictures import raster
 from .arrows import Arrows
 from .drawing import Drawing
-from .light import CORNERS, SOFTNESS, spread
+from .light import SOFTNESS, spread
 from .shadow_map import ShadowMap
 from .stage import Stage
 from .surroundings import body_of, body_of_arrows, surroundings_of
@@ -29,9 +29,9 @@ class Rasteriser:
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self._drawing, self._stage, self._arrows = drawing, stage, arrows
         shape = (stage.height, stage.width)
-        self._map = ShadowMap(drawing, stage.camera.light)
-        self._seen = self._map.seen(SOFTNESS, np.concatenate([CORNERS, spread(LOOKS)]))
-        self._view = surroundings_of(drawing, stage, CORNERS)
+        self._map, spots = ShadowMap(drawing, stage.camera.light), spread(LOOKS)
+        self._seen = self._map.seen(SOFTNESS, spots)
+        self._view = surroundings_of(drawing, stage, spots)
         self._mesh = _Mesh(body_of(drawing), drawing.points, drawing.triangles, drawing.closed)
         if arrows is not None:
             open_ended = np.zeros(len(arrows.triangles), dtype=bool)
