@@ -1,4 +1,4 @@
-"""What is drawn: points, normals and colours that follow the particles, and rays cast at them."""
+"""What is drawn: points, normals and colours that follow the particles; a rasteriser, and a ray caster."""
 
 from .arrows import HEAD, RINGS, SIDES, THICK, WIDE, place_arrows
 from .drawing import STRAIN_STOPS, VALUE_STOPS, halve_over, lift

@@ -1,4 +1,4 @@
-"""Pictures of a scene: `Renderer` draws frames, by OpenGL or ray casting; films; several poses in one."""
+"""Pictures of a scene: `Renderer` draws frames by triangles, by rays or by OpenGL; films; several poses in one."""
 
 from .drawing import Drawing, PlacedPart, Scale
 from .film import FILM_FORMATS, check_formats, write_film

@@ -6,7 +6,7 @@ import os
 import sys
 from typing import Any
 
-ADVICE = "for faster pictures install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
+ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 
 
 @functools.cache
