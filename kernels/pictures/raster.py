@@ -179,30 +179,24 @@ def seen_triangle(
     return lit(view, colour, body.gloss[face], upright, ray, share), above
 
 
-@kernel
-def shade(
+@wp.func
+def shade_pixel(
     body: Body,
     view: Surroundings,
     shadows: Seen,
-    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
-    triangles: wp.array(dtype=wp.vec3i),  # shape [triangle_count]
-    first_row: int,
-    first_column: int,
-    # In and out:
-    nearest: wp.array2d(dtype=wp.uint64),  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
-    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+    points: wp.array(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    row: int,
+    column: int,
+    nearest: wp.array2d(dtype=wp.uint64),
+    pixels: wp.array2d(dtype=wp.vec3ub),
 ):
-    """Lay what was drawn, and its shadow on the ground, over a picture of the ground in light.
-
-    Threads cover a rectangle from the first row and column on.
-    """
-    i, j = wp.tid()
-    row = first_row + i
-    column = first_column + j
+    """Lay what was drawn, and its shadow on the ground, over one pixel."""
     faces = wp.vec4i()
-    for p in range(4):
-        faces[p] = int(nearest[4 * row + p, column] & wp.static(wp.uint64(0xFFFFFFFF))) - 1
-        nearest[4 * row + p, column] = wp.static(wp.uint64(0))
+    for q in range(4):
+        faces[q] = int(nearest[4 * row + q, column] & wp.static(wp.uint64(0xFFFFFFFF))) - 1
+        if faces[q] >= 0:
+            nearest[4 * row + q, column] = wp.static(wp.uint64(0))
     bare = int(0)
     mean = wp.vec3()
     for p in range(4):
@@ -226,6 +220,29 @@ def shade(
             return
         mean += 0.25 * float(bare) * (view.shadow + (1.0 - view.shadow) * share) * colour_of(pixels[row, column])
     pixels[row, column] = in_bytes(mean)
+
+
+@kernel
+def shade(
+    body: Body,
+    view: Surroundings,
+    shadows: Seen,
+    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
+    triangles: wp.array(dtype=wp.vec3i),  # shape [triangle_count]
+    first_row: int,
+    first_column: int,
+    columns: int,
+    # In and out:
+    nearest: wp.array2d(dtype=wp.uint64),  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
+    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+):
+    """Lay what was drawn, and its shadow on the ground, over a picture of the ground in light.
+
+    Each thread takes a row, from the first column on: a thread's start costs as much as a pixel of the ground.
+    """
+    row = first_row + wp.tid()
+    for column in range(first_column, first_column + columns):
+        shade_pixel(body, view, shadows, points, triangles, row, column, nearest, pixels)
 
 
 @kernel

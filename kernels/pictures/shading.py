@@ -52,6 +52,8 @@ class Surroundings:
     fill: float
     shininess: float
     """Phong's exponent of highlights."""
+    gleam: float
+    """Cosine of an angle at which highlights are too weak to be seen: powers cost more than all else."""
     shadows: int
     """1 if there are shadows, else 0."""
     shaded: float
@@ -134,6 +136,15 @@ def lifted(spot: wp.vec3, corner: wp.vec3, normal: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
+    """Return how much of a highlight is seen along a ray, where it is mirrored that way; 0 if less than 1e-4."""
+    along = -wp.dot(mirrored, ray)
+    if along < view.gleam:
+        return 0.0
+    return wp.pow(along, view.shininess)
+
+
+@wp.func
 def lit(
     view: Surroundings, colour: wp.vec3, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float
 ) -> wp.vec3:
@@ -149,13 +160,13 @@ def lit(
         diffuse += view.head * facing
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.towards_viewer
-            glint += view.head * gloss * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+            glint += view.head * gloss * highlight(view, mirrored, ray)
     facing = wp.dot(normal, view.light)
     if facing > 0.0:
         diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.light
-            glint += view.key * gloss * arrives * wp.pow(wp.max(-wp.dot(mirrored, ray), 0.0), view.shininess)
+            glint += view.key * gloss * arrives * highlight(view, mirrored, ray)
     return diffuse * colour + wp.vec3(glint, glint, glint)
 
 

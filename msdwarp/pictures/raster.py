@@ -1,5 +1,6 @@
 """Pictures by a rasteriser on Warp, on the CPU, where it is the cheapest, with no need of OpenGL."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from ..kernels.pictures import raster
 from .arrows import Arrows
 from .drawing import Drawing
+from .film import processors
 from .light import SOFTNESS, spread
 from .shadow_map import ShadowMap
 from .stage import Stage
@@ -16,6 +18,8 @@ from .surroundings import body_of, body_of_arrows, surroundings_of
 
 LOOKS = 16
 """Texels of the shadow map that are looked at where a shadow fades."""
+BAND, MOST_THREADS = 32, 8
+"""Rows of the picture that a thread shades at a time, and how many threads there are at most."""
 AROUND = 8
 """Corners around the shadow on the ground, by which it is found what of the picture changes."""
 
@@ -32,6 +36,7 @@ class Rasteriser:
         self._map, spots = ShadowMap(drawing, stage.camera.light), spread(LOOKS)
         self._seen = self._map.seen(SOFTNESS, spots)
         self._view = surroundings_of(drawing, stage, spots)
+        self._pool = ThreadPoolExecutor(min(MOST_THREADS, processors()))
         self._mesh = _Mesh(body_of(drawing), drawing.points, drawing.triangles, drawing.closed)
         if arrows is not None:
             open_ended = np.zeros(len(arrows.triangles), dtype=bool)
@@ -40,6 +45,7 @@ class Rasteriser:
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         wp.launch(raster.draw_backdrop, shape, [self._view], [self._backdrop], device="cpu")
+        self._shade(self._mesh, (0, 0, 1, 0))  # nothing, but it compiles what threads launch at once
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
@@ -73,9 +79,17 @@ class Rasteriser:
         self._view.shadows = int(shadows)
         inputs = [mesh.points, mesh.triangles, mesh.closed, self._view]
         wp.launch(raster.draw_triangles, len(mesh.triangles), inputs, [self._nearest], device="cpu")
-        first_row, first_column, *size = part
-        inputs = [mesh.body, self._view, self._seen, mesh.points, mesh.triangles, first_row, first_column]
-        wp.launch(raster.shade, size, inputs, [self._nearest, self._pixels], device="cpu")
+        row, column, rows, columns = part
+        bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
+        # Python's lock is free while Warp's native code is at work.
+        for _ in self._pool.map(lambda band: self._shade(mesh, band), bands):
+            pass
+
+    def _shade(self, mesh: "_Mesh", part: tuple[int, int, int, int]) -> None:
+        """Shade a part of the picture."""
+        row, column, rows, columns = part
+        inputs = [mesh.body, self._view, self._seen, mesh.points, mesh.triangles, row, column, columns]
+        wp.launch(raster.shade, rows, inputs, [self._nearest, self._pixels], device="cpu")
 
 
 class _Mesh:

@@ -52,6 +52,7 @@ def surroundings_of(drawing: Drawing, stage: Stage, spots: NDArray) -> Any:
     view.light = wp.vec3(*light)
     view.light_u, view.light_v = (wp.vec3(*(SOFTNESS * axis)) for axis in across(light))
     view.shininess, view.shaded, view.shadow = SHININESS, SHADED, SHADOW
+    view.gleam = 1e-4 ** (1 / SHININESS)
     view.spots = wp.array(spots, dtype=wp.vec2, device=device)
     view.has_ground = int(ground is not None)
     view.ground = _image(_BLANK, device)
