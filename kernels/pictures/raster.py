@@ -66,8 +66,10 @@ def draw_triangles(
         at = wp.dot(c, view.down) / depths[2]
         high = wp.min(high, at)
         low = wp.max(low, at)
-        lowest = wp.max(int(wp.ceil(4.0 * (high + middle) / pixel - 0.5)), 0)
-        highest = wp.min(int(wp.floor(4.0 * (low + middle) / pixel - 0.5)), rows - 1)
+        # What is far outside is brought near first: as whole numbers it would be anything.
+        last = float(rows)
+        lowest = wp.max(int(wp.ceil(wp.clamp(4.0 * (high + middle) / pixel - 0.5, -1.0, last))), 0)
+        highest = wp.min(int(wp.floor(wp.clamp(4.0 * (low + middle) / pixel - 0.5, -1.0, last))), rows - 1)
     elif wp.max(depths) <= 0.0:
         return
     if lowest > highest:
@@ -93,7 +95,8 @@ def draw_triangles(
         reach = inside(here[1], runs[1], reach)
         reach = inside(here[2], runs[2], reach)
         near = near_corner + y * near_down + aside * near_slope
-        for column in range(int(wp.ceil(reach[0])), int(wp.floor(reach[1])) + 1):
+        first = int(wp.ceil(wp.min(reach[0], float(columns))))
+        for column in range(first, int(wp.floor(wp.max(reach[1], -1.0))) + 1):
             share = near + float(column) * near_slope
             key = (wp.uint64(wp.cast(share, wp.uint32)) << wp.uint64(32)) | number
             wp.atomic_max(nearest, row, column, key)

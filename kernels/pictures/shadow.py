@@ -39,8 +39,8 @@ def in_lamp(lamp: Lamp, point: wp.vec3) -> wp.vec3:
 
 @wp.func
 def over(slope: float) -> float:
-    """Return 1 / slope, or 0 where there is none."""
-    if slope == 0.0:
+    """Return 1 / slope, or 0 where there is hardly any."""
+    if wp.abs(slope) < 1.0e-30:
         return 0.0
     return 1.0 / slope
 
@@ -96,8 +96,8 @@ def draw_depth(
         reach = inside(1.0 - b - c, a_run, reach)
         near = a[2] + b * ab[2] + c * ac[2]
         # A little more than the triangle, so that rounding leaves no gap between neighbours.
-        first = int(wp.ceil(reach[0] - 1.0e-3))
-        last = int(wp.floor(reach[1] + 1.0e-3))
+        first = int(wp.ceil(wp.min(reach[0], float(size)) - 1.0e-3))
+        last = int(wp.floor(wp.max(reach[1], -1.0) + 1.0e-3))
         for column in range(wp.max(first, 0), wp.min(last, size - 1) + 1):
             wp.atomic_max(depth, row, column, near + float(column) * slope)
 
