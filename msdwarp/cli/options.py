@@ -52,8 +52,8 @@ class Pictures:
     arrows
         Draw contact forces as arrows, in front of the bodies.
     renderer
-        Renderer: raster (on the CPU), raycast (on a GPU if there is one), opengl, or auto: raycast if the
-        simulation runs on a GPU, else raster.
+        Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if
+        the simulation runs on a GPU, else opengl if it is found, else raster.
     """
 
     frames: Literal["png", "none"] = "png"

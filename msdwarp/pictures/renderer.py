@@ -1,4 +1,4 @@
-"""Pictures of a scene, by Warp (a rasteriser on the CPU, a ray caster on a GPU) or by OpenGL (PyVista)."""
+"""Pictures of a scene, by OpenGL (PyVista) or by Warp alone: a ray caster on a GPU, a rasteriser on the CPU."""
 
 import importlib.util
 import os
@@ -51,7 +51,7 @@ class Renderer:
         with each frame. Default: set by the scene's look.
     backend
         "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray
-        caster where `device` is a GPU, else the rasteriser.
+        caster where `device` is a GPU, else PyVista where it finds an OpenGL library, else the rasteriser.
     device
         Where the ray caster draws: cpu, cuda:0 ... By default the first GPU, or the CPU if there is none.
     zoom
@@ -220,7 +220,9 @@ def no_opengl() -> str | None:
 def _chosen(backend: str, device: str | None) -> str:
     """Return what draws; raise RuntimeError if OpenGL is asked for where it cannot."""
     if backend == "auto":
-        return "raster" if device is None or device == "cpu" else "raycast"
+        if device is not None and device != "cpu":
+            return "raycast"
+        return "opengl" if no_opengl() is None else "raster"
     if backend == "opengl" and (why := no_opengl()) is not None:
         raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raster' or 'raycast': {why}")
     return backend
