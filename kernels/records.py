@@ -88,14 +88,12 @@ def records(dim: int, scalar: type) -> Records:
         def add(x: wp.array(dtype=V), i: int, value: V): ...
 
     else:
+        # Warp would take x[-1] for the last one; here it is what lies before the first, which may be read.
+        @wp.func_native("return x.data[i];")
+        def load(x: wp.array(dtype=V), i: int) -> V: ...
 
-        @wp.func
-        def load(x: wp.array(dtype=V), i: int) -> V:
-            return x[i]
-
-        @wp.func
-        def store(x: wp.array(dtype=V), i: int, value: V):
-            x[i] = value
+        @wp.func_native("x.data[i] = value;")
+        def store(x: wp.array(dtype=V), i: int, value: V): ...
 
         @wp.func
         def add(x: wp.array(dtype=V), i: int, value: V):

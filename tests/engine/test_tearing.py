@@ -8,6 +8,7 @@ from problems import EPS64, two_quick
 from springs import INTEGRATORS, pair, simulate
 
 from msdwarp import RK4, Leapfrog, Simulation, System, box, chain, sheet
+from msdwarp.engine import forces
 from msdwarp.simulation.readback import Readback
 
 
@@ -97,7 +98,9 @@ def without(system: System, gone: np.ndarray) -> System:
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("route", ["gather", "stencil"])
-def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, blocks):
+def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, blocks, monkeypatch):
+    # What cannot tear has several threads to a particle on a GPU, which sum in another order.
+    monkeypatch.setattr(forces, "lanes", lambda model: 1)
     body = box((6, 4, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.05)
     left = body.position[:, 0] < 0.0
     seam = left[body.connections[:, 0]] != left[body.connections[:, 1]]
