@@ -171,11 +171,12 @@ def straddle(scalar: type, kinds: tuple[str, ...], moving: bool, sunk: bool, mea
                     surface = V()
                     if wp.static(moving):
                         y = seen(data, p, row, share, w[0] * a + w[1] * b + w[2] * c)
+                        following = wp.min(row + 1, data.speed.shape[0] - 1)  # where a frame ends there is none
                         surface = scalar(0.5) * (
                             data.turning[row, p] * y
                             + data.speed[row, p]
-                            + data.turning[row + 1, p] * y
-                            + data.speed[row + 1, p]
+                            + data.turning[following, p] * y
+                            + data.speed[following, p]
                         )
                         u = u - surface
                     u_n = wp.dot(u, normal)
