@@ -8,7 +8,7 @@ from .facets import Facets, facets_of, run_back
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
-from .numbering import space_filling_order
+from .numbering import places_along_curve, space_filling_order
 from .parting import Edges, broken_before
 from .selection import selected
 from .series import Series
@@ -52,6 +52,7 @@ __all__ = [
     "laid_bare",
     "mean_stiffness",
     "pieces",
+    "places_along_curve",
     "rotation",
     "rotations",
     "run_back",

@@ -20,7 +20,7 @@ BITS = 62
 def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
     """Return the order in which a space-filling curve visits points: those near each other seldom lie far apart.
 
-    It is the Z-order (Morton 1966): points are sorted by the bits of their coordinates, taken in turn.
+    It is the Z-order: points are sorted by the bits of their coordinates, taken in turn.
 
     Parameters
     ----------
@@ -44,15 +44,21 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
         )
     if len(x) == 0:
         return np.zeros(0, dtype=np.int64)
-    dim = x.shape[1]
-    bits = min(BITS // dim, 31)
-    lowest, extent = x.min(axis=0), float(np.ptp(x, axis=0).max())
-    cells = np.floor((x - lowest) * ((2**bits - 1) / extent if extent > 0 else 0.0)).astype(np.int64)
-    place = np.zeros(len(x), dtype=np.int64)
+    return np.argsort(places_along_curve(x, min(BITS // x.shape[1], 31)), kind="stable")
+
+
+def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.int64]:
+    """Return where points of shape [count, d] come along the curve, 2^bits cells to each axis, shape [count].
+
+    Reference: Morton, A computer oriented geodetic data base (1966).
+    """
+    dim, lowest, extent = points.shape[1], points.min(axis=0), np.ptp(points, axis=0).max()
+    cells = ((points - lowest) * ((2**bits - 1) / max(extent, 1e-30))).astype(np.int64)
+    place = np.zeros(len(points), dtype=np.int64)
     for bit in range(bits):
         for axis in range(dim):
-            place |= ((cells[:, axis] >> bit) & 1) << (dim * bit + axis)
-    return np.argsort(place, kind="stable")
+            place |= (cells[:, axis] >> bit & 1) << (dim * bit + axis)
+    return place
 
 
 def renumbered(system: "System", order: ArrayLike | None) -> dict[str, Any]:

@@ -387,7 +387,7 @@ class System:
 
         For meshes: a GPU is faster if joined particles are near each other in memory. A lattice loses its
         directions, which make it fast. What was particle `order[k]` becomes number k; by default the order is
-        `space_filling_order(position)`.
+        `space_filling_order(position)`. Raises ValueError if `order` has not each number once.
         """
         return self.trusted(**renumbered(self, order))
 

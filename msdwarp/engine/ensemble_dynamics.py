@@ -138,7 +138,8 @@ class EnsembleStepper:
             self._chip = on_chip(dynamics.model, state, dynamics.composition.route, Step, kept)
         if self._chip is not None:
             self.threads = self._chip.threads
-        self._steps = wp.array(self._kept, dtype=Step, device=dynamics.model.device)
+        elif self.threads is not None:
+            self._steps = wp.array(self._kept, dtype=Step, device=dynamics.model.device)
 
     def take(self, substeps: int) -> None:
         """Take substeps; the state then lies where it lay before."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import TouchingSurfaces
+from ..bodies import TouchingSurfaces, places_along_curve
 from ..world import Touch
 
 if TYPE_CHECKING:
@@ -155,17 +155,8 @@ def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def curve(body: NDArray[np.integer], place: NDArray[np.floating]) -> NDArray[np.int32]:
-    """Return an order in which what is near each other in a body follows each other: a curve that fills space.
-
-    Reference: Morton, A computer oriented geodetic data base (1966).
-    """
-    low, high = place.min(axis=0), place.max(axis=0)
-    cell = ((place - low) * ((2**MORTON_BITS - 1) / max((high - low).max(), 1e-30))).astype(np.int64)
-    key = np.zeros(len(place), dtype=np.int64)
-    for bit in range(MORTON_BITS):
-        for axis in range(place.shape[1]):
-            key |= (cell[:, axis] >> bit & 1) << (bit * place.shape[1] + axis)
-    return np.lexsort([key, body]).astype(np.int32)
+    """Return an order in which what is near each other in a body follows each other: a curve that fills space."""
+    return np.lexsort([places_along_curve(place, MORTON_BITS), body]).astype(np.int32)
 
 
 def check_stiffness(
