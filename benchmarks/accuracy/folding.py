@@ -28,6 +28,21 @@ PERIODS = (1.5, 1.0, 0.75)
 """How long it takes to fold the strip and to unfold it [s]."""
 
 
+def crossings(simulation: Simulation, frames: int) -> tuple[list[int], bool]:
+    """Take so many frames; return those in which triangles cross, and whether a contact was overrun."""
+    system = simulation.system
+    assert system.surface is not None
+    triangles = np.unique(np.sort(system.surface.particle[system.surface.triangles], axis=1), axis=0)
+    mesh, crossing = ipctk.CollisionMesh(system.position, ipctk.edges(triangles), triangles), []
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for frame in range(frames):
+            simulation.step()
+            if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
+                crossing.append(frame)
+    return crossing, any(issubclass(one.category, ContactOverrun) for one in said)
+
+
 def fold(bending: float, thickness: float | None, period: float, device: str) -> dict:
     """Fold a strip and count the frames in which it crosses itself."""
     cloth = sheet((13, 7), SPACING, mass=0.002, stiffness=60.0, damping=0.05, bending=bending)
@@ -45,16 +60,8 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
         touch=Touch(friction=0.3, restitution=0.1, between="all", thickness=thickness),
     )
     simulation = Simulation.of(scene, device=device)
-    assert cloth.surface is not None
-    triangles = np.unique(np.sort(cloth.surface.particle[cloth.surface.triangles], axis=1), axis=0)
-    mesh = ipctk.CollisionMesh(cloth.position, ipctk.edges(triangles), triangles)
-    frames, crossing = round(TIMES * period * simulation.fps), []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        for frame in range(frames):
-            simulation.step()
-            if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
-                crossing.append(frame)
+    frames = round(TIMES * period * simulation.fps)
+    crossing, overrun = crossings(simulation, frames)
     return {
         "bending": bending,
         "thickness": float("nan") if thickness is None else thickness,  # nan: what it has by itself
@@ -63,7 +70,7 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
         "frames": frames,
         "crossing": len(crossing),
         "first": crossing[0] if crossing else -1,
-        "overrun": int(any(issubclass(one.category, ContactOverrun) for one in said)),
+        "overrun": int(overrun),
     }
 
 

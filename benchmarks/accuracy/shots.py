@@ -9,14 +9,13 @@ of one and a half seconds, in which triangles of the two cross, by the Increment
 """
 
 import sys
-import warnings
 
-import ipctk
 import numpy as np
 
-from msdwarp import ContactOverrun, Scene, Simulation, Touch, box, sheet
+from msdwarp import Scene, Simulation, Touch, box, sheet
 
 from ..common import arguments, machine, table, write_csv
+from .folding import crossings
 
 SPEEDS = (1.0, 2.0, 4.0, 6.0, 8.0, 12.0)
 """[m/s]."""
@@ -34,22 +33,14 @@ def shoot(along: int, spacing: float, speed: float, device: str) -> dict:
     block = block.translate(tuple(np.array([0.011, 0.007, 0.13]) - block.position.mean(axis=0)))
     system = cloth.pin(off > off.max() - 0.01) + block.with_velocity((0, 0, -speed))
     simulation = Simulation.of(Scene(system=system, touch=Touch(friction=0.3, restitution=0.1)), device=device)
-    assert system.surface is not None
-    triangles = np.unique(np.sort(system.surface.particle[system.surface.triangles], axis=1), axis=0)
-    mesh, crossing = ipctk.CollisionMesh(system.position, ipctk.edges(triangles), triangles), []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        for frame in range(FRAMES):
-            simulation.step()
-            if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
-                crossing.append(frame)
+    crossing, overrun = crossings(simulation, FRAMES)
     return {
         "edge": (along - 1) * spacing,  # of the block [m]
         "speed": speed,
         "frames": FRAMES,
         "crossing": len(crossing),
         "height": float(simulation.frame().position[cloth.particle_count :, 2].mean()),  # at the end [m]
-        "overrun": int(any(issubclass(one.category, ContactOverrun) for one in said)),
+        "overrun": int(overrun),
     }
 
 
