@@ -169,8 +169,8 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                     two_sided = data.sided[other] != 0 and mine != other
                     if held != 0:
                         reach = wp.max(reach, data.depth[other])
-                best = scalar(far)
-                near = scalar(far)
+                best = far
+                near = far
                 facet = int(wp.static(NONE))
                 entry = int(-1)
                 w = V()

@@ -98,8 +98,8 @@ class Touching(Effect):
         data.allowed = wp.zeros(worlds * points, dtype=scalar, device=device)
         data.partner = wp.full((HISTORY, worlds * points), -1, dtype=int, device=device)
         data.seen = wp.zeros((HISTORY, worlds * points), dtype=int, device=device)
-        # Of itself a sheet is on both sides. On a GPU points have been lost that slide fast over a bumpy sheet.
-        sided = surfaces.sided & (bodies > 1) & (not model.device.is_cuda)
+        # Of itself a sheet is on both sides.
+        sided = surfaces.sided & (bodies > 1)
         self._sided = bool(sided.any())
         data.sided = each.alike(sided.astype(np.int32), int)
         data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)

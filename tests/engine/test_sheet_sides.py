@@ -14,14 +14,6 @@ SIZE = 64
 """Particles of the sheet, which grains follow."""
 
 
-@pytest.fixture(autouse=True)
-def on_a_cpu(request):
-    """Skip what runs on a GPU, where sides are not remembered yet."""
-    params = getattr(request.node, "callspec", None)
-    if params is not None and any("cuda" in str(value) for value in params.params.values()):
-        pytest.skip("on a GPU sides are not remembered yet")
-
-
 def held_sheet(bumps: float = 0.0) -> System:
     """Return a sheet around the origin that is held everywhere, with bumps of at most such a height [m]."""
     bed = sheet((8, 8), SPACING, mass=0.01, stiffness=STIFFNESS, damping=0.0)
