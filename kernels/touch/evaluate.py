@@ -23,7 +23,7 @@ from .exert import exert_force
 from .friction import TANGENTIAL, friction
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
-from .pairs import NONE, body_in_row, pairs, places, unit_normal
+from .pairs import NONE, pairs, places, unit_normal
 from .sides import STEEP, meets, remembered
 from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
@@ -113,7 +113,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
     V, Data = vector(3, scalar), Surfaces(scalar, worlds)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
-    next_body, note, first_of = body_in_row(lanes), note_overrun(scalar), first_flag(scalar, worlds)
+    note, first_of = note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
@@ -127,7 +127,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
         lane: int,  # which of the threads that share the point this is
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
-        unit: wp.float64,  # of forces [N]; of worlds each has its own
+        per_unit: wp.float64,  # of forces [1/N]; of worlds each has its own
         skin: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
@@ -151,8 +151,10 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
             away_0 = V()
             away_1 = V()
             turn = int(0)
-            other = next_body(data.whose, p, n, int(-1), lane)
-            while other < wp.static(NONE):
+            first = int(0)
+            while first < n:
+                # The facets of one body, which are side by side in the row: the nearest counts.
+                other = data.whose[p, first]
                 held = int(0)
                 if wp.static(sided):
                     if turn < wp.static(HISTORY):
@@ -161,7 +163,6 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                         if held == 0:
                             turn += 1
                             continue
-                # The facets of one body: the nearest counts.
                 rule = find_rule(data, mine, other)
                 reach = reach_of(data, rule, mine, other)
                 two_sided = bool(False)
@@ -174,9 +175,14 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                 facet = int(wp.static(NONE))
                 entry = int(-1)
                 w = V()
-                for e in range(lane, n, wp.static(lanes)):
-                    if data.whose[p, e] == other and almost * data.away[p, e] <= near:
-                        f = data.row[p, e]
+                until = int(n)
+                for e in range(first + lane, n, wp.static(lanes)):
+                    f = data.row[p, e]  # before anything is known of it: these three are read at once
+                    listed = data.away[p, e]
+                    if data.whose[p, e] != other:
+                        until = e
+                        break
+                    if almost * listed <= near:
                         w_f = nearest_to(data.x, data.corner[f], x)
                         away = x - place_on(data.x, data.corner[f], w_f)
                         if wp.static(sided):
@@ -193,6 +199,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                             w = w_f
                 w_own = w  # on the nearest of those that this thread has looked at
                 if wp.static(lanes > 1):
+                    until = least_number(until)
                     nearest = least_of(best)
                     if best > nearest:
                         facet = int(wp.static(NONE))
@@ -203,6 +210,13 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                         w[k] = pick(own == facet, w_own[k])
                 corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 if best < reach * reach:
+                    # What is far in memory is read at once, also where it turns out that they do not touch.
+                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                    mobility = data.mobility[ends[0]]
+                    if ends[0] != ends[1]:
+                        mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                    for k in range(3):
+                        mobility += w[k] * w[k] * data.mobility[corner[k]]
                     thickness = thickness_of(data, rule, mine, other)
                     normal = normal_of(data.x, corner)
                     q = place_on(data.x, corner, w)
@@ -215,9 +229,9 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                             load(data.x, corner[1]) - load(data.x, corner[0])
                         )
                         near = wp.sqrt(tie) + skin[0]
-                        for e in range(lane, n, wp.static(lanes)):
-                            if data.whose[p, e] == other and almost * data.away[p, e] <= near:
-                                f = data.row[p, e]
+                        for e in range(first + lane, until, wp.static(lanes)):
+                            f = data.row[p, e]
+                            if almost * data.away[p, e] <= near:
                                 w_f = w_own
                                 if e != entry:
                                     w_f = nearest_to(data.x, data.corner[f], x)
@@ -254,16 +268,8 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                     overlap = thickness - gap
                     if wp.static(sunk):
                         overlap = overlap - data.allowed[p]
-                    mobility = zero
-                    if overlap > zero:
-                        mobility = data.mobility[ends[0]]
-                        if ends[0] != ends[1]:
-                            mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
-                        for k in range(3):
-                            mobility += w[k] * w[k] * data.mobility[corner[k]]
-                    if mobility > zero:
+                    if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
                         u_n = wp.dot(u, normal)
                         u_t = u - u_n * normal
                         # As it has a share of the stiffness, a point has one of the mass.
@@ -296,10 +302,10 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                             power += wp.float64(lost)
                         else:
                             if wp.static(worlds):
-                                own_unit = data.unit[mine / data.bodies_each]
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, own_unit, lane)
+                                by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, lane)
                             else:
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, unit, lane)
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, per_unit, lane)
                             if lane == 0:
                                 if wp.static(sunk):
                                     led = wp.min(data.allowed[p], h * data.outwards)
@@ -318,15 +324,21 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                                     if wp.static(sunk):
                                         least = least - data.allowed[p]
                                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-                        if new_partner_0 < 0:
+                        # Of more than two bodies those two are remembered whose numbers are least.
+                        if new_partner_0 < 0 or other < new_partner_0:
+                            new_partner_1 = new_partner_0
+                            new_slip_1 = new_slip_0
+                            new_seen_1 = new_seen_0
                             new_partner_0 = other
                             new_slip_0 = slip
                             new_seen_0 = now
-                            away_0 = x - q
-                        elif new_partner_1 < 0:
+                        elif new_partner_1 < 0 or other < new_partner_1:
                             new_partner_1 = other
                             new_slip_1 = slip
                             new_seen_1 = now
+                        if turn == 0:
+                            away_0 = x - q
+                        else:
                             away_1 = x - q
                 elif h > zero and lane == 0 and best < far and held == 0:
                     # What comes so fast that a substep takes it through has never been in touch.
@@ -342,7 +354,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
                 turn += 1
                 if wp.static(not sided) or turn > wp.static(HISTORY):
-                    other = next_body(data.whose, p, n, other, lane)
+                    first = until
                     turn = int(0)
                     away_0 = V()
                     away_1 = V()
@@ -367,7 +379,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
         data: Data,
         h: scalar,
         behind: scalar,
-        unit: wp.float64,
+        per_unit: wp.float64,
         skin: wp.array(dtype=scalar),
         threads: int,
         flags: wp.array(dtype=float),
@@ -377,7 +389,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
         k = wp.tid() / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
         while k < data.busy_count[0]:
-            touch_one(data, data.busy[k], lane, h, behind, unit, skin, flags, stored, heated)
+            touch_one(data, data.busy[k], lane, h, behind, per_unit, skin, flags, stored, heated)
             k += threads / wp.static(lanes)
 
     return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

@@ -9,10 +9,10 @@ from ..basis import vector
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
-    """Compose (force, ends, s, corner, w, f, unit, lane): add force f [N] to a point, and the opposite to a facet.
+    """Compose (force, ends, s, corner, w, f, per_unit, lane): add force f [N] to a point, and the opposite to a facet.
 
     The point lies between the vertices `ends`, with the share s of the second, and touches the facet where its
-    corners have the weights w. What they get is exactly what the point gets, in units [N].
+    corners have the weights w. What they get is exactly what the point gets, in units of 1 / per_unit [N].
     """
     V = vector(3, scalar)
 
@@ -28,12 +28,12 @@ def exert_force(scalar: type, lanes: int):
         corner: wp.vec3i,
         w: V,
         f: V,
-        unit: wp.float64,
+        per_unit: wp.float64,  # [1/N]
         lane: int,
     ):
         """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
         for k in range(lane, 3, wp.static(lanes)):
-            total = wp.int64(wp.float64(f[k]) / unit)
+            total = wp.int64(wp.float64(f[k]) * per_unit)
             if ends[0] == ends[1]:
                 wp.atomic_add(force, ends[0], k, total)
             else:

@@ -47,35 +47,34 @@ def nearest_on_triangle(scalar: type):
         ap = p - a
         if wp.length_sq(wp.cross(ab, ac)) <= flat * wp.length_sq(ab) * wp.length_sq(ac):
             return on_longest_edge(ap, ab, ac)
+        bp = p - b
+        cp = p - c
         d1 = wp.dot(ab, ap)
         d2 = wp.dot(ac, ap)
-        if d1 <= zero and d2 <= zero:
-            return V(one, zero, zero)
-        bp = p - b
         d3 = wp.dot(ab, bp)
         d4 = wp.dot(ac, bp)
-        if d3 >= zero and d4 <= d3:
-            return V(zero, one, zero)
-        vc = d1 * d4 - d3 * d2
-        if vc <= zero and d1 >= zero and d3 <= zero:
-            t = share(d1, d1 - d3)
-            return V(one - t, t, zero)
-        cp = p - c
         d5 = wp.dot(ab, cp)
         d6 = wp.dot(ac, cp)
+        # Weights by a factor. Of the regions around a triangle the first counts that holds p, from the last line up.
+        u = d3 * d6 - d5 * d4
+        v = d5 * d2 - d1 * d6
+        w = d1 * d4 - d3 * d2
+        beside_ab = w <= zero and d1 >= zero and d3 <= zero
+        beside_ac = v <= zero and d2 >= zero and d6 <= zero
+        beside_bc = u <= zero and d4 >= d3 and d5 >= d6
+        if beside_bc:
+            u, v, w = zero, d5 - d6, d4 - d3
+        if beside_ac:
+            u, v, w = -d6, zero, d2
         if d6 >= zero and d5 <= d6:
-            return V(zero, zero, one)
-        vb = d5 * d2 - d1 * d6
-        if vb <= zero and d2 >= zero and d6 <= zero:
-            t = share(d2, d2 - d6)
-            return V(one - t, zero, t)
-        va = d3 * d6 - d5 * d4
-        if va <= zero and d4 - d3 >= zero and d5 - d6 >= zero:
-            t = share(d4 - d3, (d4 - d3) + (d5 - d6))
-            return V(zero, one - t, t)
-        total = va + vb + vc
-        if total <= zero:
-            return V(one, zero, zero)
-        return V(va / total, vb / total, vc / total)
+            u, v, w = zero, zero, one
+        if beside_ab:
+            u, v, w = -d3, d1, zero
+        if d3 >= zero and d4 <= d3:
+            u, v, w = zero, one, zero
+        if (d1 <= zero and d2 <= zero) or u + v + w <= zero:
+            u, v, w = one, zero, zero
+        by = one / (u + v + w)
+        return V(by * u, by * v, by * w)
 
     return nearest

@@ -6,7 +6,6 @@ import warp as wp
 
 from ..basis import vector
 from ..records import records
-from .lanes import least_of_lanes
 from .nearest import nearest_on_triangle
 from .surfaces import Surfaces
 
@@ -97,23 +96,3 @@ def pairs(scalar: type, worlds: bool = False):
         return data.density[mine] * k
 
     return find_rule, thickness_of, reach_of, stiffness_of
-
-
-@functools.cache
-def body_in_row(lanes: int):
-    """Compose (whose, p, n, before, lane) -> the least number above `before` in row p of n; NONE if there is none.
-
-    It is asked for by all threads of a point at once, each of which looks at some entries.
-    """
-    least = least_of_lanes(int, lanes)
-
-    @wp.func
-    def next_body(whose: wp.array2d(dtype=int), p: int, n: int, before: int, lane: int) -> int:
-        found = int(wp.static(NONE))
-        for e in range(lane, n, wp.static(lanes)):
-            body = whose[p, e]
-            if body > before and body < found:
-                found = body
-        return least(found)
-
-    return next_body

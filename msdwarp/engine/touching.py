@@ -103,6 +103,7 @@ class Touching(Effect):
         self._sided = bool(sided.any())
         data.sided = each.alike(sided.astype(np.int32), int)
         data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
+        self._triangles = bool((surfaces.corner[:, 1] != surfaces.corner[:, 2]).any())
         self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(surfaces.body[surfaces.corner[:, 0]], int, bodies)
@@ -155,7 +156,8 @@ class Touching(Effect):
         """What other bodies have pushed each particle with since it was zeroed [N s]; None where nobody asks."""
         given = [one.stiffness or 0.0 for one in rules]
         stiffest = [max(float(one.stiffness.max(initial=0.0)), *given) for one in by_row]
-        units = [k * max(far, 1e-30) * UNITS for k, far in zip(stiffest, reach, strict=True)]
+        # Powers of 2: what is divided by them keeps all of its digits.
+        units = [2.0 ** np.floor(np.log2(max(k * far * UNITS, 1e-99))) for k, far in zip(stiffest, reach, strict=True)]
         self.data.unit = units[0]
         if model.in_worlds:
             data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)
@@ -247,8 +249,8 @@ class Touching(Effect):
     def _evaluate(self, kernel: Any, times: list[float], sums: list[wp.array]) -> None:
         """Launch a kernel over the points that are near anything."""
         model, data = self._model, self._touch
-        lanes = ON_GPU if model.device.is_cuda else 1
-        inputs = [data, *times, self.data.unit, self._nearby.skin]
+        lanes = ON_GPU if model.device.is_cuda and self._triangles else 1
+        inputs = [data, *times, 1.0 / self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
         composed = kernel(model.scalar, self._sunk, self._sided, lanes, model.in_worlds)
