@@ -9,7 +9,7 @@ from ..basis import vector
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
-    """Compose (force, ends, s, corner, w, f, per_unit, lane): add force f [N] to a point, and the opposite to a facet.
+    """Compose (force, ends, s, corner, w, f, per_unit, lane): add f [N] to a point, and the opposite to a facet.
 
     The point lies between the vertices `ends`, with the share s of the second, and touches the facet where its
     corners have the weights w. What they get is exactly what the point gets, in units of 1 / per_unit [N].

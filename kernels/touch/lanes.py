@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 ON_GPU = 4
-"""Threads to a point on a GPU, where there are triangles: most have some six near them. On the CPU there is one."""
+"""Threads to a point on a GPU where there are triangles: most points have some six near them."""
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10

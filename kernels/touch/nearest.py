@@ -55,7 +55,7 @@ def nearest_on_triangle(scalar: type):
         d4 = wp.dot(ac, bp)
         d5 = wp.dot(ab, cp)
         d6 = wp.dot(ac, cp)
-        # Weights by a factor. Of the regions around a triangle the first counts that holds p, from the last line up.
+        # Weights, but for a factor. Of the regions around a triangle the last one below that holds p counts.
         u = d3 * d6 - d5 * d4
         v = d5 * d2 - d1 * d6
         w = d1 * d4 - d3 * d2

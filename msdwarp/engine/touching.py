@@ -157,7 +157,8 @@ class Touching(Effect):
         given = [one.stiffness or 0.0 for one in rules]
         stiffest = [max(float(one.stiffness.max(initial=0.0)), *given) for one in by_row]
         # Powers of 2: what is divided by them keeps all of its digits.
-        units = [2.0 ** np.floor(np.log2(max(k * far * UNITS, 1e-99))) for k, far in zip(stiffest, reach, strict=True)]
+        least = [max(k * far * UNITS, 1e-99) for k, far in zip(stiffest, reach, strict=True)]
+        units = [2.0 ** np.floor(np.log2(one)) for one in least]
         self.data.unit = units[0]
         if model.in_worlds:
             data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)

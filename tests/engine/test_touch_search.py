@@ -296,7 +296,7 @@ def test_searches_are_rarer_again_soon_after_what_was_fast():
             near.judge(np.array([way * (near.every - 1), way * near.every, 0, 0, 0]), 100)
         return near.every
 
-    # By the rule every = 1 + widest / (3 way), as a power of 2 of at most 32.
+    # By the rule every = 1 + widest / (3 way), as a power of 2.
     slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4, 1.5))
     assert frames(1, fast) == 4
     assert frames(1, faster) == 2

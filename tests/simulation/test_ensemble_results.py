@@ -77,7 +77,7 @@ def test_energies_are_those_of_simulations(plain_device):
         alone = worlds.simulation_of(world)
         for frame in range(3):
             measured = alone.measure()
-            # Of some joules; on a GPU forces are summed in another order too, and states differ by rounding, some 1e-16.
+            # On a GPU forces are summed in another order, and so states of some joules differ by rounding.
             for name in names:
                 value = getattr(measured, name.replace(" ", "_"))
                 assert observed[name.split()[0]].values[world, frame] == pytest.approx(value, rel=1e-12, abs=1e-12)

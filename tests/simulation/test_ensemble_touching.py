@@ -201,6 +201,6 @@ def test_energies_hold_what_contacts_store(plain_device):
         measures = alone.measure()
         stored = measures.kinetic_energy + measures.elastic_energy + measures.gravitational_energy
         assert measures.effect_energy > 0
-        # Sums of 54 particles and 316 springs in another order: on a GPU states differ by rounding too, some 1e-16,
-        # which impacts make larger.
+        # Sums of 54 particles and 316 springs in another order. On a GPU states differ by rounding too, and
+        # impacts make that larger.
         assert observed.energy[world, -1] == pytest.approx(stored + measures.effect_energy, rel=1e-9)
