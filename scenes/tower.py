@@ -49,7 +49,7 @@ def build(
     touch = Touch(friction=friction, restitution=0.3, stiffness=2 * stiffness)
     floor = Plane(restitution=0.1, friction=0.6)
     look = Look(azimuth=-66, elevation=14)
-    return Scene(system=system, colliders=[floor], touch=touch, duration=4.0, look=look, looks=looks)
+    return Scene(system=system, colliders=[floor], touch=touch, duration=5.5, look=look, looks=looks)
 
 
 if __name__ == "__main__":
