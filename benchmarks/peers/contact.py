@@ -218,12 +218,14 @@ def main() -> None:
     if not options.plot_only:
         rows: list[dict] = []
         of_spheres = {"msdwarp": msdwarp_spheres, "newton": newton_spheres}
-        for side in (8,) if options.quick else (32, 64):
-            rows += measure_case(f"spheres {side}³", spheres(side), of_spheres, options.device, ROUNDS)
-            write_csv(path, rows, machine(options.device))
         of_cloth = {"msdwarp": msdwarp_cloth, "newton": newton_cloth}
-        for side in (16,) if options.quick else (64, 256):
-            rows += measure_case(f"cloth {side}²", folded(side), of_cloth, options.device, ROUNDS)
+        few, wide = (8, (16,)) if options.quick else (32, (64, 256))
+        cases = [(f"spheres {few}³", spheres(few), of_spheres)]
+        cases += [(f"cloth {side}²", folded(side), of_cloth) for side in wide]
+        if not options.quick:  # at last, as what fails on a GPU takes all that follows with it
+            cases.append(("spheres 64³", spheres(64), of_spheres))
+        for name, case, codes in cases:
+            rows += measure_case(name, case, codes, options.device, ROUNDS)
             write_csv(path, rows, machine(options.device))
     line, kept = read_csv(path)
     print(line)

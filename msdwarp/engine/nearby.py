@@ -51,7 +51,7 @@ MOST_PATIENCE = 32
 """That doubles when it was too early, as what followed within as many frames tells, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
-MOST_BETWEEN = 128
+MOST_BETWEEN = 32
 """Substeps from one search to the next, at most."""
 
 
