@@ -55,9 +55,10 @@ def led_apart(
 ) -> str:
     """Return words about the two bodies that overlap most at the start, by so much [m]."""
     particles = [int(np.argmax(surfaces.body_of_particle == body)) for body in bodies]
+    other = "itself" if bodies[0] == bodies[1] else f"that of particle {particles[1]}"
     return (
-        f"the body of particle {particles[0]} starts {deep:.3g} m inside that of particle {particles[1]} "
-        f"({points} points of surfaces start inside other bodies): they are led apart within "
+        f"the body of particle {particles[0]} starts {deep:.3g} m inside {other} "
+        f"({points} points of surfaces start inside bodies): they are led apart within "
         f"{seconds} s, as far as they are no deeper than half a spacing; move them apart, or have them "
         "ignore each other by Touch(groups=..., between='none')"
     )

@@ -16,9 +16,11 @@ from msdwarp import (
     SimulationDiverged,
     Sphere,
     System,
+    Touch,
     at,
     box,
     chain,
+    sheet,
 )
 
 
@@ -135,6 +137,28 @@ def test_a_divergence_of_what_started_inside_says_so():
     ) as told:
         simulation.step(30)
     assert "stretching" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("apart", "between", "told"),
+    [
+        (0.08, "bodies", r"^the body of particle 0 starts 0\.\d+ m inside that of particle 8 \("),
+        (None, "all", "inside itself"),
+    ],
+)
+def test_bodies_in_each_other_and_in_themselves_are_named(apart, between, told):
+    if apart is None:  # a strip whose ends lie in each other
+        system = sheet((7, 3), 0.1, stiffness=100.0)
+        folded = system.position.copy()
+        middle = folded[:, 0].mean()
+        folded[:, 2] = 0.01 * (folded[:, 0] > middle)
+        folded[:, 0] = abs(folded[:, 0] - middle)
+        system = system.replace(position=folded)
+    else:
+        body = box((2, 2, 2), 0.1, stiffness=100.0)
+        system = body + body.translate((apart, 0.0, 0.0))
+    with pytest.warns(DoubtfulStart, match=told):
+        Simulation(system, touch=Touch(between=between), device="cpu")
 
 
 # Far from the origin
