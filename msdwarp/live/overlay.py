@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from .shown import ENERGIES
 from .sources import Reading
 
 VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
 """Colours of what is behind the text, of the text, and of what matters less."""
-CURVES = {"kinetic": (43, 108, 196, 255), "elastic": (214, 96, 28, 255), "potential": (52, 142, 84, 255)}
-"""Colours of energies."""
+CURVES = ("kinetic", "elastic", "potential")
+"""The energies that are plotted."""
 RECENT = 60
 """The most readings that the plot of energies shows."""
 FINE = 3
@@ -87,9 +88,9 @@ def keys(listed: str, unit: float) -> Image.Image:
     bold, plain = _font(size, bold=True), _font(size)
     first = max(bold.getlength(row[0]) for row in rows) + 1.2 * size
     width = first + max(plain.getlength(row[-1]) for row in rows) + 2 * pad
-    image, pen = _panel(width, len(rows) * 1.6 * size + 1.4 * pad, unit)
+    image, pen = _panel(width, len(rows) * 1.5 * size + 1.4 * pad, unit)
     for k, row in enumerate(rows):
-        y = 0.7 * pad + (k + 0.5) * 1.6 * size
+        y = 0.7 * pad + (k + 0.5) * 1.5 * size
         pen.text((pad, y), row[0], INK, bold, anchor="lm")
         pen.text((pad + first, y), row[-1], INK, plain, anchor="lm")
     return image
@@ -116,13 +117,14 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
     drawn = ImageDraw.Draw(strokes)
     for name, curve in curves.items():
         y = top + high * (1.0 - np.clip(np.nan_to_num(curve) / most, 0.0, 1.0))
-        drawn.line([(FINE * a, FINE * b) for a, b in zip(x, y, strict=True)], CURVES[name], round(2 * unit * FINE))
+        corners = [(FINE * a, FINE * b) for a, b in zip(x, y, strict=True)]
+        drawn.line(corners, ENERGIES[name], round(2 * unit * FINE))
     # Averaged with its own weight: colours between strokes and nothing do not fade to white.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
     left = pad
-    for name, colour in CURVES.items():
-        pen.text((left, 0.8 * pad + size / 2), name, colour, font, anchor="lm")
+    for name in CURVES:
+        pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
         left += font.getlength(name) + size
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")
     return image

@@ -10,7 +10,7 @@ import numpy as np
 from .commands import SENDS
 from .handling import ROUGH, SCALED, SIDES
 from .keys import KEYS, SCENES
-from .shown import COLOURS
+from .shown import COLOURS, ENERGIES
 from .sources import Source
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
 """End of the sliders of friction; the least that bodies that touch may have, see `Touch`."""
 SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
 """Speeds of playing, over real time."""
-CURVES = (("kinetic", "#d9603b"), ("elastic", "#3b7dd9"), ("sum", "#444444"))
+CURVES = tuple((name, ENERGIES[name]) for name in ("kinetic", "elastic", "sum"))
+"""The energies that are plotted, and their colours."""
 
 
 class Panel:

@@ -12,6 +12,8 @@ from ..world import Scene
 
 COLOURS = ("look", "speed", "strain")
 """What colours can show."""
+ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
+"""Colours of curves of energies: those of `studies.plots`."""
 LEAST_SHARE = 0.05
 """Least end of a scale of colours, over the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}

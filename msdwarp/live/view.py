@@ -22,6 +22,8 @@ BUDGET = 1 / 20
 """The longest that frames are simulated before the view looks up [s]."""
 READ_EVERY = 0.2
 """Seconds from one reading of energies to the next."""
+AVERAGED = 10
+"""About how many pictures the speeds that are told are averaged over."""
 BEHIND = 0.25
 """How far simulated time may fall behind before it is not caught up with [s]."""
 MOST_TRIANGLES = 100_000
@@ -128,7 +130,7 @@ class View(Commands):
         self.readings: deque[Reading] = deque(maxlen=300)
         self.hand = Pull()
         self._read = self._looked = 0.0
-        self._fps, self._ratio = 0.0, 0.0
+        self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
         self._is_shown = False
         self._start_clock()
         self._draw("look" if before is None else before.colour, wires=before is not None and before.wires)
@@ -242,8 +244,10 @@ class View(Commands):
         for screen in self.screens:
             screen.show()
         if self._is_shown and now > self._looked:
-            self._fps += 0.1 * (1 / (now - self._looked) - self._fps)
-            self._ratio += 0.1 * ((frame.time - self._at) / (now - self._looked) - self._ratio)
+            self._averaged += 1
+            share = max(1 / AVERAGED, 1 / self._averaged)
+            self._fps += share * (1 / (now - self._looked) - self._fps)
+            self._ratio += share * ((frame.time - self._at) / (now - self._looked) - self._ratio)
         self._looked, self._at, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:
@@ -300,7 +304,8 @@ class View(Commands):
     def lines(self) -> list[str]:
         """The time, how fast it runs, how it is simulated, and energies, as text."""
         source = self.source
-        state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {self._fps:.0f} pictures a second"
+        pictures = "1 picture" if round(self._fps) == 1 else f"{self._fps:.0f} pictures"
+        state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {pictures} a second"
         lines = [f"{source.time:.2f} s, {state}", source.says()]
         if self.readings:
             last = self.readings[-1]

@@ -174,7 +174,9 @@ class ShadedGround:
         self._ground, self._map = ground, actors.shadow_map
         light = actors.shadow_map.axes[2]
         self._along_light = light / (light @ ground.normal)
-        self._piece = pv.PolyData.from_regular_faces(np.zeros((AROUND, 3), np.float32), [list(range(AROUND))])
+        # Triangles: VTK cuts a polygon once, where it is first drawn, which a window may do before it has a shape.
+        fan = [[0, k, k + 1] for k in range(1, AROUND - 1)]
+        self._piece = pv.PolyData.from_regular_faces(np.zeros((AROUND, 3), np.float32), fan)
         self._piece.point_data["Normals"] = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)
         self._piece.GetPointData().SetActiveNormals("Normals")
         self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)

@@ -1,5 +1,6 @@
 """A view's loop and what can be asked of it, with a screen that only listens."""
 
+import sys
 import time
 
 import numpy as np
@@ -72,6 +73,23 @@ def test_frames_are_simulated_and_shown_as_time_passes():
     np.testing.assert_allclose(
         view.shown.drawing.points.numpy()[:, 2].min(), view.shown.frame.position[:, 2].min()
     )
+
+
+def test_the_first_pictures_already_tell_how_fast_it_runs(monkeypatch):
+    class Clock:
+        now = 0.0
+
+        def perf_counter(self):
+            return self.now
+
+        def sleep(self, seconds):
+            self.now += seconds
+
+    for seconds, told in ((0.25, "4 pictures a second"), (1.0, "1 picture a second")):
+        clock = Clock()
+        monkeypatch.setattr(sys.modules[View.__module__], "time", clock)
+        view, _ = played(*[lambda view, c=clock, s=seconds: c.sleep(s)] * 4)
+        assert view.lines[0].endswith(f" of real time, {told}")
 
 
 def test_pause_and_single_frames():

@@ -194,6 +194,21 @@ def test_a_person_sees_and_handles_a_body(person):
 
 
 @pytest.mark.slow
+def test_a_shadow_lies_on_the_ground(screen):
+    def script(view, window):
+        yield from turns(5)  # VTK may draw before the first frame is in place
+        shown = window._screen
+        lit = shown.image().astype(int)
+        shown._shaded.actor.SetVisibility(False)
+        shown.redraw()
+        darker = shown.image().astype(int) - lit
+        assert darker.min() > -10  # to paint the ground twice changes nothing else
+        assert (darker.max(axis=2) > 30).sum() > 500  # of 300 000 pixels, a few of which are seen past the cube
+
+    played(script, paused=True)
+
+
+@pytest.mark.slow
 def test_a_drag_that_begins_on_the_body_lifts_it(person):
     def script(view, window):
         yield from until(lambda: view.source.time > 0.05)
