@@ -4,7 +4,8 @@
 
 A frame of 2 substeps and one of 48 are replayed as they were recorded, in turn. Their difference gives the time of
 a substep, and what is left is that of the frame. Calls of `Simulation.step` are timed beside replays of the same
-frame. Times are medians over the rounds; a CPU has one thread.
+frame, and what reads each frame back (as `frames()` does) beside those. Times are medians over the rounds; a CPU
+has one thread.
 """
 
 import math
@@ -23,8 +24,8 @@ SIZES, QUICK_SIZES = (3, 10, 16, 32, 64, 100), (3, 10)
 FEW, MANY = 2, 48
 """Substeps of a frame; even, so that none has to be copied back."""
 ROUNDS, QUICK_ROUNDS, ROUND_SECONDS = 15, 3, 0.02
-COLUMNS = ["particles", "substep_us", "frame_us", "step_us"]
-HEAD = ["particles", "µs a substep", "µs a frame beside them", "µs more by Simulation.step"]
+COLUMNS = ["particles", "substep_us", "frame_us", "step_us", "read_us"]
+HEAD = ["particles", "µs a substep", "µs a frame beside them", "µs more by Simulation.step", "µs more by frame()"]
 
 
 def timed(work: Callable[[], object], count: int, device: str) -> float:
@@ -51,6 +52,7 @@ def measure_size(n: int, device: str, rounds: int) -> dict:
         simulation.step(2)  # compiles, and records the frame
         contestants[name] = replay(simulation)
     contestants["step"] = few.step
+    contestants["read"] = lambda: (few.step(), few.frame())
     counts = {name: max(1, round(ROUND_SECONDS / timed(work, 3, device))) for name, work in contestants.items()}
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for k in range(rounds):
@@ -59,7 +61,8 @@ def measure_size(n: int, device: str, rounds: int) -> dict:
     found = {name: 1e6 * median(times) for name, times in seconds.items()}
     substep = (found["many"] - found["few"]) / (MANY - FEW)
     frame = found["few"] - FEW * substep
-    return dict(zip(COLUMNS, (n**3, substep, frame, found["step"] - found["few"]), strict=True))
+    step, read = found["step"] - found["few"], found["read"] - found["step"]
+    return dict(zip(COLUMNS, (n**3, substep, frame, step, read), strict=True))
 
 
 def main() -> None:
@@ -71,7 +74,7 @@ def main() -> None:
         write_csv(path, [measure_size(n, options.device, rounds) for n in sizes], machine(options.device))
     line, rows = read_csv(path)
     print(line)
-    table("What a frame costs", HEAD, [[row[one] for one in COLUMNS] for row in rows])
+    table("What a frame costs", HEAD, [[row.get(one, "") for one in COLUMNS] for row in rows])
 
 
 if __name__ == "__main__":

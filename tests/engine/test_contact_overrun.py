@@ -58,6 +58,18 @@ def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(plain_device):
         simulation.step()
 
 
+def test_what_comes_through_within_a_substep_is_reported(plain_device):
+    # It is 20 mm above the sheet, twice as far as where it would touch, and 40 mm below it after a substep.
+    bed = sheet((5, 5), 0.05, mass=0.002, stiffness=200.0, damping=0.1).pin(slice(None)).named("sheet")
+    bed = bed.translate(-bed.position.mean(axis=0))
+    grain = System(position=[[0.01, 0.02, 0.02]], velocity=[[0.0, 0.0, -60.0]], mass=0.001).named("grain")
+    how = {"substeps": 2, "fps": 500.0, "allow_unstable": True, "gravity": 0.0, "device": plain_device}
+    simulation = Simulation(bed + grain, touch=Touch(thickness=THICKNESS, stiffness=200.0), **how)
+    with pytest.warns(ContactOverrun, match="'grain'"):
+        simulation.step()
+    np.testing.assert_allclose(simulation.frame().velocity[-1], [0.0, 0.0, -60.0])  # it has never been in touch
+
+
 @pytest.mark.slow
 def test_what_is_said_to_help_does(plain_device):
     # At 12 m/s the ball takes the sheet along, and then is pressed through it: contact is too soft. At 10 m/s
