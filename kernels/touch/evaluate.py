@@ -23,7 +23,7 @@ from .exert import exert_force
 from .friction import TANGENTIAL, friction
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .overrun import note_overrun
-from .pairs import NONE, pairs, places, unit_normal
+from .pairs import NONE, next_in_order, pairs, places, unit_normal
 from .sides import STEEP, meets, remembered
 from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
@@ -152,6 +152,8 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
             away_1 = V()
             turn = int(0)
             first = int(0)
+            if wp.static(measuring):  # no whole numbers are summed: their order counts
+                first = next_in_order(data.whose, p, n, -1)
             while first < n:
                 # The facets of one body, which are side by side in the row: the nearest counts.
                 other = data.whose[p, first]
@@ -355,6 +357,8 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                 turn += 1
                 if wp.static(not sided) or turn > wp.static(HISTORY):
                     first = until
+                    if wp.static(measuring):
+                        first = next_in_order(data.whose, p, n, other)
                     turn = int(0)
                     away_0 = V()
                     away_1 = V()

@@ -96,3 +96,16 @@ def pairs(scalar: type, worlds: bool = False):
         return data.density[mine] * k
 
     return find_rule, thickness_of, reach_of, stiffness_of
+
+
+@wp.func
+def next_in_order(whose: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
+    """Return where in row p of n the body begins whose number is the least above `before`; n if there is none."""
+    least = int(wp.static(NONE))
+    first = int(n)
+    for e in range(n):
+        body = whose[p, e]
+        if body > before and body < least:
+            least = body
+            first = e
+    return first

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from problems import EPS32, EPS64
 from scipy.spatial import cKDTree
 from surfaces import nearest_distances, winding_number
@@ -159,6 +160,49 @@ def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypat
     expected = ran(scene(device_that_repeats))
     monkeypatch.setattr(Touching, "search_every", every)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
+
+
+@wp.kernel
+def turn_around(length: wp.array(dtype=int), numbers: wp.array2d(dtype=int)):
+    p = wp.tid()
+    last = length[p] - 1
+    for e in range((last + 1) / 2):
+        number = numbers[p, e]
+        numbers[p, e] = numbers[p, last - e]
+        numbers[p, last - e] = number
+
+
+def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
+    # Four boxes that are thrown together: where they meet, points touch several.
+    one = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.2)
+    places = [np.array([a, b, 0.01 * a * b]) for a in (-1, 1) for b in (-1, 1)]
+    parts = [one.translate(0.115 * at - one.position.mean(axis=0)).replace(velocity=-at) for at in places]
+    system = parts[0] + parts[1] + parts[2] + parts[3]
+
+    def ran_and_measured() -> tuple[np.ndarray, float]:
+        how = {"gravity": 0.0, "device": plain_device, "fps": 500.0, "route": "gather"}
+        simulation = Simulation(system, touch=Touch(friction=0.5), **how)
+        return ran(simulation, 15), simulation.measure().effect_energy
+
+    expected, stored = ran_and_measured()
+    assert stored > 0
+    find_rows = nearby.Nearby._find_rows
+    lists = []
+
+    def found_backwards(self) -> None:
+        find_rows(self)
+        data = self._data
+        for numbers in (data.row, data.whose, data.away.view(int)):  # of float32 the bits change places
+            wp.launch(turn_around, len(data.length), [data.length, numbers], device=numbers.device)
+        lists.append(data)
+
+    monkeypatch.setattr(nearby.Nearby, "_find_rows", found_backwards)
+    turned, measured = ran_and_measured()
+    np.testing.assert_array_equal(turned, expected)
+    assert measured == stored
+    whose, length = lists[-1].whose.numpy(), lists[-1].length.numpy()
+    several = [len(set(whose[p, :n])) > 1 for p, n in enumerate(length)]
+    assert any(several)  # some points are near two bodies
 
 
 def _counted(is_void, found: list):
