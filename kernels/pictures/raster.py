@@ -27,6 +27,21 @@ def row_of(row: int) -> float:
     return 0.25 * (float(row) + 0.5)
 
 
+@wp.func
+def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Return (start, across, down): corners' shares, but for a factor, at (x, y) are start + x across + y down.
+
+    The corners are given from the camera on.
+    """
+    bc = wp.cross(b, c)
+    ca = wp.cross(c, a)
+    ab = wp.cross(a, b)
+    start = wp.vec3(wp.dot(bc, view.corner), wp.dot(ca, view.corner), wp.dot(ab, view.corner))
+    across = wp.vec3(wp.dot(bc, view.across), wp.dot(ca, view.across), wp.dot(ab, view.across))
+    down = wp.vec3(wp.dot(bc, view.down), wp.dot(ca, view.down), wp.dot(ab, view.down))
+    return start, across, down
+
+
 @kernel
 def draw_triangles(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
@@ -75,13 +90,11 @@ def draw_triangles(
     if lowest > highest:
         return
     # Inside, no corner's share is below 0; the shares are linear in x and y, and so is 1 / depth.
+    start, across, down = shares_of(view, a, b, c)
     sign = wp.sign(volume)
-    bc = sign * wp.cross(b, c)
-    ca = sign * wp.cross(c, a)
-    ab = sign * wp.cross(a, b)
-    slopes = wp.vec3(wp.dot(bc, view.across), wp.dot(ca, view.across), wp.dot(ab, view.across))
-    downwards = wp.vec3(wp.dot(bc, view.down), wp.dot(ca, view.down), wp.dot(ab, view.down))
-    corners = wp.vec3(wp.dot(bc, view.corner), wp.dot(ca, view.corner), wp.dot(ab, view.corner))
+    slopes = sign * across
+    downwards = sign * down
+    corners = sign * start
     near_slope = wp.dot(normal, view.across) / volume
     near_down = wp.dot(normal, view.down) / volume
     near_corner = wp.dot(normal, view.corner) / volume
@@ -137,17 +150,11 @@ def seen_triangle(
     b = points[j] - view.eye
     c = points[k] - view.eye
     normal = wp.cross(b - a, c - a)
-    bc = wp.cross(b, c)
-    ca = wp.cross(c, a)
-    ab = wp.cross(a, b)
+    start, across, down = shares_of(view, a, b, c)
     count = float(0.0)
     x = float(0.0)
     y = float(0.0)
     colour = wp.vec3()
-    # The corners' shares at (x, y), but for a factor.
-    start = wp.vec3(wp.dot(bc, view.corner), wp.dot(ca, view.corner), wp.dot(ab, view.corner))
-    across = wp.vec3(wp.dot(bc, view.across), wp.dot(ca, view.across), wp.dot(ab, view.across))
-    down = wp.vec3(wp.dot(bc, view.down), wp.dot(ca, view.down), wp.dot(ab, view.down))
     for p in range(4):
         if covered[p] > 0.0:
             px = column_of(p, column)

@@ -244,10 +244,9 @@ class View(Commands):
         for screen in self.screens:
             screen.show()
         if self._is_shown and now > self._looked:
-            self._averaged += 1
-            share = max(1 / AVERAGED, 1 / self._averaged)
-            self._fps += share * (1 / (now - self._looked) - self._fps)
-            self._ratio += share * ((frame.time - self._at) / (now - self._looked) - self._ratio)
+            self._averaged = min(self._averaged + 1, AVERAGED)
+            self._fps += (1 / (now - self._looked) - self._fps) / self._averaged
+            self._ratio += ((frame.time - self._at) / (now - self._looked) - self._ratio) / self._averaged
         self._looked, self._at, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:

@@ -8,6 +8,8 @@ import pytest
 
 from msdwarp import Force, Plane, Scene, Simulation, Touch, Trajectory, box
 from msdwarp.live import KEYS, Handling, Played, Repeat, Running, View, within_reach
+from msdwarp.live.shown import ENERGIES
+from msdwarp.studies import plots
 
 CUBE = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
 
@@ -306,3 +308,8 @@ def test_a_hand_is_refused_what_is_no_deed():
     with pytest.raises(ValueError, match="nothing that is done"):
         Repeat(handling, [{"frame": 0, "deed": "scale", "wrong": 1}]).before_frame()
     assert isinstance(handling, Handling)
+
+
+def test_energies_have_the_colours_of_plots():
+    expected = {"kinetic": plots.RED, "elastic": plots.BLUE, "potential": plots.GREEN, "sum": plots.DARK}
+    assert expected == ENERGIES
