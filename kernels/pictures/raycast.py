@@ -1,8 +1,11 @@
 """A ray caster: pictures by ray queries, first one ray a pixel, then four where that is not enough."""
 
+import functools
+
 import warp as wp
 
 from ..basis import kernel
+from ..forces.lanes import sum_over_lanes
 from .shading import LOOKS, Body, Surroundings, seen, seen_body
 
 CONTRAST = wp.constant(0.08)
@@ -91,40 +94,56 @@ def choose(
         pixels[row, column] = in_bytes(rgb(here))
 
 
-@kernel
-def refine(
-    body: Body,
-    view: Surroundings,
-    spots: int,  # points of the light that each of four rays looks at where a shadow fades
-    threads: int,
-    chosen: wp.array2d(dtype=int),  # shape [2, height · width]
-    count: wp.array(dtype=int),  # shape [2]
-    # Out:
-    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
-):
-    """Draw chosen pixels with four rays each; those where a shadow fades come first, since they take longest."""
-    i = wp.tid()
-    while i < count[0] + count[1]:
-        pixel = int(0)
-        looks = int(1)
-        if i < count[0]:
-            pixel = chosen[0, i]
-            looks = spots
-        else:
-            pixel = chosen[1, i - count[0]]
-        row = pixel / pixels.shape[1]
-        column = pixel % pixels.shape[1]
-        mean = wp.vec3()
-        for k in range(4):
-            x = float(column) + 0.25 + 0.5 * float(k % 2)
-            y = float(row) + 0.25 + 0.5 * float(k / 2)
-            first = k
-            if looks > 1:  # neighbouring pixels look at other points, so that no steps are seen
-                first = LOOKS + looks * (8 * (row % 2) + 4 * (column % 2) + k)
-            colour, _share = seen(body, view, x, y, first, looks)
-            mean += 0.25 * within_one(colour)
-        pixels[row, column] = in_bytes(mean)
-        i += threads
+@functools.cache
+def refine(lanes: int):
+    """Compose the kernel that draws chosen pixels with four rays each.
+
+    Those where a shadow fades come first, since they take longest. So many neighbouring threads share a pixel (1,
+    4 or 16): each casts one of its rays, or where they are more, looks at some of its points of the light.
+    """
+    together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
+
+    @kernel
+    def refine_pixels(
+        body: Body,
+        view: Surroundings,
+        spots: int,  # points of the light that each of four rays looks at where a shadow fades
+        threads: int,
+        chosen: wp.array2d(dtype=int),  # shape [2, height · width]
+        count: wp.array(dtype=int),  # shape [2]
+        # Out:
+        pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+    ):
+        i = wp.tid() / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
+        while i < count[0] + count[1]:
+            pixel = int(0)
+            looks = int(1)
+            shared = int(1)  # by so many threads is each ray
+            if i < count[0]:
+                pixel = chosen[0, i]
+                looks = spots / wp.static(parts)
+                shared = wp.static(parts)
+            else:
+                pixel = chosen[1, i - count[0]]
+            row = pixel / pixels.shape[1]
+            column = pixel % pixels.shape[1]
+            mean = wp.vec3()
+            if lane / 4 < shared:
+                for k in range(lane % 4, 4, wp.static(min(lanes, 4))):
+                    x = float(column) + 0.25 + 0.5 * float(k % 2)
+                    y = float(row) + 0.25 + 0.5 * float(k / 2)
+                    first = k
+                    if i < count[0]:  # neighbouring pixels look at other points, so that no steps are seen
+                        first = LOOKS + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
+                    colour, _share = seen(body, view, x, y, first, looks)
+                    mean += (0.25 / float(shared)) * within_one(colour)
+            mean = together(mean)
+            if lane == 0:
+                pixels[row, column] = in_bytes(mean)
+            i += threads / wp.static(lanes)
+
+    return refine_pixels
 
 
 @kernel

@@ -1,19 +1,13 @@
 """Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
 
+from .boxes import box_facets, box_neighbours, find_roots, forget_boxes
 from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
 from .lanes import BLOCK, BLOCKS, ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .search import (
-    box_facets,
-    box_neighbours,
-    find_candidates,
-    find_roots,
-    find_rows,
-    forget_boxes,
-    range_of_speeds,
-)
+from .search import find_candidates, find_rows, range_of_speeds
+from .slender import touch_slender
 from .straddle import straddle
 from .straddled import PLACES, Straddled, add_energies, add_pushes, straddling_piece, weights_of_places
 from .surfaces import DEEPEST, FLAGS, HISTORY, LONGEST_ROW, MOST_BESIDE, MOVED, WAY, Surfaces, touching_piece
@@ -55,6 +49,7 @@ __all__ = [
     "straddle",
     "straddling_piece",
     "touch",
+    "touch_slender",
     "touching_piece",
     "weights_of_places",
 ]

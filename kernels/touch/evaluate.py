@@ -20,10 +20,11 @@ from ..basis import kernel, vector
 from ..compensation import compensation
 from ..records import records
 from .exert import exert_force
-from .friction import TANGENTIAL, friction
+from .friction import TANGENTIAL
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
+from .law import contact_law
 from .overrun import note_overrun
-from .pairs import NONE, next_in_order, pairs, places, unit_normal
+from .pairs import ALMOST, FAR, NONE, next_in_order, pairs, places, unit_normal
 from .sides import STEEP, meets, remembered
 from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
@@ -116,8 +117,8 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
     note, first_of = note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
-    zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(0.9999), scalar(1.0e30)
-    tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
+    zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
+    tangential, press = scalar(TANGENTIAL), contact_law(scalar)
     exert, have_common, slip_on, steep = exert_force(scalar, lanes), meets(), remembered(scalar), scalar(STEEP)
 
     @wp.func
@@ -272,17 +273,6 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                         overlap = overlap - data.allowed[p]
                     if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
-                        u_n = wp.dot(u, normal)
-                        u_t = u - u_n * normal
-                        # As it has a share of the stiffness, a point has one of the mass.
-                        root = wp.sqrt(data.density[mine] * k_n / mobility)
-                        # A pair touches twice, as a point and as a facet of each: both have half of the damping.
-                        b_n = scalar(2.0**0.5) * data.damping[rule] * root
-                        b_t = wp.sqrt(tangential) * b_n
-                        # Where velocities lag the mean of those before and after a substep counts.
-                        late = one / (one + behind * b_n * mobility)
-                        b_t = b_t / (one + behind * b_t * mobility)
-                        f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
                         # A point that was touching this body before may stick to it.
                         slip = V()
                         if wp.static(sided):
@@ -291,10 +281,14 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                             slip = data.slip[0, p]
                         elif data.partner[1, p] == other:
                             slip = data.slip[1, p]
-                        slip = slip - wp.dot(slip, normal) * normal + h * u_t
-                        k_t = tangential * k_n
-                        slip, f_t, slides = stick_or_slide(slip, u_t, k_t, b_t, data.friction[rule] * f_n)
+                        zeta = data.damping[rule]
+                        mu = data.friction[rule]
+                        f_n, f_t, slip, u_n, slides = press(
+                            k_n, zeta, mu, data.density[mine], mobility, overlap, normal, u, slip, h, behind
+                        )
                         if wp.static(measuring):
+                            k_t = tangential * k_n
+                            u_t = u - u_n * normal
                             energy += wp.float64(
                                 scalar(0.5) * (k_n * overlap * overlap + k_t * wp.dot(slip, slip))
                             )

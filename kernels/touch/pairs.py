@@ -11,6 +11,10 @@ from .surfaces import Surfaces
 
 NONE = 2**31 - 1
 """No body, or no facet: behind all."""
+ALMOST = 0.9999
+"""A distance that was listed may be less by rounding."""
+FAR = 1.0e30
+"""A distance at which nothing is [m]."""
 
 
 @functools.cache

@@ -19,6 +19,7 @@ from ..kernels.touch import (
     add_impulses,
     energy_of_touch,
     touch,
+    touch_slender,
     touching_piece,
 )
 from ..world import Touch
@@ -245,16 +246,20 @@ class Touching(Effect):
         """Launch the contacts of particles at x that move at v."""
         self._nearby.place(x, v, lost)
         lag = self._dt if self.steps.lagging else 0.0
-        self._evaluate(touch, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
+        self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
-    def _evaluate(self, kernel: Any, times: list[float], sums: list[wp.array]) -> None:
-        """Launch a kernel over the points that are near anything."""
+    def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
+        """Launch a kernel over the points that are near anything, which adds up their forces or measures."""
         model, data = self._model, self._touch
-        lanes = ON_GPU if model.device.is_cuda and self._triangles else 1
+        lanes = ON_GPU if model.device.is_cuda else 1
         inputs = [data, *times, 1.0 / self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
-        composed = kernel(model.scalar, self._sunk, self._sided, lanes, model.in_worlds)
+        if self._triangles or measuring:
+            kernel = energy_of_touch if measuring else touch
+            composed = kernel(model.scalar, self._sunk, self._sided, lanes, model.in_worlds)
+        else:
+            composed, sums = touch_slender(model.scalar, self._sunk, lanes, model.in_worlds), []
         self._nearby.share(composed, many, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
@@ -335,5 +340,5 @@ class Touching(Effect):
         self.search(x, v, None, False)
         count, device = len(self._touch.share), self._model.device
         sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
-        self._evaluate(energy_of_touch, [0.0, 0.0], sums)
+        self._evaluate(True, [0.0, 0.0], sums)
         return sums

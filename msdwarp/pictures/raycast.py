@@ -17,6 +17,8 @@ POINTS = {"cpu": 4, "cuda": 16}
 """Points of the light that each of four rays a pixel looks at where a shadow fades, on a CPU and on a GPU."""
 THREADS = 1 << 17
 """Threads on a GPU that draw what needs a closer look: enough to fill it; each takes several pixels if need be."""
+LANES = 16
+"""Of these threads so many share a pixel: what one does alone takes as long as 68 rays after each other."""
 REFITS = 32
 """So many pictures after each other are drawn with one search tree, whose boxes follow what they hold: longer, and
 they would overlap where bodies have moved past each other."""
@@ -37,7 +39,7 @@ class RayCaster:
         self._points = POINTS["cuda" if on_gpu else "cpu"]
         spots = np.concatenate([CORNERS, spread(16 * self._points)])
         self._body, self._view = body_of(drawing), surroundings_of(drawing, stage, spots)
-        self._threads = THREADS if on_gpu else 1
+        self._threads, self._lanes = (THREADS, LANES) if on_gpu else (1, 1)
         self._on_gpu, self._size = on_gpu, (0, 0)
         self.look_from(stage.camera, (stage.width, stage.height))
 
@@ -73,7 +75,7 @@ class RayCaster:
         self._count.zero_()
         wp.launch(raycast.choose, every, [self._rays], [self._pixels, self._chosen, self._count], device=device)
         chosen = [self._points, self._threads, self._chosen, self._count]
-        wp.launch(raycast.refine, self._threads, [*inputs, *chosen], [self._pixels], device=device)
+        wp.launch(raycast.refine(self._lanes), self._threads, [*inputs, *chosen], [self._pixels], device=device)
         if self._arrows is not None:
             over = self._body_of(self._arrows)
             wp.launch(raycast.lay_over, (height, width), [over, self._view], [self._pixels], device=device)

@@ -30,6 +30,7 @@ from ..engine import (
 )
 from ..integrators import Integrator, StepChoice
 from ..world import FRAME, SUBSTEP, Hand, Load
+from .landing import Landing, to_host
 
 RECORDING = threading.Lock()
 """Held while a graph is recorded: no thread may wait for a device meanwhile."""
@@ -102,6 +103,7 @@ class Stepping:
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
+        self._landing = Landing()
         self.backup = Backup(state)
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
@@ -321,7 +323,7 @@ class Stepping:
 
     def frame(self, time: float) -> Frame:
         """Return the present positions and velocities."""
-        position, velocity = to_host(self.state.x), to_host(self.velocity())
+        position, velocity = self._landing.host_copies(self.state.x, self.velocity())
         if self.model.compensated:  # what sums have lost belongs to them
             position = position.astype(np.float64) - self.state.lost.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
@@ -346,8 +348,3 @@ class Stepping:
         for effect in self.model.effects:
             changed |= effect.changed_fields()
         return changed
-
-
-def to_host(array: wp.array) -> NDArray:
-    """Copy to the host; on the CPU `numpy()` alone would show the array as it goes on changing."""
-    return np.array(array.numpy())

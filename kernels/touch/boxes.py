@@ -1,0 +1,191 @@
+"""Boxes around facets and bodies, and which bodies are near each other by them."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from ..records import records
+from .lanes import least_of_lanes
+from .pairs import pairs
+from .surfaces import MOST_BESIDE, Surfaces, first_flag
+
+
+@functools.cache
+def forget_boxes():
+    """Compose the kernel, over bodies, that makes the boxes around them hold nothing, with nothing beside."""
+
+    @kernel
+    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), beside_count: wp.array(dtype=int)):
+        i = wp.tid()
+        low[i] = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        high[i] = -low[i]
+        beside_count[i] = 0
+
+    return forget
+
+
+NEVER = 1e30
+"""A speed that nothing has [m/s]."""
+
+
+@functools.cache
+def box_facets(scalar: type, lanes: int, worlds: bool = False):
+    """Compose the kernel, over pieces of bodies, that boxes their facets, and extends the boxes around bodies.
+
+    So many threads (`lanes`) share a piece.
+    """
+    Data, least_of = Surfaces(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    load = records(3, scalar).load
+
+    @wp.func
+    def least_corner(x: wp.vec3) -> wp.vec3:
+        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+
+    @kernel
+    def write_boxes(
+        data: Data,
+        piece: wp.array(dtype=wp.vec3i),  # body, first facet, and the one behind the last, shape [piece_count]
+        # Out, shape [facet_count]:
+        lower: wp.array(dtype=wp.vec3),
+        upper: wp.array(dtype=wp.vec3),
+        # In and out, shape [body_count]:
+        low: wp.array(dtype=wp.vec3),
+        high: wp.array(dtype=wp.vec3),
+    ):
+        part = piece[wp.tid() / wp.static(lanes)]
+        least = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        most = -least
+        for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
+            c = data.corner[t]
+            a = wp.vec3(load(data.x, c[0]))
+            b = wp.vec3(load(data.x, c[1]))
+            d = wp.vec3(load(data.x, c[2]))
+            below = wp.min(wp.min(a, b), d)
+            above = wp.max(wp.max(a, b), d)
+            lower[t] = below
+            upper[t] = above
+            least = wp.min(least, below)
+            most = wp.max(most, above)
+        least = least_corner(least)
+        most = -least_corner(-most)
+        body = part[0]
+        wider = bool(False)  # most extend nothing, as others have been there
+        for k in range(3):
+            wider = wider or least[k] < low[body][k] or most[k] > high[body][k]
+        if wider and wp.tid() % wp.static(lanes) == 0:
+            wp.atomic_min(low, body, least)
+            wp.atomic_max(high, body, most)
+
+    return write_boxes
+
+
+@functools.cache
+def find_roots():
+    """Compose the kernel, over bodies, that finds where in the tree of facets those of each are.
+
+    Also over worlds, in the tree of bodies.
+    """
+
+    @kernel
+    def find(tree: wp.uint64, root: wp.array(dtype=int)):
+        i = wp.tid()
+        root[i] = wp.bvh_get_group_root(tree, i)
+
+    return find
+
+
+@functools.cache
+def box_neighbours(scalar: type, octants: int, worlds: bool = False):
+    """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
+
+    The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
+    On a GPU eight threads share a body: each looks through an octant of the box around it, and a box that it finds
+    there is its own if the least corner of what both have in common is. On the CPU there is one (`octants`).
+    """
+    Data, margin, least_of = Surfaces(scalar, worlds), margin_of_boxes(scalar), least_of_lanes(wp.float32, octants)
+    find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
+
+    @wp.func
+    def is_upper(octant: int, k: int) -> bool:
+        """Tell whether an octant is the upper half by axis k."""
+        return (octant >> k) % 2 == 1
+
+    @kernel
+    def extend_neighbours(
+        data: Data,
+        bodies: wp.uint64,  # tree of the boxes around bodies
+        low: wp.array(dtype=wp.vec3),  # these, shape [body_count]
+        high: wp.array(dtype=wp.vec3),
+        farthest: scalar,  # how far off a point may touch anything [m]
+        skin: wp.array(dtype=scalar),  # [m], shape [1]
+        flags: wp.array(dtype=float),
+        busy_count: wp.array(dtype=int),
+        # Out, shape [body_count]:
+        least: wp.array(dtype=wp.vec3),
+        most: wp.array(dtype=wp.vec3),
+    ):
+        i = wp.tid() / wp.static(octants)
+        octant = wp.tid() % wp.static(octants)
+        if wp.tid() == 0:  # of the search that begins
+            busy_count[0] = 0
+            data.candidate_count[0] = 0
+            for k in range(2):
+                data.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+        around = farthest + skin[0]
+        lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
+        upper = -lower
+        wide = margin(low[i], high[i], around)
+        start = low[i] - wide
+        from_here = start
+        to_here = high[i] + wide
+        middle = 0.5 * (start + to_here)
+        if wp.static(octants > 1):
+            for k in range(3):
+                if is_upper(octant, k):
+                    from_here[k] = middle[k]
+                else:
+                    to_here[k] = middle[k]
+        if wp.static(worlds):
+            own = data.root_of_world[i / data.bodies_each]
+            near_bodies = wp.bvh_query_aabb(bodies, from_here, to_here, own)
+        else:
+            near_bodies = wp.bvh_query_aabb(bodies, from_here, to_here)
+        j = int(0)
+        at = first_of(data, i) + wp.static(MOST_BESIDE)
+        while wp.bvh_query_next(near_bodies, j):
+            mine = bool(True)
+            if wp.static(octants > 1):
+                for k in range(3):
+                    if (wp.max(low[j][k], start[k]) >= middle[k]) != is_upper(octant, k):
+                        mine = False
+            if mine and find_rule(data, i, j) >= 0:
+                count = wp.atomic_add(data.beside_count, i, 1)
+                if count < data.beside.shape[1]:
+                    data.beside[i, count] = j
+                if count >= int(flags[at]):
+                    wp.atomic_max(flags, at, float(count + 1))
+                wide = margin(low[j], high[j], around)
+                lower = wp.min(lower, low[j] - wide)
+                upper = wp.max(upper, high[j] + wide)
+        for k in range(3):
+            lower[k] = least_of(lower[k])
+            upper[k] = -least_of(-upper[k])
+        if octant == 0:
+            least[i] = lower
+            most[i] = upper
+
+    return extend_neighbours
+
+
+@functools.cache
+def margin_of_boxes(scalar: type):
+    """Compose (low, high, around) -> by how much a box grows to hold all that is so near, whatever was rounded."""
+
+    @wp.func
+    def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:
+        reach = wp.float32(around)
+        reach += wp.float32(2.0e-6) * (wp.length(wp.max(wp.abs(low), wp.abs(high))) + reach)
+        return wp.vec3(reach, reach, reach)
+
+    return margin

@@ -1,0 +1,40 @@
+"""Landing: where arrays of a device arrive on the host."""
+
+import threading
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+
+class Landing:
+    """Pinned memory through which arrays come from a GPU to the host, in one go; nothing is needed on a CPU.
+
+    `array.numpy()` allocates an array on the host and waits for the device, for each array. That takes longer than
+    a frame of a small body.
+    """
+
+    def __init__(self) -> None:
+        self._pinned: list[wp.array] = []
+        self._shown: list[NDArray] = []
+        self._landing = threading.Lock()
+        """Held while anything is there: two threads may read frames."""
+
+    def host_copies(self, *arrays: wp.array) -> list[NDArray]:
+        """Return copies of arrays, the same in kind and number each time, when the device has written them."""
+        device = arrays[0].device
+        if not device.is_cuda:
+            return [to_host(array) for array in arrays]
+        with self._landing:
+            if not self._pinned:
+                self._pinned = [wp.empty(len(one), dtype=one.dtype, device="cpu", pinned=True) for one in arrays]
+                self._shown = [array.numpy() for array in self._pinned]
+            for pinned, array in zip(self._pinned, arrays, strict=True):
+                wp.copy(pinned, array)
+            wp.synchronize_stream(device)
+            return [shown.copy() for shown in self._shown]
+
+
+def to_host(array: wp.array) -> NDArray:
+    """Copy to the host; on the CPU `numpy()` alone would show the array as it goes on changing."""
+    return np.array(array.numpy())
