@@ -3,7 +3,7 @@
 from .boxes import box_facets, box_neighbours, find_roots, forget_boxes
 from .evaluate import energy_of_touch, place_vertices, touch
 from .felt import add_impulses
-from .lanes import BLOCK, BLOCKS, ON_GPU
+from .lanes import BLOCK, BLOCKS, FEW_ON_GPU, ON_GPU
 from .nearest import nearest_on_triangle
 from .overrun import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
 from .search import find_candidates, find_rows, range_of_speeds
@@ -18,6 +18,7 @@ __all__ = [
     "COUNT",
     "DEEPEST",
     "FACET",
+    "FEW_ON_GPU",
     "FLAGS",
     "GAP",
     "HISTORY",

@@ -13,14 +13,13 @@ from .surfaces import MOST_BESIDE, Surfaces, first_flag
 
 @functools.cache
 def forget_boxes():
-    """Compose the kernel, over bodies, that makes the boxes around them hold nothing, with nothing beside."""
+    """Compose the kernel, over bodies, that makes the boxes around them hold nothing."""
 
     @kernel
-    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), beside_count: wp.array(dtype=int)):
+    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3)):
         i = wp.tid()
         low[i] = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         high[i] = -low[i]
-        beside_count[i] = 0
 
     return forget
 
@@ -96,20 +95,13 @@ def find_roots():
 
 
 @functools.cache
-def box_neighbours(scalar: type, octants: int, worlds: bool = False):
+def box_neighbours(scalar: type, worlds: bool = False):
     """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
 
     The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
-    On a GPU eight threads share a body: each looks through an octant of the box around it, and a box that it finds
-    there is its own if the least corner of what both have in common is. On the CPU there is one (`octants`).
     """
-    Data, margin, least_of = Surfaces(scalar, worlds), margin_of_boxes(scalar), least_of_lanes(wp.float32, octants)
+    Data, margin = Surfaces(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
-
-    @wp.func
-    def is_upper(octant: int, k: int) -> bool:
-        """Tell whether an octant is the upper half by axis k."""
-        return (octant >> k) % 2 == 1
 
     @kernel
     def extend_neighbours(
@@ -125,9 +117,8 @@ def box_neighbours(scalar: type, octants: int, worlds: bool = False):
         least: wp.array(dtype=wp.vec3),
         most: wp.array(dtype=wp.vec3),
     ):
-        i = wp.tid() / wp.static(octants)
-        octant = wp.tid() % wp.static(octants)
-        if wp.tid() == 0:  # of the search that begins
+        i = wp.tid()
+        if i == 0:  # of the search that begins
             busy_count[0] = 0
             data.candidate_count[0] = 0
             for k in range(2):
@@ -136,44 +127,27 @@ def box_neighbours(scalar: type, octants: int, worlds: bool = False):
         lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         upper = -lower
         wide = margin(low[i], high[i], around)
-        start = low[i] - wide
-        from_here = start
-        to_here = high[i] + wide
-        middle = 0.5 * (start + to_here)
-        if wp.static(octants > 1):
-            for k in range(3):
-                if is_upper(octant, k):
-                    from_here[k] = middle[k]
-                else:
-                    to_here[k] = middle[k]
         if wp.static(worlds):
             own = data.root_of_world[i / data.bodies_each]
-            near_bodies = wp.bvh_query_aabb(bodies, from_here, to_here, own)
+            near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide, own)
         else:
-            near_bodies = wp.bvh_query_aabb(bodies, from_here, to_here)
+            near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
         j = int(0)
-        at = first_of(data, i) + wp.static(MOST_BESIDE)
+        count = int(0)
         while wp.bvh_query_next(near_bodies, j):
-            mine = bool(True)
-            if wp.static(octants > 1):
-                for k in range(3):
-                    if (wp.max(low[j][k], start[k]) >= middle[k]) != is_upper(octant, k):
-                        mine = False
-            if mine and find_rule(data, i, j) >= 0:
-                count = wp.atomic_add(data.beside_count, i, 1)
+            if find_rule(data, i, j) >= 0:
                 if count < data.beside.shape[1]:
                     data.beside[i, count] = j
-                if count >= int(flags[at]):
-                    wp.atomic_max(flags, at, float(count + 1))
+                count += 1
                 wide = margin(low[j], high[j], around)
                 lower = wp.min(lower, low[j] - wide)
                 upper = wp.max(upper, high[j] + wide)
-        for k in range(3):
-            lower[k] = least_of(lower[k])
-            upper[k] = -least_of(-upper[k])
-        if octant == 0:
-            least[i] = lower
-            most[i] = upper
+        data.beside_count[i] = wp.min(count, data.beside.shape[1])
+        at = first_of(data, i) + wp.static(MOST_BESIDE)
+        if count > int(flags[at]):
+            wp.atomic_max(flags, at, float(count))
+        least[i] = lower
+        most[i] = upper
 
     return extend_neighbours
 

@@ -6,6 +6,9 @@ import warp as wp
 
 from ..basis import vector
 
+Units = wp.types.vector(3, wp.int64)
+"""A force in units."""
+
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
@@ -47,3 +50,44 @@ def exert_force(scalar: type, lanes: int):
             wp.atomic_add(force, corner[0], k, on_1 + on_2 - total)
 
     return exert
+
+
+@functools.cache
+def exert_on_segments(scalar: type):
+    """Compose (in_units, take_from, add_to), for points that touch segments or grains only.
+
+    The whole numbers of a force f [N]; the opposite of such for the ends of a segment, by the share t of the
+    second; and such for a point. What a point gets from several contacts may be summed before: additions to memory
+    that others add to take longer than all else.
+    """
+    V = vector(3, scalar)
+    zero = wp.int64(0)
+
+    @wp.func
+    def in_units(f: V, per_unit: wp.float64) -> Units:
+        """Return a force as whole numbers."""
+        return Units(
+            wp.int64(wp.float64(f[0]) * per_unit),
+            wp.int64(wp.float64(f[1]) * per_unit),
+            wp.int64(wp.float64(f[2]) * per_unit),
+        )
+
+    @wp.func
+    def take_from(force: wp.array2d(dtype=wp.int64), first: int, second: int, t: scalar, total: Units):
+        """Add the opposite of a force to two vertices, of which the second has the share t."""
+        for k in range(3):
+            on_second = wp.int64(wp.float64(total[k]) * wp.float64(t))
+            if on_second != zero:
+                wp.atomic_add(force, second, k, -on_second)
+            if total[k] != on_second:
+                wp.atomic_add(force, first, k, on_second - total[k])
+
+    @wp.func
+    def add_to(force: wp.array2d(dtype=wp.int64), ends: wp.vec2i, s: scalar, total: Units):
+        """Add a force to a point between two vertices, of which the second has the share s."""
+        if ends[0] == ends[1]:
+            take_from(force, ends[0], ends[0], scalar(0.0), -total)
+        else:
+            take_from(force, ends[0], ends[1], s, -total)
+
+    return in_units, take_from, add_to

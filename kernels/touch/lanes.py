@@ -6,6 +6,8 @@ import warp as wp
 
 ON_GPU = 4
 """Threads to a point on a GPU where there are triangles: most points have some six near them."""
+FEW_ON_GPU = 2
+"""The same where there are grains and ropes only, on which less has to be computed."""
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10

@@ -103,7 +103,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         wide = margin(wp.vec3(x), wp.vec3(x), farthest + skin)
         low = wp.vec3(x) - wide
         high = wp.vec3(x) + wide
-        for b in range(wp.min(data.beside_count[mine], data.beside.shape[1])):
+        for b in range(data.beside_count[mine]):
             other = data.beside[mine, b]
             if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
                 rule = find_rule(data, mine, other)

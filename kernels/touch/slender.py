@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .exert import exert_force
+from .exert import Units, exert_on_segments
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .law import contact_law
 from .overrun import note_overrun
@@ -24,7 +24,8 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
     place_of, place_on, _ = places(scalar)
     find_rule, thickness_of, _, stiffness_of = pairs(scalar, worlds)
     note, first_of, press = note_overrun(scalar), first_flag(scalar, worlds), contact_law(scalar)
-    exert, least_number, pick = exert_force(scalar, 1), least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
+    in_units, take_from, add_to = exert_on_segments(scalar)
+    least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
 
     @wp.func
@@ -59,6 +60,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
         partner_1 = int(wp.static(NONE))
         slip_0 = V()
         slip_1 = V()
+        total = Units()  # of the forces on the point
         for first in range(lane, n, wp.static(lanes)):
             other = data.whose[p, first]
             begins = bool(True)  # here those of a body begin, which are side by side
@@ -94,13 +96,15 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                 overlap = thickness_of(data, rule, mine, other) - gap
                 if wp.static(sunk):
                     overlap = overlap - data.allowed[p]
-                mobility = data.mobility[ends[0]]
-                if ends[0] != ends[1]:
-                    mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
-                mobility += w[0] * w[0] * data.mobility[corner[0]] + t * t * data.mobility[corner[1]]
+                mobility = zero
+                if overlap > zero:  # most that is listed does not touch: reading from memory is what takes time
+                    mobility = data.mobility[ends[0]]
+                    if ends[0] != ends[1]:
+                        mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                    mobility += w[0] * w[0] * data.mobility[corner[0]] + t * t * data.mobility[corner[1]]
                 u_n = wp.dot(u, normal)
                 least = zero
-                if overlap > zero and mobility > zero:
+                if mobility > zero:
                     k_n = stiffness_of(data, rule, mine, other)
                     # A point that was touching this body before may stick to it.
                     slip = V()
@@ -116,7 +120,9 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                     by = per_unit
                     if wp.static(worlds):
                         by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
-                    exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, 0)
+                    units = in_units(f_n * normal + f_t, by)
+                    take_from(data.force, corner[0], corner[1], t, units)
+                    total += units
                     if wp.static(sunk):
                         led = wp.min(data.allowed[p], h * data.outwards)
                         wp.atomic_add(data.done, p, wp.float64(k_n * overlap) * wp.float64(led))
@@ -137,6 +143,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                 if h > zero:
                     # Also what comes so fast that a substep takes it through has never been in touch.
                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
+        add_to(data.force, ends, s, total)
         for k in range(2):  # of those that all threads have found
             partner = least_number(partner_0)
             own = partner_0 == partner

@@ -67,7 +67,7 @@ def Surfaces(scalar: type, worlds: bool = False):
         owner: wp.array(dtype=int)  # its body
         # Bodies:
         beside: wp.array2d(dtype=int)  # which may touch each now, in any order, shape [body_count, room]
-        beside_count: wp.array(dtype=int)  # how many, of which `beside` has room for so many
+        beside_count: wp.array(dtype=int)  # how many
         root: wp.array(dtype=int)  # where in the tree of facets those of each are
         kind: wp.array(dtype=int)  # which rules hold for it, shape [body_count]
         closed: wp.array(dtype=int)  # whether its surface has an inside

@@ -51,10 +51,8 @@ MOST_PATIENCE = 32
 """That doubles when it was too early, as what followed within as many frames tells, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
-OCTANTS = 8
-"""Threads on a GPU that look for the bodies near one."""
-MOST_BETWEEN = 32
-"""Substeps from one search to the next, at most."""
+BETWEEN = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Substeps from one search to the next: a frame is recorded anew for each."""
 
 
 class Nearby:
@@ -110,7 +108,6 @@ class Nearby:
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
-        data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._box()
         whose = wp.array(np.arange(bodies) // (bodies // model.worlds), dtype=int, device=device)
         self._bodies = wp.Bvh(boxes[0], boxes[1], groups=whose if model.in_worlds else None)
@@ -124,6 +121,7 @@ class Nearby:
         data.length, data.candidate, data.busy = (wp.zeros(points, dtype=int, device=device) for _ in "lcb")
         data.candidate_count, data.busy_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
+        data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
         stale = True
         while stale:
@@ -179,9 +177,7 @@ class Nearby:
         data, device, kinds = self._data, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._around, self.skin]
         inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.busy_count]
-        octants = OCTANTS if device.is_cuda else 1
-        kernel = box_neighbours(kinds[0], octants, kinds[1])
-        wp.launch(kernel, octants * len(data.kind), inputs, self._limits, device=device)
+        wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
         self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
         inputs = [data, self._tree.id, *self._boxes, *around]
         self.share(find_rows(kinds[0], self._sided, kinds[1]), len(data.share), inputs, [self.flags], block=BLOCK)
@@ -189,7 +185,7 @@ class Nearby:
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""
         device, boxes = self._model.device, self._boxes
-        wp.launch(forget_boxes(), len(boxes[0]), outputs=[*boxes, self._data.beside_count], device=device)
+        wp.launch(forget_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
         kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
         threads = lanes * len(self._piece)
@@ -207,7 +203,7 @@ class Nearby:
         # `way` is that of all substeps between two searches, `moved` lacks the last one.
         per_substep = max(way / self.every, moved / max(min(self.every, substeps) - 1, 1), 1e-30)
         best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
-        best = 1 << (int(min(best, MOST_BETWEEN)).bit_length() - 1)
+        best = max(every for every in BETWEEN if every <= best)
         self._calm = self._calm + 1 if best > self.every else 0
         self._since_rarer += 1
         if best < self.every:

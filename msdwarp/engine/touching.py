@@ -12,6 +12,7 @@ from ..kernels.touch import (
     BLOCK,
     BLOCKS,
     DEEPEST,
+    FEW_ON_GPU,
     HISTORY,
     NOTED,
     ON_GPU,
@@ -251,7 +252,9 @@ class Touching(Effect):
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
         """Launch a kernel over the points that are near anything, which adds up their forces or measures."""
         model, data = self._model, self._touch
-        lanes = ON_GPU if model.device.is_cuda else 1
+        lanes = 1
+        if model.device.is_cuda:
+            lanes = ON_GPU if self._triangles or measuring else FEW_ON_GPU
         inputs = [data, *times, 1.0 / self.data.unit, self._nearby.skin]
         many = lanes * len(data.share)
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end

@@ -9,7 +9,7 @@ import warp as wp
 
 from ..engine import EnsembleDynamics, EnsembleModel, EnsembleStepper, EnsembleWatch, Rates, Steps
 from ..integrators import Integrator, StepChoice, choose_forced
-from .stepping import RECORDING
+from .landing import RECORDING
 
 
 class EnsembleStepping:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
+from .landing import RECORDING
 from .simulation import Simulation
-from .stepping import RECORDING
 
 
 class Readback:

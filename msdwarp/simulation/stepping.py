@@ -1,6 +1,5 @@
 """Stepping: a system on a device, and how it is advanced by one frame after the other."""
 
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -30,10 +29,7 @@ from ..engine import (
 )
 from ..integrators import Integrator, StepChoice
 from ..world import FRAME, SUBSTEP, Hand, Load
-from .landing import Landing, to_host
-
-RECORDING = threading.Lock()
-"""Held while a graph is recorded: no thread may wait for a device meanwhile."""
+from .landing import RECORDING, Landing, to_host
 
 
 class Trouble(NamedTuple):
