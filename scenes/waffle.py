@@ -1,4 +1,4 @@
-"""A warm waffle falls onto a rolling pin and bends for good."""
+"""A warm waffle falls onto a rolling pin and bends permanently."""
 
 from msdwarp import Capsule, Look, Plane, Scene, box
 from msdwarp.cli import scene_main
