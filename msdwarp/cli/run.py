@@ -48,7 +48,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     Raises
     ------
     ValueError, OSError
-        If an option is out of its range or `out` cannot be used: before anything is written.
+        If an option is out of range or `out` cannot be used: before anything is written.
     SimulationDiverged, Interrupted
         If the simulation ends early; what there is until then is kept.
     """

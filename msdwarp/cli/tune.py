@@ -18,7 +18,7 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
     Raises
     ------
     ValueError
-        If an option is out of its range, or no method is under the tolerance.
+        If an option is out of range, or no method is under the tolerance.
     """
     with Console(stderr=True).status("tuning") as status:
         found, horizon = tune(

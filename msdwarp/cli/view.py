@@ -26,7 +26,7 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
     Raises
     ------
     ValueError
-        If an option is out of its range, or there is neither a display nor what serves a page.
+        If an option is out of range, or there is neither a display nor what serves a page.
     """
     source = _running(origin, scene, options)
     shelf = {name: partial(_from_shelf, name, options) for name in SHELF}

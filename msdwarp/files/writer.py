@@ -92,7 +92,7 @@ class TrajectoryWriter:
     Raises
     ------
     ValueError
-        If an argument is out of its range, or the name does not end in .vtkhdf, or the file to go on with is of
+        If an argument is out of range, or the name does not end in .vtkhdf, or the file to go on with is of
         another system, or lacks frames.
     FileExistsError
         If the file exists and `force` is False.

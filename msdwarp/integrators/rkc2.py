@@ -115,7 +115,7 @@ class RKC2(Integrator):
     Raises
     ------
     ValueError
-        If `stages` is out of its range.
+        If `stages` is out of range.
     """
 
     stages: int | None = None

@@ -64,7 +64,7 @@ def show(
     RuntimeError
         If there is no notebook: IPython is not installed.
     ValueError
-        If `shown` is none of these, or an argument is out of its range.
+        If `shown` is none of these, or an argument is out of range.
     """
     try:
         from IPython import display  # pyright: ignore[reportMissingImports]

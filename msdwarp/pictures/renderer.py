@@ -63,7 +63,7 @@ class Renderer:
     Raises
     ------
     ValueError
-        If an argument is out of its range, or there is nothing to draw.
+        If an argument is out of range, or there is nothing to draw.
     RuntimeError
         If OpenGL is asked for where there is none.
     """

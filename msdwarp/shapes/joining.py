@@ -59,7 +59,7 @@ def join(
     ------
     ValueError
         If neither or both of `within` and `pairs` are given, nothing is near enough, a pair is of one particle or
-        out of range, a number is out of its range, or particles lie in one place and `rest_length` is "now": a
+        out of range, a number is out of range, or particles lie in one place and `rest_length` is "now": a
         spring has no direction there. Also if the bodies cannot be added: see `System`.
     """
     checks.instance("a", a, System, "box((3, 3, 3))")

@@ -190,7 +190,7 @@ def chain(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
@@ -238,7 +238,7 @@ def sheet(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
@@ -279,7 +279,7 @@ def box(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
     _check_shape(shape, 3)
@@ -335,7 +335,7 @@ def lattice(
     Raises
     ------
     ValueError
-        If an argument is out of its range, a particle is joined with no other, or the body is in pieces.
+        If an argument is out of range, a particle is joined with no other, or the body is in pieces.
     """
     try:
         points = np.array(mask)

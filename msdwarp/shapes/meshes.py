@@ -58,7 +58,7 @@ def from_mesh(
     Raises
     ------
     ValueError
-        If an argument is out of its range; the mesh is empty, open, not finite, without volume, or inconsistently
+        If an argument is out of range; the mesh is empty, open, not finite, without volume, or inconsistently
         turned; or the body is of several pieces.
     """
     points, uv, triangles = read_mesh(mesh)

@@ -54,7 +54,7 @@ def cloth(
     Raises
     ------
     ValueError
-        If an argument is out of its range, the outline crosses or touches itself, or the spacing is too large
+        If an argument is out of range, the outline crosses or touches itself, or the spacing is too large
         for it.
     """
     spacing = checks.positive("spacing", spacing)

@@ -38,7 +38,7 @@ def shell(
     Raises
     ------
     ValueError
-        If the mesh is none, or has a triangle without area, or a number is out of its range.
+        If the mesh is none, or has a triangle without area, or a number is out of range.
     """
     points, uv, triangles = read_mesh(mesh)
     a, b, c = (points[triangles[:, k]] for k in range(3))

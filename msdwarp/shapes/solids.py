@@ -45,7 +45,7 @@ def ball(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius = checks.positive("radius", radius)
     spacing = _fine_enough(spacing, radius=radius)
@@ -95,7 +95,7 @@ def cylinder(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = _fine_enough(spacing, radius=radius, height=height)
@@ -148,7 +148,7 @@ def cone(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = _fine_enough(spacing, radius=radius, height=height)

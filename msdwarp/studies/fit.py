@@ -123,7 +123,7 @@ def fit(
     Raises
     ------
     ValueError
-        If an argument is out of its range, what is measured does not belong to the scene, or SciPy is missing.
+        If an argument is out of range, what is measured does not belong to the scene, or SciPy is missing.
     UnstableStep
         If `substeps` is beyond the stability limit somewhere within the bounds.
 

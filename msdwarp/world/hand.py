@@ -35,7 +35,7 @@ class Hand(Load):
     Raises
     ------
     ValueError
-        If a number is out of its range or not finite, a particle is named twice, there are not as many points as
+        If a number is out of range or not finite, a particle is named twice, there are not as many points as
         particles, or more particles than room.
     """
 
