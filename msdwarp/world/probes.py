@@ -34,9 +34,9 @@ class Probe:
         - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
           particles are ignored, unless the group has no others; then all have equal weight.
         - "force" [N]: the sum of the forces of connections, loads, other bodies and gravity on the group at the
-          end of the frame. Forces within the group cancel. For a support (a pinned or driven group without weight) it
-          is what a load cell under the support would read. For a free group it is mass times the acceleration
-          that it would have without obstacles.
+          end of the frame. Forces within the group cancel. For a support (a pinned or driven group without
+          weight) it is what a load cell under the support would read. For a free group it is mass times the
+          acceleration that it would have without obstacles.
         - "contact force" [N]: the force of obstacles and other bodies on the group, averaged over the frame: the
           sum of all contact impulses, divided by the frame's duration. The impulse of an obstacle is m (v' − v),
           and 0 for pinned and driven particles. The impulse of another body is ∫ f dt as the integrator computes
