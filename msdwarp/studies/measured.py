@@ -26,21 +26,21 @@ ON_FRAME = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """Points of a body that were tracked: a row says where a particle was at a time.
+    """Tracked points of a body: each row is the position of a particle at a time.
 
     Parameters
     ----------
     time
         [s] from the scene's start, shape [rows], in any order.
     particle
-        Which particle it was, shape [rows].
+        Particle numbers, shape [rows].
     position
-        Where it was [m], shape [rows, d]; NaN where a coordinate was not seen.
+        Positions [m], shape [rows, d]; NaN for a coordinate that was not measured.
 
     Raises
     ------
     ValueError
-        If shapes differ, a time is negative, or a number is none.
+        If shapes do not match, a time is negative, or an entry is not a number.
     """
 
     time: ArrayLike
