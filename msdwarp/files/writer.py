@@ -215,7 +215,7 @@ class TrajectoryWriter:
         """Write a frame that is still being copied, or None if `wants_next` is false; else as `write`."""
         kept = self.wants_next()
         if kept and frame is None:
-            raise ValueError("frame is None; this one is to be kept")
+            raise ValueError("frame is None; this frame must be kept")
         self._hand_over(frame if kept else None, readings)
 
     def _hand_over(self, frame: Pending | None, readings: Rows) -> None:

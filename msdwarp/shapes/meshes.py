@@ -143,7 +143,7 @@ def _closed(
         a, b = (np.array2string(points[i], precision=4) for i in edges[first])
         raise ValueError(
             f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
-            f"from {a} to {b} [m off its middle] with {times[first]}"
+            f"from {a} to {b} [m from its middle] with {times[first]}"
         )
     # Neighbours that agree about outside walk their edge in opposite directions.
     disagree = np.bincount(edge.ravel(), weights=forwards.ravel()) != 1

@@ -61,7 +61,7 @@ def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Ch
             _ = trajectory.strains
         except ValueError as error:
             raise ValueError(
-                f"{error}, and rest lengths, which do not stay here, are known by it alone"
+                f"{error}, and the rest lengths, which change in this run, are known only from it"
             ) from error
     return _moments(trajectory, gravity, schedule)
 

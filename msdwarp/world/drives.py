@@ -120,7 +120,8 @@ def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
         if (others >= 0).any():
             i = int(np.argmax(others >= 0))
             raise ValueError(
-                f"loads[{k}] drives particle {drive.held[i]}, as loads[{others[i]}] does; one drive at most may"
+                f"loads[{k}] drives particle {drive.held[i]}, as loads[{others[i]}] does; a particle can "
+                "have only one drive"
             )
         owner[drive.held] = k
     return tuple(result)

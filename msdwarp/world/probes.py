@@ -89,7 +89,7 @@ class Probe:
         """Raise ValueError if it cannot measure this system."""
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
-            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must hold a connection")
+            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must contain a connection")
         if self.what == CONTACT_FORCE and not colliders and not touches:
             raise ValueError(
                 f"what is {self.what!r}; there must be colliders then, that may touch the group, or bodies that "

@@ -107,7 +107,7 @@ class Scene:
                 )
         object.__setattr__(self, "observe", observe)
         if self.system.surface is None and not self.system.connection_count:
-            raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+            raise ValueError("system has neither a surface nor connections: there is nothing to draw")
 
     def _checked_looks(self) -> dict[str, Look]:
         """Return the looks of groups; raise ValueError if a group is none, or a look says what is not a body's."""

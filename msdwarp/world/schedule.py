@@ -46,7 +46,7 @@ class Change:
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
         checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
-            raise ValueError("freeze sets rest_length to the present lengths; it cannot be given beside it")
+            raise ValueError("freeze sets rest_length to the current lengths; rest_length cannot be given too")
 
     @property
     def of_gravity_alone(self) -> bool:

@@ -80,8 +80,8 @@ class Wind(Load):
             self.areas(system)
         elif not len(self.facets(system).corner):
             raise ValueError(
-                "area is None; it must be the area of each particle [m²], for nothing that this wind blows on has "
-                "a surface in three dimensions"
+                "area is None; it must be the area of each particle [m²], because the particles have no surface "
+                "in three dimensions"
             )
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "velocity") -> NDArray[np.float64]:
