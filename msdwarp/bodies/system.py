@@ -36,7 +36,7 @@ class System:
     velocity
         Particle velocities [m/s], shape [particle_count, d].
     mass
-        Particle masses [kg], shape [particle_count]; inf pins a particle where it is.
+        Particle masses [kg], shape [particle_count]; inf pins a particle.
     connections
         The two particles of each connection, shape [connection_count, 2].
     rest_length
@@ -349,7 +349,7 @@ class System:
         Raises
         ------
         ValueError
-            If it is none of these, or an index is out of range.
+            If the selection is invalid, or an index is out of range.
         """
         chosen = selected("selection", selection, self.particle_count)
         mass, velocity = np.array(self.mass), np.array(self.velocity)

@@ -51,7 +51,7 @@ class Leapfrog(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities that forces see lag half a substep behind the positions."""
+        """Whether forces use velocities half a substep before the positions."""
         return not self.damper_extrapolation
 
     @property

@@ -71,8 +71,8 @@ class StepChoice:
         zeta = f"{self.rates.damping_ratio:.2g}"
         finer = f"; {self.refinement:.3g} times as many as for small motions" if self.refinement > 1 else ""
         return (
-            f"{self.substeps} substeps a frame (at least {self.least} are stable: fastest oscillation at most "
-            f"{frequency:.3g} Hz, damping ratio {zeta}{finer})"
+            f"{self.substeps} substeps a frame (stability needs at least {self.least}: fastest oscillation at "
+            f"most {frequency:.3g} Hz, damping ratio {zeta}{finer})"
         )
 
 

@@ -24,7 +24,7 @@ class SymplecticEuler(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities that forces see lag half a substep behind the positions."""
+        """Whether forces use velocities half a substep before the positions."""
         return True
 
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:

@@ -133,7 +133,7 @@ class Renderer:
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are not asked for.
+            or values or forces are given without a `Scale` or arrows.
         """
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
@@ -152,7 +152,7 @@ class Renderer:
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are not asked for.
+            or values or forces are given without a `Scale` or arrows.
         """
         if forces is not None and self.arrows is None:
             raise ValueError("forces is given; it must be None unless the renderer was made with arrows")

@@ -137,7 +137,7 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
     done = []
     for one in found:
         if not one.until(np.inf).any():
-            raise ValueError(f"measured has no values of {one.name} after time 0; it must have some")
+            raise ValueError(f"measured has nothing of {one.name} after time 0; it must have some")
         sigma = given.get(one.name)
         own = spread(one) if sigma is None else checks.positive(f"noise of {one.name}", sigma)
         done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry))

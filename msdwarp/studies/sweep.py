@@ -234,7 +234,7 @@ def complete(
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
-            f"executor is {checks.said(executor)}; it must have a method `submit` like that of concurrent.futures"
+            f"executor is {checks.said(executor)}; it must have `submit` as in concurrent.futures"
         )
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
