@@ -233,9 +233,7 @@ def complete(
         As by `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(
-            f"executor is {checks.said(executor)}; it must have `submit` as in concurrent.futures"
-        )
+        raise ValueError(f"executor is {checks.said(executor)}; it must have `submit` as in concurrent.futures")
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
         wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"
