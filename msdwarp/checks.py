@@ -14,15 +14,15 @@ _MOST_SAID = 200
 
 
 class ContactOverrun(UserWarning):
-    """Bodies that touch come so fast, or press so hard, that one may come out of the other on the wrong side."""
+    """Bodies collide so fast, or press so hard, that one may pass through the other."""
 
 
 class DoubtfulFit(UserWarning):
-    """A fit has found values that what was measured does not bear out."""
+    """The measurements do not determine the fitted values well."""
 
 
 class DoubtfulStart(UserWarning):
-    """What was asked for can be simulated, but as it starts it will hardly do what is meant."""
+    """The scene can be simulated, but its starting state probably contains a mistake."""
 
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -58,9 +58,9 @@ _lock, _started = threading.Lock(), False
 
 
 def verbose(on: bool = True) -> None:
-    """Print Warp's messages: its devices, and each module that it compiles or loads. `verbose(False)` ends this.
+    """Print Warp's messages: its devices, and each module that it compiles or loads.
 
-    It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
+    `verbose(False)` turns this off. It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
     """
     import warp as wp
 

@@ -1,4 +1,4 @@
-"""Balloons, moored by strings, nod in a breeze that comes in gusts."""
+"""Three balloons on strings sway in a gusty breeze."""
 
 import numpy as np
 
@@ -29,13 +29,13 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
     Parameters
     ----------
     lift
-        What the air bears of each balloon beyond its weight [N].
+        Net lift of each balloon, buoyancy minus weight [N].
     stiffness
         Spring constant of each connection of a skin [N/m].
     damping
         Damper constant of each connection of a skin [N s/m].
     stretch
-        How many times longer each connection is than it was before the balloon was blown up.
+        Length of each connection over its length before the balloon was blown up.
     """
     link, mass = 0.05, 0.03  # of a balloon, its gas, and of air that moves with it: half of what it displaces
     skin = shell(blown_up(), mass=mass, stiffness=stiffness, damping=damping)

@@ -1,4 +1,4 @@
-"""A block of 4 × 4 masses falls on its corner, in two dimensions: from the 2014 report msdwarp is based on."""
+"""A 4 × 4 block of masses falls on its corner, in two dimensions; from the 2014 report msdwarp is based on."""
 
 from msdwarp import Look, Plane, Scene, checks, sheet
 from msdwarp.cli import scene_main
@@ -18,9 +18,9 @@ def build(
     damping
         Damper constant of each connection [N s/m].
     height
-        Height of its centre at the start [m].
+        Initial height of its centre [m].
     spin
-        Its angular velocity at the start [rad/s].
+        Initial angular velocity [rad/s].
     """
     checks.count("size", size, 2)
     block = sheet((size, size), 1.0, stiffness=stiffness, damping=damping, dim=2)

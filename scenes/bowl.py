@@ -1,4 +1,4 @@
-"""Scoops of ice cream fall into a soft waffle bowl, and stay as they are pressed into each other and its wall."""
+"""Scoops of ice cream fall into a soft waffle bowl, deform, and keep their new shape."""
 
 import numpy as np
 
@@ -30,13 +30,13 @@ def build(*, count: int = 4, crisp: float = 250.0, stiffness: float = 60.0, yiel
     Parameters
     ----------
     count
-        Number of scoops: three beside each other, then the next layer.
+        Number of scoops. The first three lie side by side.
     crisp
         Spring constant of each connection of the bowl [N/m].
     stiffness
         Spring constant of each connection of a scoop [N/m].
     yield_strain
-        Strain that ice cream bears without a lasting change of shape.
+        Strain beyond which the ice cream deforms permanently.
     """
     checks.count("count", count, 1)
     bowl = from_mesh(turned(WALL, 20), spacing=0.08, mass=0.005, stiffness=crisp, damping=1.0).named("bowl")

@@ -1,4 +1,4 @@
-"""A rope bridge sags under three tubs, which are filled with water one after the other."""
+"""A rope bridge sags as three tubs on it are filled with water, one after the other."""
 
 from itertools import product
 from typing import Any
@@ -27,7 +27,7 @@ def build(*, load: float = 70.0, stiffness: float = 3e5, damping: float = 20.0) 
     Parameters
     ----------
     load
-        Mass of the water that runs into each tub, within 1.5 s [kg].
+        Mass of the water that fills each tub in 1.5 s [kg].
     stiffness
         Spring constant of each link of a rope [N/m]; all other connections have a third of it.
     damping

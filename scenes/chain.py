@@ -1,4 +1,4 @@
-"""Five masses in a row, one pulled out, in one dimension: from the 2014 report msdwarp is based on."""
+"""Five masses in a row, the first pulled out, in one dimension; from the 2014 report msdwarp is based on."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from msdwarp.cli import scene_main
 
 
 def build(*, count: int = 5, stiffness: float = 30.0, damping: float = 1.0, pull: float = 1.5) -> Scene:
-    """Let go a chain whose first mass, of 1 kg like all, is pulled out.
+    """Release a chain of 1 kg masses with the first one pulled out.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ def build(*, count: int = 5, stiffness: float = 30.0, damping: float = 1.0, pull
     damping
         Damper constant of each connection [N s/m].
     pull
-        How far the first mass is pulled out [m].
+        Displacement of the first mass [m].
     """
     row = chain(count, 1.0, stiffness=stiffness, damping=damping, dim=1)
     row = row.translate(1.0 - row.position[0])  # at 1, 2, 3 ... m

@@ -1,4 +1,4 @@
-"""A cloth, pinned at three points of its top row, falls into folds and swings."""
+"""A cloth, pinned at three points of its top edge, falls into folds and swings."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def build(
     mass: float = 0.001,
     bending: float = 0.001,
 ) -> Scene:
-    """Hang a cloth, one and a half metres wide, by three points.
+    """Hang a cloth, 1.5 m wide, by three points.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def build(
     mass
         Mass of each particle [kg].
     bending
-        Flexural rigidity [N m]: with less, folds are narrower than the particles can show.
+        Flexural rigidity [N m]. With less, folds become narrower than the spacing.
     """
     checks.count("size", size, 5)
     width = 1.5

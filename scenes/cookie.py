@@ -1,4 +1,4 @@
-"""A cookie falls flat onto a rod and breaks over it: its halves land on either side."""
+"""A cookie falls flat onto a rod and breaks in two."""
 
 import numpy as np
 
@@ -25,9 +25,9 @@ def build(
     damping
         Damper constant of each connection [N s/m].
     break_strain
-        Strain at which it cracks along its weakest line; it bears six times as much elsewhere.
+        Strain at which it cracks along its weakest line; elsewhere the limit is six times as high.
     height
-        How high above the ground it is let go [m].
+        Height above the ground from which it is dropped [m].
     """
     spacing = 0.06 / (layers - 1)
     cookie = box(

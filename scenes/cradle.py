@@ -1,4 +1,4 @@
-"""Newton's cradle: the ball that falls stops at the row of the others, and the last one rises in its place."""
+"""Newton's cradle: the falling ball stops when it hits the row, and the last ball swings up."""
 
 import numpy as np
 
@@ -12,16 +12,16 @@ RADIUS, HEIGHT, APART, FLOOR = 0.1, 1.0, 0.4, -0.4
 def build(
     *, count: int = 5, angle: float = 40.0, gap: float = 0.006, stiffness: float = 1e4, contact: float = 1e4
 ) -> Scene:
-    """Lift a ball of a row, each 20 cm wide, of a kilogram, and on two strings.
+    """Lift the first of a row of balls, each 20 cm wide, 1 kg, on two strings.
 
     Parameters
     ----------
     count
         Number of balls.
     angle
-        How far the first ball is lifted [degrees].
+        Angle by which the first ball is lifted [degrees].
     gap
-        Between balls that hang at rest [m]: so each is struck when the blow before is over.
+        Gap between the balls at rest [m], so that collisions happen one after the other.
     stiffness
         Spring constant of each connection of a ball, and of each string [N/m].
     contact

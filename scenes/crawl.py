@@ -1,4 +1,4 @@
-"""A worm crawls on its belly: waves of contraction run along it, and where it is thick it grips the ground."""
+"""A worm crawls: waves of contraction run along its body, and it grips the ground where it is thick."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A cloth falls over a ball and onto the floor, where it folds and comes to lie on itself."""
+"""A cloth falls over a ball onto the floor and folds onto itself."""
 
 from msdwarp import Look, Plane, Scene, Touch, checks, icosphere, sheet, shell
 from msdwarp.cli import scene_main
@@ -26,7 +26,7 @@ def build(
     mass
         Mass of each particle [kg].
     bending
-        Flexural rigidity [N m]: with less, folds are narrower than the particles can show.
+        Flexural rigidity [N m]. With less, folds become narrower than the spacing.
     """
     checks.count("size", size, 5)
     cloth = sheet((size, size), 1.4 / (size - 1), mass=mass, stiffness=stiffness, damping=damping, bending=bending)

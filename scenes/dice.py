@@ -1,4 +1,4 @@
-"""Hard dice, each thrown in its own way, knock each other and come to rest between the floor and two walls."""
+"""Hard dice are thrown, collide, and come to rest between the floor and two walls."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def build(
     mass
         Mass of each particle [kg].
     seed
-        Which throw it is.
+        Seed of the random throw.
     """
     checks.count("count", count, 1)
     random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""A flag flutters on its pole: waves grow along it, for they run slower than the wind."""
+"""A flag flutters on its pole: waves that run slower than the wind grow along it."""
 
 import numpy as np
 
@@ -29,15 +29,15 @@ def build(
     size
         Particles along the pole.
     wind
-        Speed of the wind along x [m/s]; it veers by a tenth of it to either side.
+        Wind speed along x [m/s]; a tenth of it varies sideways.
     weight
-        Mass of a square metre [kg/m²].
+        Mass per area [kg/m²].
     stiffness
         Spring constant of each connection [N/m].
     damping
         Damper constant of each connection [N s/m].
     bending
-        Flexural rigidity [N m]: with less, waves are shorter than the particles can show.
+        Flexural rigidity [N m]. With less, waves become shorter than the spacing.
     """
     checks.count("size", size, 5)
     spacing = 1.0 / (size - 1)

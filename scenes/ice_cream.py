@@ -1,4 +1,4 @@
-"""A scoop of ice cream is set on its cone, sags over the rim, and keeps its new shape."""
+"""A scoop of ice cream is set on a cone, sags over the rim, and keeps its new shape."""
 
 from msdwarp import Cone, Look, Plane, Scene, ball, checks
 from msdwarp.cli import scene_main
@@ -17,7 +17,7 @@ def build(*, size: int = 14, stiffness: float = 24.0, damping: float = 0.3, yiel
     damping
         Damper constant of each connection [N s/m].
     yield_strain
-        Strain that it bears without a lasting change of shape.
+        Strain beyond which it deforms permanently.
     """
     checks.count("size", size, 6)
     radius = 0.4

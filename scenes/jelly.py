@@ -1,4 +1,4 @@
-"""A jelly turned out on a tray wobbles as the tray is shaken; then it grows warm, and soft."""
+"""A jelly wobbles on a tray that is shaken; then it warms up and softens."""
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def shake(time: float) -> tuple[float, float, float]:
 
 
 def build(*, across: int = 16, stiffness: float = 60.0, damping: float = 0.06, mass: float = 0.0055) -> Scene:
-    """Turn out a jelly, one metre wide, hardly damped.
+    """Put a lightly damped jelly, one metre wide, on a tray.
 
     Parameters
     ----------

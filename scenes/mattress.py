@@ -1,4 +1,4 @@
-"""A mattress flops down; a heavy ball falls on it, rolls along and off, and leaves a dent."""
+"""A mattress falls on the floor; a heavy ball drops on it, rolls off, and leaves a dent."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def lower(time: float) -> tuple[float, float, float]:
 def build(
     *, stiffness: float = 500.0, damping: float = 3.0, mass: float = 0.01, yield_strain: float = 0.06
 ) -> Scene:
-    """Drop a mattress of 25 × 13 × 5 particles, two metres long, and on it a ball of twelve kilograms.
+    """Drop a mattress of 25 × 13 × 5 particles, two metres long, then a ball of twelve kilograms on it.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def build(
     mass
         Mass of each particle [kg].
     yield_strain
-        Strain that the foam bears without a lasting dent.
+        Strain beyond which the foam deforms permanently.
     """
     mattress = box((25, 13, 5), 0.08, mass=mass, stiffness=stiffness, damping=damping)
     mattress = mattress.replace(yield_strain=yield_strain, relaxation_time=0.1, largest_plastic_strain=0.6)

@@ -1,4 +1,4 @@
-"""Soft bricks, balls and rings are poured into a box, and come to lie on each other."""
+"""Soft bricks, balls and rings are poured into a box and settle in a pile."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def ring(radius: float, tube: float, around: int = 10, across: int = 4) -> tuple
 def build(
     *, count: int = 30, stiffness: float = 800.0, damping: float = 1.2, mass: float = 0.005, seed: int = 1
 ) -> Scene:
-    """Pour soft bodies, some 30 cm wide, into a box that is 1.24 m wide.
+    """Pour soft bodies, about 30 cm wide, into a box 1.24 m wide.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def build(
     mass
         Mass of each particle [kg].
     seed
-        Which way they fall.
+        Seed of the random arrangement.
     """
     checks.count("count", count, 1)
     random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""A weight swings on a chain; its pull grows on the way down, and the weakest link snaps."""
+"""A weight swings on a chain; the tension rises on the way down, and the weakest link breaks."""
 
 import numpy as np
 
@@ -10,18 +10,18 @@ RADIUS = 0.13
 
 
 def build(*, count: int = 11, weak: int = 3, strength: float = 2.4, stiffness: float = 3e4) -> Scene:
-    """Let go a weight of 1 kg at the height of the pin that its chain, 50 cm long, hangs from.
+    """Release a weight of 1 kg on a chain 50 cm long, at the height of its pin.
 
-    In the swing it pulls with 3 m g cos(angle), which is 3 m g at the lowest point.
+    The tension is 3 m g cos(angle from the vertical): 3 m g at the lowest point.
 
     Parameters
     ----------
     count
-        Particles of the chain, the pin among them.
+        Particles of the chain, including the pin.
     weak
-        The link that bears least, counted from the pin.
+        Number of the weakest link, counted from the pin.
     strength
-        What that link bears, over the weight of the weight.
+        Tension at which that link breaks, over the weight's m g.
     stiffness
         Spring constant of each link [N/m].
     """

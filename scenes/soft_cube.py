@@ -1,4 +1,4 @@
-"""An overdamped cube is thrown against a wall that leans back, flattens, and slides down."""
+"""An overdamped cube is thrown against a tilted wall, flattens, and slides down."""
 
 from msdwarp import Box, Look, Plane, Scene, box, checks
 from msdwarp.cli import scene_main
@@ -6,7 +6,7 @@ from msdwarp.textures import tiles
 
 
 def build(*, size: int = 7, stiffness: float = 24.0, damping: float = 2.0, mass: float = 0.01) -> Scene:
-    """Throw a cube, 60 cm wide, whose dampers dominate.
+    """Throw an overdamped cube, 60 cm wide.
 
     Parameters
     ----------

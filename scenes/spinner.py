@@ -1,4 +1,4 @@
-"""A block set spinning about its middle axis turns over, and back, and over: in free fall."""
+"""A block in free fall, spinning about its intermediate axis, flips over again and again."""
 
 from msdwarp import Look, Scene, box
 from msdwarp.cli import scene_main
@@ -6,7 +6,7 @@ from msdwarp.textures import pips
 
 
 def build(*, stiffness: float = 5000.0, damping: float = 0.2, mass: float = 0.02, spin: float = 9.0) -> Scene:
-    """Spin a block of 9 × 5 × 2 particles, about the axis whose moment of inertia lies between the others.
+    """Spin a block of 9 × 5 × 2 particles about the axis with the intermediate moment of inertia.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A cloth with a cut, held by two edges: a ball is pushed into it, and it tears on from where the cut ends."""
+"""A ball is pushed into a cloth held by two edges; the cloth tears from the end of a cut."""
 
 import numpy as np
 
@@ -16,14 +16,14 @@ def push(time: float) -> tuple[float, float, float]:
 def build(
     *, size: int = 50, cut: float = 0.4, stiffness: float = 400.0, damping: float = 0.3, break_strain: float = 0.3
 ) -> Scene:
-    """Push a ball through a cloth, one metre and a half square.
+    """Push a ball into a cloth of 1.5 m by 1.5 m.
 
     Parameters
     ----------
     size
-        Particles along an edge; an even number, so that the cut is in the middle.
+        Particles along an edge; even, so that the cut is in the middle.
     cut
-        Length of the cut from a free edge, as a share of the cloth's.
+        Length of the cut from a free edge, as a fraction of the cloth's length.
     stiffness
         Spring constant of each connection [N/m].
     damping

@@ -1,4 +1,4 @@
-"""A ball knocks a cube out of a tower of soft cubes; those above drop onto the one below."""
+"""A ball knocks a cube out of a tower of soft cubes, and the cubes above drop."""
 
 from msdwarp import Look, Plane, Scene, Touch, box, checks, from_mesh, icosphere
 from msdwarp.cli import scene_main
@@ -24,7 +24,7 @@ def build(
     count
         Number of cubes.
     speed
-        How fast the ball is thrown [m/s].
+        Speed of the ball [m/s].
     stiffness
         Spring constant of each connection [N/m].
     damping

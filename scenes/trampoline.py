@@ -1,4 +1,4 @@
-"""A soft ball falls on a trampoline, which throws it up again and again, each time less high."""
+"""A soft ball bounces on a trampoline, a little lower each time."""
 
 import numpy as np
 
@@ -15,20 +15,20 @@ def build(
     damping: float = 0.05,
     stretch: float = 1.05,
 ) -> Scene:
-    """Let a ball, 50 cm wide, fall on a sheet of two metres by two that is held at its rim.
+    """Drop a ball, 50 cm wide, on a sheet of 2 m by 2 m that is held at its rim.
 
     Parameters
     ----------
     size
         Particles along an edge of the sheet.
     height
-        How far the ball falls until it touches the sheet [m].
+        Height of the drop [m].
     stiffness
         Spring constant of each connection of the sheet [N/m].
     damping
         Damper constant of each connection of the sheet [N s/m].
     stretch
-        How many times longer each connection of the sheet is than it would be if the rim let go.
+        Length of each connection of the sheet over its rest length.
     """
     checks.count("size", size, 7)
     high, radius, edge = 0.8, 0.25, 1.02

@@ -1,4 +1,4 @@
-"""A warm waffle falls over a rolling pin, bends, and keeps its bend."""
+"""A warm waffle falls onto a rolling pin and bends permanently."""
 
 from msdwarp import Capsule, Look, Plane, Scene, box
 from msdwarp.cli import scene_main
@@ -19,7 +19,7 @@ def build(
     mass
         Mass of each particle [kg].
     yield_strain
-        Strain that it bears without a lasting bend.
+        Strain beyond which it bends permanently.
     """
     plate = box((10, 8, 2), 0.1, mass=mass, stiffness=stiffness, damping=damping)
     plate = plate.replace(yield_strain=yield_strain, relaxation_time=0.3, largest_plastic_strain=0.3)

@@ -1,4 +1,4 @@
-"""A jelly cube on four legs walks: a wave of contraction goes through each leg, so that its foot goes round."""
+"""A jelly cube walks on four legs: a wave of contraction in each leg moves its foot in a loop."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def build(
     squeeze
         Largest strain of the muscles in its legs.
     pace
-        Steps of each leg in a second.
+        Steps of each leg per second.
     """
     checks.positive("pace", pace)
     x, y, z = np.indices((CELLS + 1,) * 3)

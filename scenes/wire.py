@@ -1,4 +1,4 @@
-"""A wire, clamped at both ends, is pressed down by a rod: it springs back, but not all the way."""
+"""A wire, clamped at both ends, is pressed down by a rod and springs back only partly."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def build(*, size: int = 4, stiffness: float = 2e4, damping: float = 4.0, yield_
     damping
         Damper constant of each connection [N s/m].
     yield_strain
-        Strain that it bears without a lasting bend.
+        Strain beyond which it bends permanently.
     """
     spacing = 0.12 / (size - 1)
     wire = cylinder(0.06, 2.0, spacing, mass=0.005, stiffness=stiffness, damping=damping)

@@ -1,4 +1,4 @@
-"""A long worm, standing on its end, buckles and falls."""
+"""A long worm, standing on end, buckles and falls."""
 
 from msdwarp import Look, Plane, Scene, box
 from msdwarp.cli import scene_main
@@ -6,7 +6,7 @@ from msdwarp.textures import rings_box
 
 
 def build(*, length: int = 20, stiffness: float = 1000.0, damping: float = 1.5, mass: float = 0.03) -> Scene:
-    """Stand a worm of 2 × 2 particles across on the floor.
+    """Stand a worm on the floor, 2 × 2 particles in cross section.
 
     Parameters
     ----------

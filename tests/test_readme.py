@@ -163,7 +163,7 @@ def test_tables_of_contact_say_what_was_measured():
             for one in rows
             if (one["asked"], one["finer"]) == (asked, finer)
         ]
-        assert f"| asked {asked} | {' | '.join(cells)} |" in page
+        assert f"| e = {asked} | {' | '.join(cells)} |" in page
     slopes = measured("contact_friction.csv")
     assert max(float(one["creep"]) for one in slopes if one["slope"] == "hold") < 1.05e-8  # [m/s]
     share = [float(one["acceleration"]) / float(one["coulomb"]) for one in slopes if one["slope"] == "slide"]

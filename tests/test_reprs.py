@@ -21,7 +21,7 @@ def test_a_system_says_what_it_is():
     # 3·2·4 particles; a box joins each with its 26 neighbours.
     assert repr(BLOCK).splitlines() == [
         f"System of 24 particles in 3 dimensions, {BLOCK.connection_count} connections",
-        "  extent 0.2 × 0.1 × 0.3 m, from (-0.1, -0.05, 0.85) m on",
+        "  extent 0.2 × 0.1 × 0.3 m, lowest corner (-0.1, -0.05, 0.85) m",
         "  mass 12 kg",
         "  stiffness 200 N/m, damping 0.3 N s/m",
     ]
@@ -43,7 +43,7 @@ def test_a_system_says_what_is_unusual():
     alone = msd.System(position=[[1.0]])
     assert repr(alone).splitlines() == [
         "System of 1 particle in 1 dimension, 0 connections",
-        "  extent 0 m, from (1) m on",
+        "  extent 0 m, lowest corner (1) m",
         "  mass 1 kg",
     ]
 

@@ -16,12 +16,12 @@ class Damper:
 
     @property
     def steepest(self) -> float:
-        """Largest slope of the force over the rate, per b: what stability depends on."""
+        """Largest slope of the force over the rate, per b; the stability limit depends on it."""
         return 1.0
 
     @property
     def law(self) -> tuple[str, float]:
-        """Name and speed [m/s] of the law, which kernels are composed from."""
+        """Name and speed [m/s] of the law, used to compose kernels."""
         return "linear", 0.0
 
 
@@ -32,7 +32,7 @@ class QuadraticDamper(Damper):
     Parameters
     ----------
     most_speed
-        Rate of lengthening up to which the law holds [m/s]; the stable step falls as its inverse.
+        Rate of lengthening up to which the law holds [m/s]; the stable step is inversely proportional to it.
 
     Raises
     ------
@@ -59,12 +59,12 @@ class QuadraticDamper(Damper):
 
 @dataclass(frozen=True)
 class CoulombDamper(Damper):
-    """F = b sign(l'), dry friction: b in N. Below `sliding_speed` it is in proportion to the rate.
+    """F = b sign(l'), dry friction: b in N. Below `sliding_speed` it is proportional to the rate.
 
     Parameters
     ----------
     sliding_speed
-        Rate of lengthening from which friction is whole [m/s]: what should stand still creeps by up to this.
+        Rate of lengthening above which friction is constant [m/s]. Sticking connections creep at up to this rate.
 
     Raises
     ------

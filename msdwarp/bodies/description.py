@@ -26,7 +26,7 @@ def description(system: "System") -> str:
     low, high = system.position.min(axis=0), system.position.max(axis=0)
     extent = " × ".join(f"{edge:.4g}" for edge in high - low)
     corner = ", ".join(f"{edge:.4g}" for edge in low)
-    lines = [headline(system), f"extent {extent} m, from ({corner}) m on"]
+    lines = [headline(system), f"extent {extent} m, lowest corner ({corner}) m"]
     pinned = int(system.pinned.sum())
     free = float(np.where(system.pinned, 0.0, system.mass).sum())
     masses = [f"mass {free:.4g} kg"] if pinned < system.particle_count else []

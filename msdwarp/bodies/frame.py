@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 
 class Frame(NamedTuple):
-    """One recorded instant, on the host."""
+    """The state at one time, on the host."""
 
     time: float
     """Simulated time [s]."""

@@ -18,14 +18,14 @@ _STIFFNESS = {
 
 @dataclass(frozen=True)
 class Material:
-    """An elastic, slightly damped material, which shapes turn into mass, stiffness and damping.
+    """An elastic, slightly damped material, which shapes convert to mass, stiffness and damping.
 
     Every whole cell of a lattice of spacing a contributes an eighth of its mass (a quarter in a sheet) to each of
-    its corners, and its share of stiffness to each of its connections: a quarter to its edges, half to the
-    diagonals of its faces (half and all in a sheet), all to its space diagonals. In the body's faces and edges
-    connections are therefore softer than inside, a stretched bar is exact however few particles it has across,
-    and the mass is density times volume. Such a lattice's constants differ within a direction, so that its forces
-    are gathered by a table instead of the stencil (see `msdwarp.kernels.forces`).
+    its corners, and part of the stiffness to each of its connections: a quarter to its edges, half to the
+    diagonals of its faces (half and all in a sheet), all to its space diagonals. So connections in the body's
+    faces and edges are softer than inside, a stretched bar is exact for any number of particles across, and the
+    mass is density times volume. The constants of such a lattice differ within a direction, so its forces are
+    gathered by a table instead of the stencil (see `msdwarp.kernels.forces`).
 
     **Stiffness.** Springs of stiffness k, length l and direction n have the energy of an elastic solid with
     C_ijkl = Σ k l² n_i n_j n_k n_l, summed over the springs in a unit of volume (Born and Huang, Dynamical Theory
@@ -44,9 +44,9 @@ class Material:
     - *6 or 4 neighbours*: k₁ = E a or E t. The modulus is met along the axes; nothing resists shear.
     - *Chain of cross section A*: k₁ = E A / a.
 
-    **What a lattice cannot have.** Springs that pull along their own direction make C12 = C44, Cauchy's relation:
-    Poisson's ratio is 1/4 in a solid, 1/3 in a sheet and 0 without diagonals, whatever it really is (almost 1/2
-    in rubber and gels). The modulus is met for small strains.
+    **Poisson's ratio.** Central springs give C12 = C44, Cauchy's relation: Poisson's ratio is 1/4 in a solid, 1/3
+    in a sheet and 0 without diagonals, whatever the true value (almost 1/2 in rubber and gels). The modulus is
+    correct for small strains.
 
     **Error.** Homogeneous strain is exact. A bar n cells high resists bending too much: by 5/(4 n²) of E I in a
     sheet, and by at most 11/(10 n²) in a solid: four cells are 8 and 7 % too stiff. N cells long, the frequency
@@ -63,7 +63,7 @@ class Material:
     youngs_modulus
         E [Pa].
     damping_ratio
-        ζ; at 1 the slowest longitudinal mode just does not swing. Half the loss factor η, if that is small.
+        ζ; at 1 the slowest longitudinal mode is critically damped. Half the loss factor η, if that is small.
 
     Raises
     ------
@@ -83,11 +83,11 @@ class Material:
 
     @property
     def wave_speed(self) -> float:
-        """Speed c = √(E/ρ) of long waves of compression in a thin bar [m/s]."""
+        """Speed c = √(E/ρ) of long compression waves in a thin bar [m/s]."""
         return math.sqrt(self.youngs_modulus / self.density)
 
     def cell_mass(self, axes: int, spacing: float, section: float = 1.0) -> float:
-        """Return the mass of a cell of a lattice of so many axes [kg].
+        """Return the mass of a cell of a lattice with this number of axes [kg].
 
         The section is the cross section of a chain [m²], the thickness of a sheet [m], or 1.
         """
@@ -96,7 +96,7 @@ class Material:
     def cell_stiffness(
         self, axes: int, spacing: float, section: float = 1.0, *, diagonals: bool
     ) -> tuple[float, ...]:
-        """Return the stiffness of connections inside a body [N/m], by how many axes they go along, from 1."""
+        """Return the stiffness of connections inside a body [N/m], by the number of axes they span, from 1."""
         unit = self.youngs_modulus * section * spacing ** (axes - 2)
         return tuple(unit * share for share in _STIFFNESS[axes, diagonals])
 

@@ -18,9 +18,9 @@ BITS = 62
 
 
 def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
-    """Return the order in which a space-filling curve visits points: those near each other seldom lie far apart.
+    """Return the order of points along a space-filling curve: near points are usually near in this order.
 
-    It is the Z-order: points are sorted by the bits of their coordinates, taken in turn.
+    It is the Z-order: points are sorted by the interleaved bits of their coordinates.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
     Returns
     -------
     order
-        The number of the point that comes k-th, shape [count].
+        The number of the kth point, shape [count].
 
     Raises
     ------
     ValueError
-        If `position` has another shape, or is not finite.
+        If `position` has the wrong shape or is not finite.
     """
     x = np.asarray(position, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] not in (1, 2, 3) or not np.isfinite(x).all():

@@ -13,32 +13,33 @@ _SUM = 1e-9
 
 @dataclass(frozen=True, eq=False, init=False)
 class Surface:
-    """The triangles that are drawn, with vertices of their own, so that edges and textures can be sharp.
+    """The triangles that are drawn, with separate vertices, so that edges and textures can be sharp.
 
-    A vertex either lies on a particle or is a mixture of k of them, Σ weight · position. Since the weights sum
-    to 1, the vertices follow every affine motion of the particles: a shift, a turn, a stretch.
+    A vertex either lies on a particle or is a mixture of k of them, Σ weight · position. Since the weights sum to
+    1, the vertices follow every affine motion of the particles: translation, rotation, stretching.
 
     Parameters
     ----------
     particle
-        The particle that each vertex moves with, shape [vertex_count]; or the k that it is a mixture of,
-        shape [vertex_count, k].
+        The particle of each vertex, shape [vertex_count]; or the k particles of its mixture, shape [vertex_count,
+        k].
     weights
-        The share of each of the k, shape [vertex_count, k]: each row sums to 1, and an entry below 0 or above 1
-        extrapolates. None where each vertex is its particle.
+        The weights of the k particles, shape [vertex_count, k]: each row sums to 1; entries below 0 or above 1
+        extrapolate. None if each vertex is a particle.
     uv
         Texture coordinates in 0 … 1, shape [vertex_count, 2].
     triangles
         Vertices of each triangle, counter-clockwise seen from outside, shape [triangle_count, 3].
     normal_of
-        The vertex whose normal each vertex takes, shape [vertex_count]: those of the triangles around all
-        vertices that share it. So a texture can have a seam where the surface has no edge. None: each its own.
+        The vertex whose normal each vertex uses, shape [vertex_count]; it is averaged over the triangles around
+        all vertices that share it. So a texture can have a seam where the surface is smooth. None: each vertex
+        uses its own normal.
 
     Raises
     ------
     ValueError
-        If an array has the wrong shape or holds an index out of range, weights are missing, not finite or do
-        not sum to 1, or a vertex takes the normal of one that takes another's.
+        If an array has the wrong shape or an index is out of range, weights are missing, not finite or do not sum
+        to 1, or `normal_of` has chains.
     """
 
     particle: NDArray[np.int32]
@@ -71,7 +72,7 @@ class Surface:
         object.__setattr__(self, "normal_of", _normals(normal_of, len(own)))
 
     def points(self, position: ArrayLike) -> NDArray[np.float64]:
-        """Return where the vertices are [m], shape [vertex_count, d].
+        """Return the positions of the vertices [m], shape [vertex_count, d].
 
         Parameters
         ----------
@@ -87,7 +88,7 @@ class Surface:
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
-        """Return both surfaces as one, this one's particles numbered behind so many others."""
+        """Return both surfaces as one, with this one's particle numbers shifted by a count."""
         own = Surface(
             particle=self.particle + np.int32(particles),
             weights=self.weights,

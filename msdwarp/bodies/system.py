@@ -23,7 +23,7 @@ from .uniform import stored, uniform
 
 @dataclass(frozen=True, eq=False, init=False)
 class System:
-    """Particles joined by connections, each a spring and a damper along its axis. It never changes.
+    """Particles joined by connections, each a spring and a damper along its axis. Immutable.
 
     Scalars broadcast: `mass=0.1` is a tenth of a kilogram for every particle. All arrays are read-only;
     the methods return a new System.
@@ -36,49 +36,48 @@ class System:
     velocity
         Particle velocities [m/s], shape [particle_count, d].
     mass
-        Particle masses [kg], shape [particle_count]; inf pins a particle where it is.
+        Particle masses [kg], shape [particle_count]; inf pins a particle.
     connections
         The two particles of each connection, shape [connection_count, 2].
     rest_length
-        Length at which a spring exerts no force [m], shape [connection_count]; by default as placed.
+        Length at which a spring exerts no force [m], shape [connection_count]; by default the initial length.
     stiffness
         Spring constants k [N/m], shape [connection_count].
     damping
         Damper constants b [N s/m], shape [connection_count].
     damper
-        The law of all dampers: what force a rate of lengthening meets; see `msdwarp.bodies.dampers`.
+        The law of all dampers, force against rate of lengthening; see `msdwarp.bodies.dampers`.
     yield_strain
-        Strain beyond which a spring gives way for good, shape [connection_count]; inf: it never does. See
+        Strain beyond which a spring deforms permanently, shape [connection_count]; inf: never. See
         `msdwarp.kernels.forces.plasticity`.
     relaxation_time
-        Time in which the excess falls to 1/e [s], shape [connection_count]; 0 yields at once.
+        Time in which the excess strain falls to 1/e [s], shape [connection_count]; 0 yields at once.
     largest_plastic_strain
-        Bound of |rest_length / original_length − 1|, below 1, shape [connection_count].
+        Upper bound of |rest_length / original_length − 1|, below 1, shape [connection_count].
     original_length
-        Rest length before anything yielded [m], shape [connection_count]; by default the rest length.
+        Rest length before any plastic deformation [m], shape [connection_count]; by default the rest length.
     break_strain
-        Strain, of a connection that is longer than at rest, beyond which it breaks for good, shape
-        [connection_count]; inf: it never does. See `msdwarp.kernels.forces.breaking`.
+        Tensile strain beyond which a connection breaks, shape [connection_count]; inf: never. See
+        `msdwarp.kernels.forces.breaking`.
     break_force
         Tension of the spring, stiffness · (length − rest_length), beyond which it breaks [N], shape
         [connection_count].
     broken_at
-        When each connection broke [s], shape [connection_count]; inf where it is whole. What is broken exerts no
-        force and stores no energy: broken_at=0 cuts it.
+        When each connection broke [s], shape [connection_count]; inf if it is whole. Broken connections exert no
+        force and store no energy: broken_at=0 cuts them.
     surface
-        The triangles that are drawn, if there are any.
+        The triangles that are drawn, if any.
     directions
         For each body in the system, the slice of connections of each lattice direction, by name.
     groups
-        Particles by the name of what they make up, indices of shape [any]; see `named`.
+        Named groups of particles, indices of shape [any]; see `named`.
 
     Raises
     ------
     ValueError
-        If an array has the wrong shape, is not finite, or holds a mass that is not positive, a negative
-        stiffness or damping, a rest length that is not positive, an index that is out of range, a
-        connection of a particle with itself, a pinned particle that moves, or a connection that starts longer
-        than what breaks it.
+        If an array has the wrong shape or is not finite, a mass or rest length is not positive, a stiffness or
+        damping is negative, an index is out of range, a particle is connected with itself, a pinned particle
+        moves, or a connection is longer at the start than its breaking length.
     """
 
     position: NDArray[np.float64]
@@ -147,16 +146,16 @@ class System:
 
     @classmethod
     def trusted(cls, **fields: Any) -> Self:
-        """Return a system of fields that are valid as they are made: nothing is checked, copied or broadcast.
+        """Return a system from valid fields: nothing is checked, copied or broadcast.
 
-        For large bodies, which checking and copying could take longer than making them.
+        For large bodies, where checking and copying could take longer than creating the arrays.
 
         Parameters
         ----------
         fields
-            As the class documents them, in their full shapes and as float64 or int32. Nobody may write to
-            the arrays any more; they become read-only. position, connections and rest_length are needed; the
-            others are by default as those of the class.
+            As for the class, in their full shapes and as float64 or int32. Do not write to the arrays afterwards;
+            they become read-only. position, connections and rest_length are required; the others have the defaults
+            of the class.
         """
         system = cls.__new__(cls)
         count = len(fields["connections"])
@@ -186,9 +185,9 @@ class System:
 
     @property
     def between_neighbours(self) -> NDArray[np.bool_] | None:
-        """Which connections do not join second neighbours, shape [connection_count]; None if none does.
+        """Mask of the connections that do not join second neighbours, shape [connection_count]; None if none does.
 
-        Directions of those have names such as "2x". They are compressed in a flat sheet: see
+        Second neighbours have directions such as "2x". These connections are compressed in a flat sheet: see
         `msdwarp.shapes.bending`.
         """
         second = [
@@ -213,7 +212,7 @@ class System:
 
     @property
     def yields(self) -> bool:
-        """Whether any connection can give way for good."""
+        """Whether any connection can deform permanently."""
         return bool(np.isfinite(stored(self.yield_strain)).any())
 
     @property
@@ -228,7 +227,7 @@ class System:
 
     @property
     def length(self) -> NDArray[np.float64]:
-        """Present length of each connection [m], shape [connection_count]."""
+        """Current length of each connection [m], shape [connection_count]."""
         return lengths(self.position, self.connections)
 
     @property
@@ -238,7 +237,7 @@ class System:
 
     @property
     def centre_of_mass(self) -> NDArray[np.float64]:
-        """Centre of mass of the particles that are not pinned (of all, if all are) [m], shape [d]."""
+        """Centre of mass of the free particles (of all, if all are pinned) [m], shape [d]."""
         weights = np.where(self.pinned, 0.0, self.mass)
         return np.average(self.position, axis=0, weights=weights if weights.any() else None)
 
@@ -248,7 +247,7 @@ class System:
         Raises
         ------
         KeyError
-            If the body has no direction of that name; the message lists those that it has.
+            If the body has no direction of that name; the message lists its directions.
         ValueError
             If there is no such body.
         """
@@ -259,10 +258,10 @@ class System:
         return self.directions[body][name]
 
     def replace(self, **changes: Any) -> Self:
-        """Return this system with some of its fields changed; the others are shared.
+        """Return this system with some fields changed; the others are shared.
 
-        What is changed is checked, and of the others what has to fit it. A new rest length is the original one
-        too, unless that is given.
+        New fields are checked, together with the fields that must match them. A new rest length also replaces the
+        original one, unless that is given.
 
         Raises
         ------
@@ -285,16 +284,16 @@ class System:
         return self.replace(position=self.position + shift)
 
     def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
-        """Return this system turned by `angle` [rad] about an axis, velocities turned with it.
+        """Return this system, with its velocities, rotated by `angle` [rad] about an axis.
 
         Parameters
         ----------
         angle
-            Turn [rad], counter-clockwise seen from the tip of the axis.
+            Rotation angle [rad], counter-clockwise seen from the tip of the axis.
         axis
-            Direction of the axis in three dimensions, any length, shape [3]; without meaning in two.
+            Direction of the axis in three dimensions, any length, shape [3]; unused in two.
         about
-            A point of the axis [m], shape [d]; by default the centre of mass.
+            A point on the axis [m], shape [d]; by default the centre of mass.
 
         Raises
         ------
@@ -340,17 +339,17 @@ class System:
         return self.replace(velocity=np.where(pinned[:, None], 0.0, velocity) if pinned.any() else velocity)
 
     def pin(self, selection: Any) -> Self:
-        """Return this system with the selected particles pinned where they are.
+        """Return this system with the selected particles pinned in place.
 
         Parameters
         ----------
         selection
-            Which: indices, a slice, or a mask of booleans, shape [particle_count].
+            Indices, a slice, or a mask of booleans, shape [particle_count].
 
         Raises
         ------
         ValueError
-            If it is none of these, or an index is out of range.
+            If the selection is invalid, or an index is out of range.
         """
         chosen = selected("selection", selection, self.particle_count)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
@@ -358,24 +357,24 @@ class System:
         return self.replace(mass=mass, velocity=velocity)
 
     def freeze(self) -> Self:
-        """Return this system with every rest length set to the present length: a body keeps its shape.
+        """Return this system with every rest length set to the current length, so that it keeps its shape.
 
-        It has then never yielded.
+        The result has no plastic deformation.
         """
         return self.replace(rest_length=self.length)
 
     def named(self, name: str) -> Self:
-        """Return this system with all its particles in a group of this name, beside the groups it has."""
+        """Return this system with all its particles in a group of this name; other groups stay."""
         checks.instance("name", name, str, "'scoop'")
         return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
 
     def group(self, name: str) -> NDArray[np.bool_]:
-        """Return which particles are in a group, shape [particle_count].
+        """Return the mask of the particles in a group, shape [particle_count].
 
         Raises
         ------
         ValueError
-            If there is no group of that name; the message lists those there are.
+            If there is no group of that name; the message lists the groups.
         """
         checks.one_of("group", name, self.groups)
         mine = np.zeros(self.particle_count, dtype=bool)
@@ -383,11 +382,11 @@ class System:
         return mine
 
     def renumbered(self, order: ArrayLike | None = None) -> Self:
-        """Return this system with its particles in another order, and its connections in that of their particles.
+        """Return this system with its particles in another order, and its connections ordered accordingly.
 
-        For meshes: a GPU is faster if joined particles are near each other in memory. A lattice loses its
-        directions, which make it fast. What was particle `order[k]` becomes number k; by default the order is
-        `space_filling_order(position)`. Raises ValueError if `order` has not each number once.
+        Use it for meshes: a GPU is faster if connected particles are near each other in memory. Do not use it for
+        a lattice: it loses its directions, which make it fast. Particle `order[k]` becomes number k; by default
+        the order is `space_filling_order(position)`. Raises ValueError if `order` is not a permutation.
         """
         return self.trusted(**renumbered(self, order))
 

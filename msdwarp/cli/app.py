@@ -153,8 +153,8 @@ def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> No
     scene
         A name from `msdwarp list`, or the path of a scene script.
     measured
-        A CSV file of tracked points with columns time, id, x, y, z; or of what the scene's probes told, as in a
-        run's probes.csv; or a trajectory.
+        A CSV file of tracked points with columns time, id, x, y, z; or of probe readings, as in a run's
+        probes.csv; or a trajectory.
     flags
         The scene's parameters, and the flags of every fit.
     """

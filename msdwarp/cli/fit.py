@@ -20,7 +20,7 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
     Raises
     ------
     ValueError
-        If an option is out of its range, or the file does not belong to the scene.
+        If an option is out of range, or the file does not belong to the scene.
     OSError
         If there is no such file.
     """

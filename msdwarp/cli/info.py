@@ -109,7 +109,7 @@ def _by(about: Mapping[str, Any]) -> Lines:
     if "script" in about:
         yield "script", _words(about["script"].get("sha256"))
     if "digest" in about:
-        yield "digest", f"{about['digest']}, the same for two scenes in which the same moves"
+        yield "digest", f"{about['digest']}, equal for scenes with the same bodies and forces"
 
 
 _TOLD = {

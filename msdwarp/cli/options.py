@@ -166,8 +166,8 @@ class Options:
     contact_forces
         Store the contact force on every particle. --arrows and --colour contact store it too.
     restart
-        Write restart.h5 after this many seconds of computing, and at the end; `msdwarp resume` continues from it.
-        0 writes none.
+        Write restart.h5 every N seconds of computing, and at the end; `msdwarp resume` continues from it. 0 writes
+        none.
     log
         Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name
         such as energy.csv goes into the run's folder; ./energy.csv goes into the current one.

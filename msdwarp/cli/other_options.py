@@ -103,21 +103,20 @@ class FitOptions:
     Parameters
     ----------
     parameters
-        What to fit, separated by commas: stiffness, damping, rest_length, mass, friction, gravity. The search
-        starts from the scene's values, or from those given: stiffness=500,damping.
+        Parameters to fit, separated by commas: stiffness, damping, rest_length, mass, friction, gravity. The
+        search starts from the scene's values, or from those given: stiffness=500,damping.
     bounds
-        Bounds of parameters: stiffness=100:2000,damping=0.1:5. Default: from a tenth of the start to ten times
-        it.
+        Bounds of parameters: stiffness=100:2000,damping=0.1:5. Default: from 1/10 to 10 times the start.
     noise
-        Standard deviation of the measurement's noise, in the unit of the data.
+        Standard deviation of the measurement noise, in the unit of the data.
     loss
-        Loss function. All but linear give large differences less weight, and need --noise.
+        Loss function. All but linear give large residuals less weight, and need --noise.
     horizon
-        growing fits a short time first and then longer ones; whole fits all of it at once.
+        growing fits a short time first, then longer ones; whole fits the whole time at once.
     starts
         Number of starting points of the search.
     substeps
-        Integrator steps per frame; auto picks what is stable within the bounds.
+        Integrator steps per frame; auto picks a number that is stable within the bounds.
     fps
         Frames per second of simulated time. Default: those of the file.
     integrator
@@ -170,7 +169,8 @@ class SweepOptions(Options):
         Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep.
     jobs
         Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
-        points that are alike enough are simulated side by side in one process (with --keep summary).
+        points that differ only in numbers such as stiffness are simulated together in one process (with --keep
+        summary).
     keep
         What to keep of each point: the whole run, as `msdwarp run` does, or only a summary.
     """

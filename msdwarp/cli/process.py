@@ -83,7 +83,7 @@ def stop_asked_for(talk: "Console") -> Iterator[list[int]]:
 
     def said() -> None:
         if talk.is_terminal:
-            talk.print("ending after this frame; once more ends at once")
+            talk.print("stopping after this frame; press again to stop at once")
 
     with noted(said) as asked:
         yield asked

@@ -61,7 +61,7 @@ def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, scri
         else:
             folder = result_folder(origin.name, out, False)
         if not len(trajectory):
-            raise ValueError(f"{path} has no frames to make again")
+            raise ValueError(f"{path} has no frames to repeat")
         if FIRST_FRAME in attributes:
             if out is not None:
                 raise ValueError("out is given; what was recorded live is compared as it is made, and not kept")

@@ -57,7 +57,7 @@ def check_names(name: str, out: Path) -> None:
         length = len(os.fsencode(name))
         raise ValueError(
             f"the name of scene {name[:20]!r}... is {length} bytes long; it must be at most "
-            f"{length - (longest - most)}, since files are called after it"
+            f"{length - (longest - most)}, since files are named after it"
         )
 
 

@@ -48,7 +48,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     Raises
     ------
     ValueError, OSError
-        If an option is out of its range or `out` cannot be used: before anything is written.
+        If an option is out of range or `out` cannot be used: before anything is written.
     SimulationDiverged, Interrupted
         If the simulation ends early; what there is until then is kept.
     """
@@ -314,7 +314,10 @@ def _over_time(chosen: Sequence[tuple[float, int]]) -> str:
     if len(chosen) <= MOST_CHANGES_SAID:
         return ", ".join(f"{count} from {time:.4g} s on" for time, count in chosen)
     counts = [count for _, count in chosen]
-    return f"{counts[0]} at first, changed {len(counts) - 1} times, {min(counts)} to {max(counts)}"
+    return (
+        f"{counts[0]} at the start, {counts[-1]} at the end, changed {len(counts) - 1} times, "
+        f"between {min(counts)} and {max(counts)}"
+    )
 
 
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:

@@ -36,7 +36,9 @@ def flags_app(origin: Origin, command: str, options_type: type, act: Callable[[O
     )
     clash = {parameter.name for parameter in own} & _names(defaults)
     if clash:
-        raise ValueError(f"build of scene {origin.name!r} has parameters that every run has: {sorted(clash)}")
+        raise ValueError(
+            f"build of scene {origin.name!r} has parameters with the names of common flags: {sorted(clash)}"
+        )
     command_of_flags.__signature__ = inspect.Signature([*own, common])  # type: ignore[attr-defined]
     command_of_flags.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, common)}
     command_of_flags.__doc__ = origin.build.__doc__

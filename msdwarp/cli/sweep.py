@@ -238,7 +238,7 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
     name = name.replace("-", "_")
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
-        raise ValueError(f"{name} is no parameter that could be swept")
+        raise ValueError(f"{name} is not a parameter that can be swept")
     return plain(name, json.loads(json.dumps(held[name], default=as_json)))
 
 

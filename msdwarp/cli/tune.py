@@ -18,7 +18,7 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
     Raises
     ------
     ValueError
-        If an option is out of its range, or no method is under the tolerance.
+        If an option is out of range, or no method is under the tolerance.
     """
     with Console(stderr=True).status("tuning") as status:
         found, horizon = tune(
@@ -29,7 +29,7 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
             report=lambda line: status.update(f"tuning: {line}"),
         )
     best = cheapest(found, options.tolerance)
-    table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a share of its size")
+    table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a fraction of its size")
     for heading in ("method", "precision", "substeps", "error", "time per second"):
         table.add_column(heading, justify="left" if heading in ("method", "precision") else "right")
     for one in found:

@@ -26,7 +26,7 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
     Raises
     ------
     ValueError
-        If an option is out of its range, or there is neither a display nor what serves a page.
+        If an option is out of range, or there is neither a display nor what serves a page.
     """
     source = _running(origin, scene, options)
     shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
@@ -89,8 +89,8 @@ def _run(view: View) -> None:
 
 def _tell(page: Browser) -> None:
     """Say where a page is, and who can open it."""
-    print(f"{page.address}  (Ctrl-C ends)", flush=True)
+    print(f"{page.address}  (Ctrl-C stops)", flush=True)
     if page.host in ("127.0.0.1", "localhost"):
         print(f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True)
     else:
-        print("anyone who can reach this address can see and handle it", flush=True)
+        print("anyone who can reach this address can see and control it", flush=True)

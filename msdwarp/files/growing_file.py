@@ -55,7 +55,7 @@ class GrowingFile:
     def append_rows(self, rows: Rows) -> None:
         """Write what probes told in a frame that is not kept, and flush it."""
         if self._file is None:
-            raise ValueError("readings come before the first frame; that must be kept")
+            raise ValueError("readings come before the first frame, which must be kept")
         self._check_there()
         self._reserve(self._layout.growth_by(rows))
         self._layout.append_rows(rows)

@@ -38,7 +38,7 @@ def probe(path: str | Path) -> None:
     try:
         done = subprocess.run(words, capture_output=True, env=env, timeout=_MOST_SECONDS, check=False)
     except subprocess.TimeoutExpired as error:
-        raise ValueError(f"{path} cannot be read: after {_MOST_SECONDS:g} s no end is in sight") from error
+        raise ValueError(f"{path} cannot be read: after {_MOST_SECONDS:g} s the check has not finished") from error
     if said := done.stdout.decode(errors="replace"):
         raise ValueError(f"{path} cannot be read: {said}")
     if done.returncode < 0:

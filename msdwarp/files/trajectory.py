@@ -24,9 +24,9 @@ _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, Runti
 
 
 class Trajectory:
-    """A trajectory on disk: its frames, which are read when they are asked for, and the system that moves in them.
+    """A trajectory on disk: its frames, which are read on access, and the system.
 
-    It can be opened while it is being written, and then has the frames that are there so far.
+    It can be opened while it is being written, and then has the frames so far.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class Trajectory:
     Raises
     ------
     FileNotFoundError
-        If there is none.
+        If it does not exist.
     ValueError
-        If it is no trajectory, is cut short or damaged, or is of a format that is not known.
+        If it is not a trajectory, is truncated or damaged, or has an unknown format.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -89,7 +89,7 @@ class Trajectory:
             raise ValueError(f"{name} {wrong}")
 
     def close(self) -> None:
-        """Close the file; nothing can be read then."""
+        """Close the file."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -119,7 +119,7 @@ class Trajectory:
 
     @cached_property
     def system(self) -> System:
-        """The system as it was at the start; ValueError if that part of the file is damaged."""
+        """The system at the start; ValueError if that part of the file is damaged."""
         try:
             return read_system(self._file)
         except _ERRORS as error:
@@ -127,7 +127,7 @@ class Trajectory:
 
     @cached_property
     def scene(self) -> tuple[dict[str, Any], dict[str, NDArray]] | None:
-        """What pictures need of its scene, as the writer was given it; None if it was given none.
+        """The data of the scene for pictures, as given to the writer; None if there is none.
 
         Raises
         ------
@@ -145,17 +145,17 @@ class Trajectory:
 
     @property
     def positions(self) -> FrameArray:
-        """Particle positions [m], shape [frame_count, particle_count, d], read where they are indexed."""
+        """Particle positions [m], shape [frame_count, particle_count, d]; only indexed parts are read."""
         return FrameArray(self._file[ROOT][POINTS], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
     def velocities(self) -> FrameArray:
-        """Particle velocities [m/s], shape [frame_count, particle_count, d], read where they are indexed."""
+        """Particle velocities [m/s], shape [frame_count, particle_count, d]; only indexed parts are read."""
         return FrameArray(self._file[ROOT][VELOCITY], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
     def strains(self) -> FrameArray:
-        """Strain of each connection, shape [frame_count, connection_count], read where it is indexed.
+        """Strain of each connection, shape [frame_count, connection_count]; only indexed parts are read.
 
         Raises
         ------
@@ -168,9 +168,9 @@ class Trajectory:
 
     @property
     def contact_forces(self) -> FrameArray:
-        """What contacts push particles with [N], shape [frame_count, particle_count, d], read where indexed.
+        """Contact force on each particle [N], shape [frame_count, particle_count, d]; only indexed parts are read.
 
-        The mean over the frame that ends there, as `Simulation.contact_force` has it; 0 in the first frame.
+        Averaged over the preceding frame interval, like `Simulation.contact_force`; 0 in the first frame.
 
         Raises
         ------
@@ -183,9 +183,9 @@ class Trajectory:
 
     @property
     def broken_at(self) -> NDArray[np.float32]:
-        """When each connection broke [s], shape [connection_count]: 0 from the start, inf where it is whole.
+        """When each connection broke [s], shape [connection_count]: 0 from the start, inf if it is whole.
 
-        Which are broken in a frame of some time: `msdwarp.bodies.broken_before`.
+        `msdwarp.bodies.broken_before` gives those that are broken in a frame.
 
         Raises
         ------
@@ -207,9 +207,9 @@ class Trajectory:
 
     @property
     def substeps(self) -> NDArray[np.int32] | None:
-        """How many substeps each frame took, shape [frame_count]; None in files of before they were kept.
+        """Number of substeps of each frame, shape [frame_count]; None in old files without it.
 
-        Of the first frame it is how many the next one was to take; 0 is unknown.
+        For the first frame it is the number for the next one; 0 is unknown.
 
         Raises
         ------
@@ -237,17 +237,17 @@ class Trajectory:
 
     @property
     def probes(self) -> dict[str, tuple[str, list[str]]] | None:
-        """Of each probe how often it was read, "frame" or "substep", and what its numbers are called.
+        """For each probe, how often it was read, "frame" or "substep", and the names of its columns.
 
-        None in files whose runs wrote no readings; ValueError if that part of the file is damaged.
+        None in files without readings; ValueError if that part of the file is damaged.
         """
         return None if self._tables is None else self._tables.columns
 
     @cached_property
     def readings(self) -> dict[str, Series]:
-        """What probes told up to the last frame, by their names: `times, values = trajectory.readings["foot"]`.
+        """Readings of the probes up to the last frame, by name: `times, values = trajectory.readings["foot"]`.
 
-        Of frames that were not kept too, since the first one; empty where none were written.
+        They include frames that were not stored; empty if there are no readings.
 
         Raises
         ------
@@ -260,7 +260,7 @@ class Trajectory:
             raise ValueError(f"{self.path} is a damaged trajectory: its readings: {error}") from error
 
     def frame(self, k: int) -> Frame:
-        """Return frame k, from the end where k is negative; raise IndexError if there is none."""
+        """Return frame k, counted from the end if k is negative; raise IndexError if there is none."""
         return Frame(float(self.times[k]), self.positions[k], self.velocities[k])
 
     @overload

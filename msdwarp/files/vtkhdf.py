@@ -302,7 +302,7 @@ class Layout:
         """Return what a frame adds to an array, in parts that follow each other."""
         _, position, velocity = frame
         if name == CONTACT and contact_force is None:
-            raise ValueError("contact_force is None; the file has what contacts push particles with in each frame")
+            raise ValueError("contact_force is None; the file stores contact forces, so each frame needs them")
         of_points = {POINTS: position, VELOCITY: velocity, CONTACT: contact_force}
         if (values := of_points.get(name)) is not None:
             return [self._in_space(values)]

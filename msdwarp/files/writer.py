@@ -52,53 +52,52 @@ class Pending(Protocol):
 
 
 class TrajectoryWriter:
-    """Writes frames beside the simulation: a thread takes them from a queue and flushes each to disk.
+    """Writes frames while the simulation continues: a thread takes them from a queue and flushes each to disk.
 
-    The file appears with the first frame. From then on it can be opened at any moment, even after the process
-    was killed, and has every frame that was flushed.
+    The file appears with the first frame. From then on it can be opened at any time, even after the process was
+    killed, and has every flushed frame.
 
     Parameters
     ----------
     path
         The file, `*.vtkhdf`; see docs/files.md for what is in it.
     system
-        What moves in it, as it is at the start.
+        The system at the start.
     fps
-        Frames per second of simulated time that are handed to `write`.
+        Frames per second of simulated time that are passed to `write`.
     frame_count
-        Number of frames to come, if it is known; the file is then laid out for it.
+        Number of frames, if known; the file is then laid out for this number.
     compress
         Compress losslessly (gzip 1 after shuffling bytes): smaller, and several times slower.
     every
-        Keep the first frame and each `every`-th after it.
+        Keep every Nth frame, starting with the first.
     strain
-        Write the strain of every connection: one number each, of which a lattice has many more than positions.
+        Write the strain of every connection. In a lattice these are many more numbers than the positions.
     contact_forces
-        Write the contact force on each particle; every frame must then come with it.
+        Write the contact force on each particle; it must then be given with every frame.
     attributes
-        What made the run: names, numbers, texts, or lists and mappings of those, as JSON has them.
+        Information about the run: numbers, texts, or lists and mappings of these, as in JSON.
     readings
-        Of each probe, by its name: how often it is read ("frame" or "substep"), and what its numbers are called.
-        Readings of all frames are written, also of frames that are not kept. `Trajectory.readings` returns them.
+        For each probe, by name: how often it is read ("frame" or "substep"), and the names of its columns.
+        Readings of all frames are written, including frames that are not kept. `Trajectory.readings` returns them.
     scene
-        What pictures need of the surroundings: what JSON can hold, and arrays by name. `Trajectory.scene` gives it
-        back.
+        Data of the surroundings for pictures: JSON data, and arrays by name. `Trajectory.scene` returns it.
     force
-        Replace a file that is there.
+        Replace an existing file.
     behind
-        Continue the existing file after this many of the frames that were handed to `write`; later frames in it
-        are dropped. Its layout and attributes stay as they are.
+        Continue the existing file after this many frames that were passed to `write`; later frames in it are
+        dropped. Its layout and attributes stay the same.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, or the name does not end in .vtkhdf, or the file to go on with is of
-        another system, or lacks frames.
+        If an argument is out of range, the name does not end in .vtkhdf, or the file to continue has another
+        system or lacks frames.
     FileExistsError
         If the file exists and `force` is False.
     OSError
-        If nothing can be written there. What goes wrong later, such as a full disk, is raised by the next
-        `write` or by `close`; it says how many frames were kept.
+        If the file cannot be written. Later failures, such as a full disk, are raised by the next `write` or by
+        `close`, with the number of frames kept.
     """
 
     def __init__(
@@ -172,19 +171,19 @@ class TrajectoryWriter:
         readings: Rows = MappingProxyType({}),
         contact_force: NDArray | None = None,
     ) -> None:
-        """Hand over a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
+        """Write a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
 
-        It waits while four frames are ahead. The arrays are the writer's from here on: nobody may write to them.
-        `strain`, shape [connection_count], is computed from the positions and the system's rest lengths where it
-        is not given. `broken_at`, of the same shape, says when connections broke [s], inf where they are whole; it
-        is kept where the system can tear. `readings` are the rows that it adds to the tables by "frame" and by
-        "substep": times [s], and beside them the numbers of all such probes, in their order. `contact_force` is
-        what contacts push each particle with [N], shape [particle_count, d], kept where `contact_forces` says so.
+        It waits while four frames are queued. Do not change the arrays afterwards. If `strain`, shape
+        [connection_count], is not given, it is computed from the positions and the system's rest lengths.
+        `broken_at`, of the same shape, is when connections broke [s], inf if they are whole; it is stored if the
+        system can tear. `readings` are the new rows of the tables "frame" and "substep": times [s], followed by
+        the numbers of all such probes, in order. `contact_force` is the contact force on each particle [N], shape
+        [particle_count, d], stored if `contact_forces` is set.
 
         Raises
         ------
         ValueError
-            If an array has another shape, or the writer is closed.
+            If an array has the wrong shape, or the writer is closed.
         OSError
             If an earlier frame could not be written.
         """
@@ -206,17 +205,17 @@ class TrajectoryWriter:
         self._hand_over(_Arrived(frame, strain, broken_at, contact_force) if kept else None, readings)
 
     def wants_next(self) -> bool:
-        """Tell whether the next frame is one of those to keep; raise as `write` does."""
+        """Return whether the next frame will be kept; raise as `write` does."""
         self._tell(again=True)
         if self._ended:
             raise ValueError(f"{self.path} is closed; frames must be written before")
         return self._offered % self._every == 0
 
     def write_pending(self, frame: Pending | None, readings: Rows = MappingProxyType({})) -> None:
-        """Hand over a frame that is still on its way, or None where `wants_next` is false; else as `write`."""
+        """Write a frame that is still being copied, or None if `wants_next` is false; else as `write`."""
         kept = self.wants_next()
         if kept and frame is None:
-            raise ValueError("frame is None; this one is to be kept")
+            raise ValueError("frame is None; this frame must be kept")
         self._hand_over(frame if kept else None, readings)
 
     def _hand_over(self, frame: Pending | None, readings: Rows) -> None:
@@ -231,24 +230,24 @@ class TrajectoryWriter:
         self._offered += 1
 
     def flush(self) -> None:
-        """Wait until all frames handed over are on the disk, and would be after a power cut.
+        """Wait until all frames so far are synced to disk.
 
         Raises
         ------
         OSError
-            If one could not be written.
+            If a frame could not be written.
         """
         self._queue.join()
         self._tell(again=True)
         self._file.sync()
 
     def close(self) -> None:
-        """Wait until all frames are written and close the file; it may be called again.
+        """Wait until all frames are written, and close the file. It may be called again.
 
         Raises
         ------
         OSError
-            If a frame could not be written, and `write` has not said so.
+            If a frame could not be written and `write` has not raised it yet.
         """
         if not self._ended:
             self._queue.put(None)

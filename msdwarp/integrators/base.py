@@ -10,23 +10,23 @@ from ..engine import Dynamics, Rates, State
 
 
 class Integrator(ABC):
-    """A time-stepping method. It asks for forces and launches kernels; how forces come about it never knows.
+    """A time-stepping method. It requests forces and launches kernels, independently of how forces are computed.
 
-    Every launch must be one that a graph can hold: the substeps of a frame are recorded once and replayed.
+    All launches must be capturable in a CUDA graph: the substeps of a frame are recorded once and replayed.
     """
 
     order: ClassVar[int]
-    """Order of convergence, without damping and contact where they lower it (see the method)."""
+    """Order of convergence. Damping and contact may lower it (see the method)."""
     one_kernel: ClassVar[bool] = True
-    """Whether all that a substep launches is stages of one method (see `msdwarp.engine.Stepper`)."""
+    """Whether a substep launches only stages of one method (see `msdwarp.engine.Stepper`)."""
 
     lag: ClassVar[float] = 0.0
-    """Substeps by which velocities lag behind positions, as far as energy goes (see `msdwarp.engine.balance`)."""
+    """Substeps by which velocities lag behind positions, for the energy (see `msdwarp.engine.balance`)."""
 
     bears_touch: ClassVar[bool] = True
-    """Whether bodies may touch each other."""
+    """Whether the method supports contact between bodies."""
     long_steps: ClassVar[bool] = False
-    """Whether a stable step may be longer than the motion that it is to follow: then every frame is looked at."""
+    """Whether stable steps may be too long to resolve the motion; then every frame is checked."""
 
     @property
     def evaluations(self) -> int:
@@ -35,46 +35,46 @@ class Integrator(ABC):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """When within a substep each launch of `step` takes its forces, as shares of the substep."""
+        """Times within a substep at which each launch of `step` evaluates forces, as fractions of the substep."""
         return (0.0,)
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """What each of these launches counts in an integral over the substep."""
+        """Weight of each of these launches in an integral over the substep."""
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities that forces see lag half a substep behind the positions."""
+        """Whether forces use velocities half a substep before the positions."""
         return False
 
     @property
     def carried(self) -> int:
-        """Arrays of vectors, beside positions and velocities, that one substep leaves to the next."""
+        """Arrays of vectors, besides positions and velocities, that are passed from one substep to the next."""
         return 0
 
     def workspace(self, state: State) -> Any:
-        """Return the arrays that the method needs beside the state, by their names; None where it needs none."""
+        """Return the arrays that the method needs besides the state, by name; None if it needs none."""
         return None
 
     def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
         self, dynamics: Dynamics, state: State, work: Any, h: float
     ) -> None:
-        """Bring a state given at one instant to the instants at which the method keeps it."""
+        """Shift a state given at one time to the times that the method uses."""
 
     @abstractmethod
     def step(self, dynamics: Dynamics, state: State, work: Any, h: float) -> None:
-        """Advance the state by one substep of h seconds: write what comes `there`, and flip it.
+        """Advance the state by one substep of h seconds: write the new state to `there`, and flip it.
 
-        `work` is what `workspace` returned; it keeps nothing from one substep to the next.
+        `work` is what `workspace` returned; its contents are not kept between substeps.
         """
 
     def hand_over(self, dynamics: Dynamics, state: State, work: Any, h: float, h_next: float) -> wp.array:
-        """Return the velocities that substeps of another length, h_next [s], are to start from."""
+        """Return the velocities from which substeps of another length, h_next [s], start."""
         return self.velocity(dynamics, state, work, h)
 
     def velocity(self, dynamics: Dynamics, state: State, work: Any, h: float) -> wp.array:
-        """Return the velocities at the instant of the positions [m/s]."""
+        """Return the velocities at the same time as the positions [m/s]."""
         return state.v
 
     @abstractmethod
@@ -82,7 +82,7 @@ class Integrator(ABC):
         """Return the largest stable substep [s] for a linear system with these rates."""
 
     def fitted(self, rates: Rates, h: float) -> Self:
-        """Return the method as it is best used with substeps of h seconds."""
+        """Return the method with its options for substeps of h seconds."""
         return self
 
 

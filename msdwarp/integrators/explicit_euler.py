@@ -11,7 +11,7 @@ from .base import Integrator
 
 @dataclass(frozen=True)
 class ExplicitEuler(Integrator):
-    """x += h v and v += h a(x, v), both from the old state. For comparison only; the command does not offer it.
+    """x += h v and v += h a(x, v), both from the old state. For comparison only, in Python.
 
     Order 1. Without damping every oscillation grows by √(1 + h²ω²) a substep, whatever the step. With it a
     mode is stable iff h ≤ b/k and 2hλ(M⁻¹B) ≤ 4 + h²λ(M⁻¹K).
@@ -27,5 +27,5 @@ class ExplicitEuler(Integrator):
         state.flip()
 
     def stable_step(self, rates: Rates) -> float:
-        """Return a stable substep [s], 0 where a spring has no damper; see `Integrator.stable_step`."""
+        """Return a stable substep [s]; 0 if a spring has no damper; see `Integrator.stable_step`."""
         return min(rates.least_ratio, 2 / rates.damping if rates.damping else math.inf)

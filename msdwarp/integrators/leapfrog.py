@@ -20,15 +20,14 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class Leapfrog(Integrator):
-    """Symplectic Euler with velocities kept half a substep behind the positions.
+    """Symplectic Euler with velocities stored half a substep before the positions.
 
-    A half kick back at the start, a half kick forward wherever a velocity is read, and the same substeps
-    in between. Order 2 without damping (then it is velocity Verlet). The dampers see the velocity
-    (1 + θ) v(n − ½) − θ v(n − 3/2): of half a substep ago with θ = 0, which makes the order 1, extrapolated to
-    the instant of the positions with θ = ½, which keeps it at 2. Stable while h²λ(M⁻¹K) + 2(1 + 2θ) hλ(M⁻¹B) < 4.
-    The half kick knows nothing of contact: of a particle at rest on a floor it reports the velocity −g h/2
-    though it never moves.
-    Reference: Hairer, Lubich & Wanner, Acta Numerica 12 (2003) 399-450.
+    It makes a half kick back at the start, a half kick forward when a velocity is read, and the same substeps in
+    between. Order 2 without damping (then it is velocity Verlet). The dampers use the velocity (1 + θ) v(n − ½) −
+    θ v(n − 3/2). With θ = 0 it is half a substep old, which makes the order 1; with θ = ½ it is extrapolated to
+    the time of the positions, which keeps order 2. Stable if h²λ(M⁻¹K) + 2(1 + 2θ) hλ(M⁻¹B) < 4. The half kick
+    ignores contact: for a particle at rest on a floor it reports the velocity −g h/2. Reference: Hairer, Lubich &
+    Wanner, Acta Numerica 12 (2003) 399-450.
 
     Parameters
     ----------
@@ -52,16 +51,16 @@ class Leapfrog(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities that forces see lag half a substep behind the positions."""
+        """Whether forces use velocities half a substep before the positions."""
         return not self.damper_extrapolation
 
     @property
     def carried(self) -> int:
-        """Arrays carried along: the velocities that dampers see, where they are not the ones it steps with."""
+        """Arrays passed on: the velocities that dampers use, if they differ from those that it steps with."""
         return 1 if self.damper_extrapolation else 0
 
     def workspace(self, state: State) -> Work:
-        """Return an array for the velocities at the instant of the positions."""
+        """Return an array for the velocities at the time of the positions."""
         return Work(*state.empty_vectors(1))
 
     def start(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:

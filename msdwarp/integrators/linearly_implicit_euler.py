@@ -37,16 +37,15 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearlyImplicitEuler(Integrator):
-    """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the present positions.
+    """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the current positions.
 
-    Order 1, and strongly damping. Springs and dampers are stable at any step, as far as the equations are solved;
-    effects act explicitly. Of driven particles Δv is given: their way in the substep over h, less v.
-    It is for a few springs that are much stiffer, or particles much lighter, than all others. The equations are
-    solved by conjugate gradients without ever being assembled, preconditioned by the inverses of the diagonal
-    blocks. Contact comes after the solve: a stiff spring that meets a floor is strained
-    by up to v h in a substep, so long steps bounce hard there.
-    Of dampers that are not linear B has the steepest slope, so that long steps weaken their force.
-    Reference: Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
+    Order 1, and strongly damping. Springs and dampers are stable at any step if the equations are solved
+    accurately; effects such as loads act explicitly. For driven particles Δv is given by their path. Use it if a
+    few springs are much stiffer, or particles much lighter, than all others. The equations are solved by
+    matrix-free conjugate gradients, preconditioned by the inverses of the diagonal blocks. Contact is handled
+    after the solve: a stiff spring that hits a floor is strained by up to v h in a substep, so long steps bounce
+    hard there. For nonlinear dampers B uses the steepest slope, so long steps weaken their force. Reference:
+    Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
 
     Parameters
     ----------
@@ -76,11 +75,11 @@ class LinearlyImplicitEuler(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """When forces are taken: at the start, and the second launch asks for none."""
+        """Forces are evaluated at the start only; the second launch needs none."""
         return (0.0, 0.0)
 
     def workspace(self, state: State) -> Work:
-        """Return what a solve needs; a graph may hold no array that would be freed while it lives."""
+        """Return the arrays for a solve; they must not be freed while a graph uses them."""
         x, numbers = state.x, wp.zeros(3, dtype=wp.float64, device=state.x.device)
         vector: Any = x.dtype
         dim, scalar = vector._length_, vector._wp_scalar_type_
@@ -127,5 +126,5 @@ class LinearlyImplicitEuler(Integrator):
             launch(shift, 1, [numbers])
 
     def stable_step(self, rates: Rates) -> float:
-        """Return the largest stable substep [s]: any, but for what effects do, which is taken explicitly."""
+        """Return the largest stable substep [s]; only effects, which act explicitly, limit it."""
         return kick_drift_limit(rates.effect_stiffness, rates.effect_damping)

@@ -24,12 +24,12 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class RK4(Integrator):
-    """The classical Runge-Kutta method of order 4 (report eq. 6), its stages seeing position and velocity.
+    """The classical Runge-Kutta method of order 4 (equation 6 of the 2014 report).
 
-    Contact is applied after each substep, which makes it first order across a contact, as every method.
-    Its region of stability reaches 2.785 along the negative real axis, 2.828 along the imaginary one, and
-    in no direction between them less than 2.615.
-    Reference: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed. (1993), II.1.
+    Contact is applied after each substep, so across a contact it is first order, like every method. Its region of
+    stability reaches 2.785 along the negative real axis, 2.828 along the imaginary axis, and at least 2.615 in any
+    direction between them. Reference: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed.
+    (1993), II.1.
     """
 
     order: ClassVar[int] = 4
@@ -41,12 +41,12 @@ class RK4(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """When its four stages take their forces."""
+        """Times at which its four stages evaluate forces."""
         return (0.0, 0.5, 0.5, 1.0)
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """What they count in an integral over the substep: Simpson's rule."""
+        """Their weights in an integral over the substep: Simpson's rule."""
         return (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
     def workspace(self, state: State) -> Work:
@@ -73,9 +73,9 @@ class RK4(Integrator):
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; see `Integrator.stable_step`.
 
-        It holds for any system with these two rates, and is the largest that does to within 8 %; a given
-        system may bear more, up to twice where its fastest modes are critically damped. A mode's eigenvalues
-        h·μ have modulus h √λ_k where they oscillate and lie in −h λ_b … 0 where not.
+        It is stable for every system with these two rates, and within 8 % of the largest such step. A given system
+        may allow more, up to twice as much if its fastest modes are critically damped. The eigenvalues h·μ of a
+        mode have modulus h √λ_k if they oscillate, and otherwise lie in −h λ_b … 0.
         """
         oscillating = 2.615 / math.sqrt(rates.stiffness) if rates.stiffness else math.inf
         creeping = 2.785 / rates.damping if rates.damping else math.inf

@@ -101,21 +101,21 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class RKC2(Integrator):
-    """Runge-Kutta-Chebyshev of order 2, for systems that creep rather than oscillate.
+    """Runge-Kutta-Chebyshev of order 2, for overdamped systems.
 
-    With s stages it is stable along the negative real axis to 0.653 (s² − 1). So the work for a given time falls
-    as 1/s. Every spring needs a damper beside it: an undamped oscillation is never stable.
-    Reference: Sommeijer, Shampine & Verwer, J. Comput. Appl. Math. 88 (1997) 315-326.
+    With s stages it is stable along the negative real axis up to 0.653 (s² − 1), so the work per simulated time
+    falls as 1/s. Every spring needs a damper: an undamped oscillation is never stable. Reference: Sommeijer,
+    Shampine & Verwer, J. Comput. Appl. Math. 88 (1997) 315-326.
 
     Parameters
     ----------
     stages
-        Force evaluations per substep, from 2 to 40; by default the least that are stable, from 2 to 5.
+        Force evaluations per substep, from 2 to 40; by default the smallest stable number, from 2 to 5.
 
     Raises
     ------
     ValueError
-        If `stages` is out of its range.
+        If `stages` is out of range.
     """
 
     stages: int | None = None
@@ -136,7 +136,7 @@ class RKC2(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """Times of its stages, as shares of a substep: the c_j that the recurrence gives for x' = 1."""
+        """Times of its stages, as fractions of a substep: the c_j that the recurrence gives for x' = 1."""
         c = coefficients(self.evaluations)
         changes = [0.0, c.first]
         for mu, nu, reach, reach0 in list(zip(c.mu, c.nu, c.reach, c.reach0, strict=True))[:-1]:
@@ -167,13 +167,13 @@ class RKC2(Integrator):
         state.flip()
 
     def stable_step(self, rates: Rates) -> float:
-        """Return a stable substep [s], with the given stages or the most automatic ones."""
+        """Return a stable substep [s], with the given number of stages or the largest automatic one."""
         stages = self.stages or MOST_AUTOMATIC_STAGES
         creeping = real_reach(stages) / rates.damping if rates.damping else math.inf
         return min(creeping, disc_reach(stages) * rates.least_ratio)
 
     def fitted(self, rates: Rates, h: float) -> "RKC2":
-        """Return the method with the least number of stages that is stable, where it was left open."""
+        """Return the method with the smallest stable number of stages, if none was given."""
         if self.stages is not None:
             return self
         options = [RKC2(s) for s in range(2, MOST_AUTOMATIC_STAGES + 1)]

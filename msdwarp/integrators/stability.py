@@ -26,28 +26,28 @@ MOST_SUBSTEPS = 100_000
 
 
 class UnstableStep(ValueError):
-    """The substeps asked for are longer than the stability limit."""
+    """The requested substeps are longer than the stability limit."""
 
 
 @dataclass(frozen=True)
 class StepChoice:
-    """The substeps of a frame, and why."""
+    """The number of substeps of a frame, and the reason."""
 
     rates: Rates
     """Bounds of the system's rates."""
     limit: float
     """Largest stable substep [s]."""
     least: int
-    """Least number of stable substeps per frame."""
+    """Smallest stable number of substeps per frame."""
     substeps: int
-    """The number chosen or asked for."""
+    """The chosen or requested number."""
     fps: float
     """Frames per second."""
     refinement: float = 1.0
     """How many times as many as the stability limit asks for, since energy grew or the frame could not be done."""
 
     def refined(self, refinement: float) -> "StepChoice":
-        """Return the choice with so many times the substeps that the stability limit asks for."""
+        """Return the choice with this multiple of the substeps that the stability limit requires."""
         return replace(self, substeps=math.ceil(self.substeps * refinement - 1e-9), refinement=refinement)
 
     @property
@@ -57,7 +57,7 @@ class StepChoice:
 
     @property
     def energy_swing(self) -> float:
-        """Largest over least energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
+        """Largest over smallest energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
 
         What a kick-drift method conserves is v² + ω²x² − h ω² x v; its extremes over an oscillation lie at
         1 ± hω/2. Past the limit nothing is conserved, and this is 1.
@@ -71,18 +71,18 @@ class StepChoice:
         zeta = f"{self.rates.damping_ratio:.2g}"
         finer = f"; {self.refinement:.3g} times as many as for small motions" if self.refinement > 1 else ""
         return (
-            f"{self.substeps} substeps a frame (at least {self.least} are stable: fastest oscillation at most "
-            f"{frequency:.3g} Hz, damping ratio {zeta}{finer})"
+            f"{self.substeps} substeps a frame (stability needs at least {self.least}: fastest oscillation at "
+            f"most {frequency:.3g} Hz, damping ratio {zeta}{finer})"
         )
 
 
 def stability_limit(system: System, integrator: Integrator) -> float:
-    """Return the largest substep [s] that is stable for a system as it stands, by the bound of its rates.
+    """Return the largest stable substep [s] of a system in its current state, from bounds of its rates.
 
     Raises
     ------
     ValueError
-        If one of them is something else.
+        If an argument has the wrong type.
     """
     checks.instance("system", system, System, "chain(5)")
     checks.instance("integrator", integrator, Integrator, "RK4()")
@@ -134,23 +134,23 @@ def choose_substeps(
 
 
 def as_stiff_as(system: System, other: System) -> System:
-    """Return a body as stiff, and as damped, as the stable step of another one allows.
+    """Return a body made as stiff, and as damped, as the stable step of another body allows.
 
-    The step of a scene is that of its stiffest body. A heavier one beside it can then be stiffer at no cost: with
-    the same bounds of its rates, λ(M⁻¹K) and λ(M⁻¹B), its springs are stiffer by the ratio of masses. So a heavy
-    ball among light foam is almost rigid, and momentum and energy are those of a body like all others.
+    The most demanding body of a scene sets the step. A heavier body can be stiffer at no extra cost: with the same
+    bounds of its rates, λ(M⁻¹K) and λ(M⁻¹B), its springs are stiffer by the ratio of masses. So a heavy ball on
+    light foam is almost rigid, but has momentum and energy like any other body.
 
     Parameters
     ----------
     system
-        The body that is to be stiff; its springs keep their ratios, and so do its dampers.
+        The body to stiffen; the ratios of its springs stay the same, and so do those of its dampers.
     other
-        The body whose step it may have.
+        The body whose stable step it must not reduce.
 
     Raises
     ------
     ValueError
-        If one of them is no System, or has no springs.
+        If one of them is not a System, or has no springs.
     """
     checks.instance("system", system, System, "ball(0.2, 0.04)")
     checks.instance("other", other, System, "box((5, 5, 5))")

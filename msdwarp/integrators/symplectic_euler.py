@@ -12,11 +12,11 @@ from .base import Integrator, kick_drift_limit
 
 @dataclass(frozen=True)
 class SymplecticEuler(Integrator):
-    """v += h a(x, v), then x += h v: the report's "Euler" (eq. 10).
+    """v += h a(x, v), then x += h v: the "Euler" method of the 2014 report (equation 10).
 
-    Order 1. Symplectic without damping: the energy error stays bounded. Stable while
-    h²λ(M⁻¹K) + 2hλ(M⁻¹B) < 4 for every mode, exactly so where K and B share modes.
-    Reference: Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed. (2006), I.1.2.
+    Order 1. Symplectic without damping: the energy error stays bounded. Stable if h²λ(M⁻¹K) + 2hλ(M⁻¹B) < 4 for
+    every mode; this is exact if K and B share modes. Reference: Hairer, Lubich & Wanner, Geometric Numerical
+    Integration, 2nd ed. (2006), I.1.2.
     """
 
     order: ClassVar[int] = 1
@@ -24,7 +24,7 @@ class SymplecticEuler(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities that forces see lag half a substep behind the positions."""
+        """Whether forces use velocities half a substep before the positions."""
         return True
 
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
@@ -34,10 +34,10 @@ class SymplecticEuler(Integrator):
         state.flip()
 
     def hand_over(self, dynamics: Dynamics, state: State, work: None, h: float, h_next: float) -> wp.array:
-        """Return the velocities half a substep before the positions, of the next length.
+        """Return the velocities half a substep of the next length before the positions.
 
-        The method is leapfrog seen at velocities half a substep old. Were they taken for others, each change of
-        the step would give or take energy: (h/2) Σ v·f is up to 0.8 of that of the fastest mode.
+        The method is leapfrog with velocities half a substep old. Without this correction each change of the step
+        would change the energy: (h/2) Σ v·f is up to 0.8 of the energy of the fastest mode.
         """
         now, (v,) = state.here, state.empty_vectors(1)
         fields = {"lost": now.lost, "x": now.x, "v": now.v, "v_half": now.v, "v_out": v}

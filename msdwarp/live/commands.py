@@ -75,12 +75,12 @@ class Commands:
 
     def _diverged(self, error: SimulationDiverged) -> None:
         self._pause(True)
-        self._say(f"{error} — r starts anew")
+        self._say(f"{error} — press r to restart")
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
         self._start_clock()
-        self._say("paused" if self.paused else "goes on")
+        self._say("paused" if self.paused else "running")
 
     def _step(self) -> None:
         if not self.paused:
@@ -103,12 +103,12 @@ class Commands:
         self.hand = Pull()
         self._start_clock()
         self._redraw()
-        self._say(f"starts anew{ended}")
+        self._say(f"restarted{ended}")
 
     def _scene(self, number: int) -> None:
         names = list(self.scenes)
         if not 1 <= number <= len(names):
-            raise ValueError(f"there is no scene {number}: there are {len(names)}")
+            raise ValueError(f"there is no scene {number}; there are {len(names)} scenes")
         name = names[number - 1]
         other = self.scenes[name]()
         ended = self._end_recording()
@@ -132,7 +132,7 @@ class Commands:
     def _handling(self, done: str) -> Handling:
         """Return what can be handled; raise ValueError that says what cannot be done to a recording."""
         if self.source.handling is None:
-            raise ValueError(f"this is a recording: nothing in it can be {done}")
+            raise ValueError(f"this is a recording: it cannot be {done}")
         return self.source.handling
 
     def _scale(self, name: str, by: float | None = None, factor: float | None = None) -> None:
@@ -145,7 +145,7 @@ class Commands:
 
     def _freeze(self) -> None:
         self._done("freeze")
-        self._say("rest lengths are the present lengths")
+        self._say("rest lengths set to the current lengths")
 
     def _gravity(self, value: Sequence[float]) -> None:
         self._done("gravity", value=list(value))
@@ -175,14 +175,14 @@ class Commands:
         checks.one_of("value", value, SENDS)
         self.sends = value
         self._redraw()
-        self._say("pages are sent " + ("images" if self.images else "triangles"))
+        self._say("sending " + ("images" if self.images else "triangles") + " to pages")
 
     def _slow(self) -> None:
         """Have pages be sent images where a link does not keep up with triangles."""
         if self.sends == "auto" and not self.images:
             self._is_slow = True
             self._redraw()
-            self._say("the link is slow: pictures are drawn where the simulation runs")
+            self._say("the link is slow: sending images instead of triangles")
 
     def _redraw(self) -> None:
         self._draw(self.shown.colour, wires=self.shown.wires)
@@ -209,7 +209,7 @@ class Commands:
         gravity = float(np.linalg.norm(handling.simulation.model.gravity))
         grip = Grip.of(handling.simulation.system, self.source.frame().position, at, gravity)
         if grip is None:
-            raise ValueError("nothing here can be pulled: it is pinned")
+            raise ValueError("nothing can be pulled here: it is pinned")
         self.hand = Pull(grip, holder, at)
 
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
@@ -242,9 +242,9 @@ class Commands:
     def _pin(self) -> None:
         self._let_go()
         if not self.hand.last:
-            raise ValueError("nothing was pulled yet: drag the body, then p pins what is held")
+            raise ValueError("nothing was pulled yet: drag the body, then press p to pin it")
         self._done("pin", particles=sorted(self.hand.last))
-        self._say(f"{len(self.hand.last)} particles are pinned")
+        self._say(f"pinned {len(self.hand.last)} particles")
 
     def _lead_hand(self) -> None:
         """Have the hand's springs lead to where the hand is, before a frame."""
@@ -261,9 +261,9 @@ class Commands:
             self._say(self._end_recording().removeprefix("; "))
             return
         if not isinstance(self.source, Running):
-            raise ValueError("this is a recording already")
+            raise ValueError("this is already a recording")
         self.recording = Recording(self.source, folder)
-        self._say(f"keeps frames in {self.recording.path}")
+        self._say(f"recording to {self.recording.path}")
 
     def _end_recording(self) -> str:
         """End to keep frames, if any are kept; return what to say, behind something else."""
@@ -279,11 +279,11 @@ class Commands:
         if self.recording is not None:
             self._record()
         if self._kept is None:
-            raise ValueError("no frames were kept yet, which a film could show")
+            raise ValueError("no frames were kept yet")
         if self._filming is not None:
-            raise ValueError(f"a film is being drawn already: {self._filming.folder}")
+            raise ValueError(f"a film is already being drawn: {self._filming.folder}")
         self._filming = Filming(self._kept, self.renderer)
-        self._say(f"draws a film in {self._kept}")
+        self._say(f"drawing a film in {self._kept}")
 
     def _screenshot(self, path: Any = None) -> None:
         """Draw the present frame as pictures are drawn, into a PNG file."""

@@ -111,7 +111,7 @@ class Handling:
         checks.one_of("name", name, ROUGH)
         meant = self._sides(side)
         if not meant:
-            raise ValueError(f"side is {side!r}, which there are none of that touch")
+            raise ValueError(f"side is {side!r}; there are no such contacts in the scene")
         others = {one: replace(one, **{name: value}) for one in meant}
         if side == "bodies":
             self._take(others)

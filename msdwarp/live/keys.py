@@ -26,7 +26,7 @@ def _scaled(name: str, said: str) -> list[Key]:
 
 
 KEYS: dict[str, list[Key]] = {
-    "space": [Key("pause", {}, "pause, and go on")],
+    "space": [Key("pause", {}, "pause or continue")],
     "right": [Key("step", {}, "one frame")],
     "up": [Key("pace", {"by": 2.0}, "play faster")],
     "down": [Key("pace", {"by": 0.5}, "play slower")],
@@ -34,11 +34,11 @@ KEYS: dict[str, list[Key]] = {
     "s": _scaled("stiffness", "stiffness"),
     "l": _scaled("rest_length", "rest length"),
     "d": _scaled("damping", "damping"),
-    "f": [Key("freeze", {}, "freeze: rest lengths become the present lengths")],
-    "r": [Key("reset", {}, "start anew")],
-    "w": [Key("wires", {}, "connections in the colours of their strain, or the surface")],
-    "c": [Key("colour", {}, "colours: as it looks, speed, strain")],
-    "p": [Key("pin", {}, "pin what is held, or was last")],
+    "f": [Key("freeze", {}, "freeze: rest lengths become the current lengths")],
+    "r": [Key("reset", {}, "restart")],
+    "w": [Key("wires", {}, "connections coloured by strain, or the surface")],
+    "c": [Key("colour", {}, "colours: texture, speed, strain")],
+    "p": [Key("pin", {}, "pin the particles held, or held last")],
     "h": [Key("help", {}, "this list")],
 }
 """Keys by name, each with what it does, and with shift."""

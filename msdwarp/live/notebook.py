@@ -44,16 +44,15 @@ def show(
     resolution: tuple[int, int] = (640, 360),
     colouring: str | None = None,
 ) -> None:
-    """Show a film, or a still that a mouse turns, in a notebook.
+    """Show a film, or a still that you can rotate with the mouse, in a notebook.
 
     Parameters
     ----------
     shown
-        A trajectory or its file, of which the film is shown; a scene or a simulation, which is simulated first and
-        shown as it runs.
+        A trajectory or its file, shown as a film; or a scene or a simulation, which is simulated and shown.
     seconds
-        How long a simulation goes on [s]. By default a scene takes its duration, and a simulation does not go on:
-        it is shown as it is now, from all sides.
+        Simulated time [s]. By default a scene is simulated for its duration, and the current state of a simulation
+        is shown as a still.
     resolution
         Width and height in pixels.
     colouring
@@ -62,9 +61,9 @@ def show(
     Raises
     ------
     RuntimeError
-        If there is no notebook: IPython is not installed.
+        If IPython is not installed.
     ValueError
-        If `shown` is none of these, or an argument is out of its range.
+        If `shown` is invalid, or an argument is out of range.
     """
     try:
         from IPython import display  # pyright: ignore[reportMissingImports]

@@ -25,34 +25,35 @@ def view(
     port: int | None = None,
     paused: bool = False,
 ) -> View:
-    """Show a scene or a simulation as it runs, or play a trajectory, in a window or a browser.
+    """Show a scene or simulation live, or play a trajectory, in a window or a browser.
 
     Parameters
     ----------
     shown
-        What is shown: a scene, a simulation, a trajectory or its file. Until the view is closed nobody else may
-        use a simulation that is shown.
+        A scene, a simulation, a trajectory or its file. Do not use a simulation elsewhere until the view is
+        closed.
     browser
-        Whether a page is served, and no window opened; by default if there is no display.
+        Serve a web page instead of opening a window; by default if there is no display.
     block
-        Wait until the window is closed, or Ctrl-C; otherwise return at once, and `View.close` ends it. A window
-        can only be waited for.
+        Wait until the window is closed, or Ctrl-C. Otherwise return at once; `View.close` ends the view. A window
+        always waits.
     host
-        Address that the page is served at; by default one that only this machine can open.
+        Network address of the page; by default only this machine can open it.
     port
-        Port of the page; by default 8080 or the next that is free.
+        Port of the page; by default 8080 or the next free one.
     paused
-        Wait at the first frame.
+        Start paused.
 
     Returns
     -------
     View
-        What shows it. `View.post("scale", name="stiffness", factor=2.0)`, and so on, do what the page can.
+        The view. Calls such as `View.post("scale", name="stiffness", factor=2.0)` do the same as the page's
+        controls.
 
     Raises
     ------
     ValueError
-        If `shown` is none of these, viser is not installed, or the port is taken.
+        If `shown` is invalid, viser is not installed, or the port is in use.
     """
     source = _source_of(shown)
     if browser is None:

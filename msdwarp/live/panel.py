@@ -43,10 +43,10 @@ class Panel:
         """Build what is the same for all scenes."""
         self._view, gui = view, self._server.gui
         self._status = gui.add_markdown("")
-        play: Any = gui.add_button_group("play", ("pause / go on", "one frame", "start anew"))
+        play: Any = gui.add_button_group("play", ("pause / continue", "one frame", "restart"))
         asks = dict(zip(play.options, ("space", "right", "r"), strict=True))
         play.on_click(lambda event: view.press(asks[play.value]))
-        self._speed = gui.add_dropdown("speed over real time", SPEEDS, initial_value="1")
+        self._speed = gui.add_dropdown("speed (1 is real time)", SPEEDS, initial_value="1")
         self._speed.on_update(self._if_asked(lambda: view.post("pace", value=_number(self._speed.value))))
         self._colour = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
         self._colour.on_update(self._if_asked(lambda: view.post("colour", value=self._colour.value)))
@@ -137,15 +137,15 @@ class Panel:
                 wind = gui.add_vector3("wind [m/s]", tuple(map(float, handling.winds[0].velocity)), step=0.1)
                 wind.on_update(self._if_asked(lambda: view.post("wind", velocity=list(wind.value))))
             self._stage_contact()
-            freeze = gui.add_button("freeze the form (f)")
+            freeze = gui.add_button("freeze shape (f)")
             freeze.on_click(lambda event: view.press("f"))
-            pin = gui.add_button("pin what was pulled (p)")
+            pin = gui.add_button("pin pulled particles (p)")
             pin.on_click(lambda event: view.press("p"))
-            record = gui.add_button("keep frames: begin, end")
+            record = gui.add_button("record: start / stop")
             record.on_click(lambda event: view.post("record"))
-            film = gui.add_button("film of the frames kept last")
+            film = gui.add_button("film of the last recording")
             film.on_click(lambda event: view.post("film"))
-            shot = gui.add_button("picture")
+            shot = gui.add_button("save picture")
             shot.on_click(lambda event: view.post("screenshot"))
 
     def _stage_contact(self) -> None:
@@ -179,7 +179,7 @@ class Panel:
                 name: gui.add_text(name, value) if isinstance(value, str) else gui.add_number(name, value)
                 for name, value in own.items()
             }
-            build = gui.add_button("build anew")
+            build = gui.add_button("rebuild")
             build.on_click(
                 lambda event: view.post("parameters", **{name: field.value for name, field in fields.items()})
             )

@@ -83,7 +83,7 @@ def read_deeds(folder: Path) -> list[dict[str, Any]] | None:
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
     if not isinstance(deeds, list) or not all(isinstance(one, dict) for one in deeds):
-        raise ValueError(f"{path} is damaged: it is no list of what was done")
+        raise ValueError(f"{path} is damaged: it is not a list of actions")
     return deeds
 
 
@@ -127,7 +127,7 @@ class Filming:
             return None
         _, error = self._process.communicate()
         if self._process.returncode:
-            return f"no film was drawn: {error.strip().splitlines()[-1] if error.strip() else 'it broke off'}"
+            return f"the film failed: {error.strip().splitlines()[-1] if error.strip() else 'it was interrupted'}"
         return f"drew a film in {self.folder}"
 
 

@@ -68,34 +68,34 @@ class Screen(Protocol):
 
 
 class View(Commands):
-    """A simulation, or a trajectory, that people look at and handle while it runs.
+    """An interactive view of a simulation or a trajectory.
 
-    Its loop carries out commands, simulates the frames that are due, and shows the last one. From other threads
-    call only `post`, `press` and `close`.
+    Its loop executes commands, simulates the frames that are due, and shows the last one. From other threads call
+    only `post`, `press` and `close`.
 
     Parameters
     ----------
     source
-        What is shown first.
+        The first source to show.
     screens
-        Where it is shown.
+        The windows and pages.
     scenes
-        What the keys 1 to 9 show, by name: functions that return a `Source`.
+        The scenes of the keys 1 to 9, by name: functions that return a `Source`.
     rebuild
-        Builds the present scene with other parameters: a function of these that returns a `Source`.
+        A function that builds the current scene with other parameters and returns a `Source`.
     paused
-        Whether it waits at first.
+        Whether it starts paused.
     renderer
         Renderer of snapshots and films: "auto", "raster", "raycast" or "opengl".
 
     Attributes
     ----------
     source, shown
-        What is shown, and the drawing that follows it.
+        The current source, and its drawing.
     paused, speed
-        Whether it is paused; its speed over real time.
+        Whether it is paused; the playback speed (1 is real time).
     sends
-        What pages are sent: "auto", "triangles" or "images".
+        Data that is sent to pages: "auto", "triangles" or "images".
     notice
         A message about the last command, while it is shown; else empty.
     readings
@@ -138,7 +138,7 @@ class View(Commands):
     # The loop.
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Run until a screen is closed, `close` is called, or `until` says so."""
+        """Run until a screen is closed, `close` is called, or `until` returns true."""
         opened: list[Screen] = []
         try:
             for screen in self.screens:
@@ -167,22 +167,22 @@ class View(Commands):
                 screen.close()
 
     def start(self) -> None:
-        """Run in a thread of its own."""
+        """Run in a separate thread."""
         self._thread = threading.Thread(target=self.run, name="msdwarp view", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the loop, and wait for its thread if it has one; it may be called again, from any thread."""
+        """End the loop, and wait for its thread if there is one. It may be called repeatedly, from any thread."""
         self._ends.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
     def post(self, command: str, **values: Any) -> None:
-        """Ask for something, from any thread: one of `COMMANDS`, with its values."""
+        """Request a command, one of `COMMANDS`, with its values. It may be called from any thread."""
         self._wanted.put((command, values))
 
     def press(self, key: str, *, shift: bool = False) -> bool:
-        """Ask for what a key does, from any thread; return whether it does anything."""
+        """Request the action of a key, from any thread; return whether the key has one."""
         if key in SCENES and not shift:
             self.post("scene", number=int(key))
             return True
@@ -276,7 +276,7 @@ class View(Commands):
 
     @property
     def images(self) -> bool:
-        """Whether pages are sent images that are drawn here, and not triangles."""
+        """Whether pages receive images instead of triangles."""
         return self._images
 
     def _stage(self) -> None:
@@ -301,7 +301,7 @@ class View(Commands):
 
     @property
     def lines(self) -> list[str]:
-        """The time, how fast it runs, how it is simulated, and energies, as text."""
+        """Time, speed, simulation settings and energies, as text."""
         source = self.source
         pictures = "1 picture" if round(self._fps) == 1 else f"{self._fps:.0f} pictures"
         state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {pictures} a second"

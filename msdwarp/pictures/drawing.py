@@ -43,14 +43,14 @@ ROUND, MOST_JOINTS = 8, 2000
 
 
 class Scale(NamedTuple):
-    """A scale of colours for any number that particles have, such as their speed."""
+    """A colour scale for any quantity of the particles, such as their speed."""
 
     label: str
-    """What is shown, with its unit: "speed [m/s]"."""
+    """The quantity with its unit: "speed [m/s]"."""
     full: float
-    """The value at the end of the scale, above 0: values from 0 on are told apart, and more is drawn as this."""
+    """The value at the end of the scale, above 0; larger values have the same colour."""
     signed: bool = False
-    """Whether it begins at minus that, not at 0."""
+    """Whether the scale starts at minus `full` instead of 0."""
 
 
 class PlacedPart(NamedTuple):

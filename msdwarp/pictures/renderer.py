@@ -26,7 +26,7 @@ BACKENDS = ("auto", "raster", "raycast", "opengl")
 
 
 class Backend(Protocol):
-    """Draws one picture of a drawing as it stands."""
+    """Draws one picture of a drawing in its current state."""
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture, with shadows or without, uint8 of shape [height, width, 3]."""
@@ -41,8 +41,8 @@ class Renderer:
     scene
         The scene to draw.
     positions
-        Positions that the camera must keep in view [m], shape [..., d]: of one frame, or of many. It keeps solid
-        colliders in view too, for the whole duration of the scene.
+        Positions that the camera keeps in view [m], shape [..., d], of one or many frames. Solid colliders are
+        also kept in view, for the whole duration of the scene.
     resolution
         Width and height in pixels.
     colouring
@@ -50,22 +50,22 @@ class Renderer:
         red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given
         with each frame. Default: set by the scene's look.
     backend
-        "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray
-        caster where `device` is a GPU, else PyVista where it finds an OpenGL library, else the rasteriser.
+        "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray caster
+        if `device` is a GPU, else PyVista if it finds an OpenGL library, else the rasteriser.
     device
         Where the ray caster draws: cpu, cuda:0 ... By default the first GPU, or the CPU if there is none.
     zoom
         Zoom factor, above 0; 1 fits everything.
     arrows
         Draw forces on particles, given with each frame, as arrows in front of everything else. The number is the
-        force of the longest arrow [N]; larger forces are drawn as long. None: no arrows.
+        force of the longest arrow [N]; larger forces get arrows of the same length. None: no arrows.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, or there is nothing to draw.
+        If an argument is out of range, or there is nothing to draw.
     RuntimeError
-        If OpenGL is asked for where there is none.
+        If OpenGL is requested but not available.
     """
 
     def __init__(
@@ -119,21 +119,21 @@ class Renderer:
         Parameters
         ----------
         position
-            Particle positions [m], shape [particle_count, d]; or an array of Warp, of so many vectors, such as
-            `Simulation.positions`, which the ray caster reads where it is, unchecked.
+            Particle positions [m], shape [particle_count, d]; or a Warp array of vectors, such as
+            `Simulation.positions`, which the ray caster reads on the device, unchecked.
         time
-            When that is [s]: where moving colliders are drawn.
+            Time of the frame [s], for moving colliders.
         values
-            A number per particle, in the unit of the `Scale` that the colouring is, shape [particle_count];
-            None where it is none.
+            A number per particle, in the unit of the `Scale`, shape [particle_count]; None if the colouring is not
+            a `Scale`.
         forces
-            A force on each particle [N], shape [particle_count, d], where there are `arrows`; None for none.
+            A force on each particle [N], shape [particle_count, d], if there are `arrows`; else None.
 
         Raises
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are not asked for.
+            or values or forces are given without a `Scale` or arrows.
         """
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
@@ -146,13 +146,13 @@ class Renderer:
         values: ArrayLike | None = None,
         forces: ArrayLike | None = None,
     ) -> NDArray[np.uint8]:
-        """Return the picture of a frame without a legend; without the body where `position` is None.
+        """Return the picture of a frame without a legend, and without the body if `position` is None.
 
         Raises
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are not asked for.
+            or values or forces are given without a `Scale` or arrows.
         """
         if forces is not None and self.arrows is None:
             raise ValueError("forces is given; it must be None unless the renderer was made with arrows")
@@ -203,7 +203,7 @@ class Renderer:
         return given
 
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture with the bar of what its colours tell, and the longest arrow, where it has such."""
+        """Return a picture with its legend: the colour bar and the longest arrow, if it has them."""
         scale = self.drawing.scale
         if self.arrows is not None:
             image = with_arrow(image, f"{self.arrows.full:g} N or more", LONGEST)
@@ -211,7 +211,7 @@ class Renderer:
 
 
 def no_opengl() -> str | None:
-    """Return why OpenGL cannot draw pictures here, or None where it can."""
+    """Return why OpenGL cannot draw pictures here, or None if it can."""
     if importlib.util.find_spec("pyvista") is None:
         return "PyVista is not installed"
     return f"no OpenGL library was found; {ADVICE}" if opengl_window() is None else None

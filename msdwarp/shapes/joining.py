@@ -30,37 +30,37 @@ def join(
     damping: ArrayLike = 0.0,
     rest_length: ArrayLike | str = NOW,
 ) -> System:
-    """Return two bodies as one system, with connections between them behind their own.
+    """Return two bodies as one system, with connections between them added at the end.
 
-    The connections are ones like all others: energies, files, pictures and the stable step know of them. Bodies
-    that are lattices stay lattices: what lies in no direction of theirs is kept in a small table beside the
-    stencil.
+    These are ordinary connections, included in energies, files, pictures and the stable step. Lattices keep the
+    fast stencil route; the added connections are in a small extra table.
 
     Parameters
     ----------
     a, b
-        The bodies; without `b` particles of `a` are joined with each other, as along a seam.
+        The bodies; without `b`, particles of `a` are joined with each other, as along a seam.
     within
-        Join each particle of one with the nearest of the other, where that is within this distance [m]. If
-        several are equally near, it is the first.
+        Join each particle of one body with the nearest particle of the other, if that is within this distance [m].
+        If several are equally near, the first is used.
     pairs
-        Join these: numbers of particles of a and of b (or of a and of a), shape [any, 2]; in place of `within`.
+        Join these particles of a and b (or of a and a), shape [any, 2]; instead of `within`.
     on
-        What of a and of b is joined by `within`, each the name of a group, indices or a mask; None is all. Without
-        `b` both must be given.
+        The particles of a and of b that `within` may join, each the name of a group, indices or a mask; None is
+        all. Without `b` both are required.
     stiffness
         Spring constants k [N/m], one or shape [pair_count].
     damping
         Damper constants b by the bodies' law of damping, [N s/m] if that is linear; one or shape [pair_count].
     rest_length
-        Lengths at which the springs exert no force [m], one or shape [pair_count]; "now" are the distances.
+        Lengths at which the springs exert no force [m], one or shape [pair_count]; "now" uses the current
+        distances.
 
     Raises
     ------
     ValueError
-        If neither or both of `within` and `pairs` are given, nothing is near enough, a pair is of one particle or
-        out of range, a number is out of its range, or particles lie in one place and `rest_length` is "now": a
-        spring has no direction there. Also if the bodies cannot be added: see `System`.
+        If neither or both of `within` and `pairs` are given, no particles are near enough, a pair has the same
+        particle twice or is out of range, a number is out of range, or particles coincide and `rest_length` is
+        "now", so that the spring has no direction. Also if the bodies cannot be added: see `System`.
     """
     checks.instance("a", a, System, "box((3, 3, 3))")
     if b is not None:

@@ -170,7 +170,7 @@ def chain(
     damping: ArrayLike | None = None,
     dim: int = 3,
 ) -> System:
-    """Return `count` particles in a row along x, each joined with the next.
+    """Return `count` particles in a row along x, each connected with the next.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ def chain(
     spacing
         Distance of neighbours and rest length [m].
     material
-        What it is made of, in place of the three that follow; see `Material`.
+        Material, instead of mass, stiffness and damping; see `Material`.
     area
-        Cross section [m²], if there is a material.
+        Cross section [m²]; only with a material.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     dim
@@ -190,7 +190,7 @@ def chain(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
@@ -219,26 +219,26 @@ def sheet(
     spacing
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
-        4 joins neighbours along the axes (such a sheet collapses by shearing: report fig. 7); 8 adds the
-        diagonals (fig. 8).
+        4 connects neighbours along the axes (such a sheet collapses by shearing: figure 7 of the 2014 report); 8
+        adds the diagonals (figure 8).
     material
-        What it is made of, in place of the three that follow; see `Material`.
+        Material, instead of mass, stiffness and damping; see `Material`.
     thickness
-        Thickness [m], if there is a material.
+        Thickness [m]; only with a material.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     bending
-        What resists bending: the flexural rigidity D [N m], or "material", with which D is E t³ / (12 (1 − ν²)).
-        By default nothing does. Springs to second neighbours bring it about, and connections between neighbours
-        pull against them: `msdwarp.shapes.bending` derives both, and states the error. Stiffness and damping, if
-        they are arrays, are those of the connections there are without bending.
+        Bending resistance: the flexural rigidity D [N m], or "material" for D = E t³ / (12 (1 − ν²)). By default
+        there is none. It uses springs between second neighbours, which push while connections between neighbours
+        pull; `msdwarp.shapes.bending` derives both and the error. Arrays of stiffness and damping apply to the
+        other connections only.
     dim
         Number of coordinates: 2 or 3.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
@@ -259,8 +259,8 @@ def box(
 ) -> System:
     """Return a solid block of particles.
 
-    Its surface has the six faces side by side in one texture, three columns of two rows:
-    −x, +x, −y in the lower row and +y, −z, +z in the upper one.
+    The texture has the six faces in three columns and two rows: −x, +x, −y in the lower row and +y, −z, +z in the
+    upper one.
 
     Parameters
     ----------
@@ -269,17 +269,17 @@ def box(
     spacing
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
-        6 joins neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals
-        of faces and cells.
+        6 connects neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals of faces
+        and cells.
     material
-        What it is made of, in place of the three that follow; see `Material`.
+        Material, instead of mass, stiffness and damping; see `Material`.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
     _check_shape(shape, 3)
@@ -301,10 +301,10 @@ def lattice(
     dim: int | None = None,
     surface: Surface | None = None,
 ) -> System:
-    """Return a body of any form, cut from a lattice.
+    """Return a body of any shape, cut from a lattice.
 
-    Particles are numbered x fastest, then y, then z, without gaps. The centre of the whole mask is the
-    origin, whichever of its points are particles.
+    Particles are numbered without gaps, with x varying fastest, then y, then z. The origin is the centre of the
+    whole mask.
 
     Parameters
     ----------
@@ -316,26 +316,25 @@ def lattice(
     neighbours
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
     material
-        What it is made of, in place of the three that follow; see `Material`. It fills the
-        whole cells, those with particles at all corners: every particle must be at one, and particles that
-        have none in common are not joined.
+        Material, instead of mass, stiffness and damping; see `Material`. It fills the complete cells, those with
+        particles at all corners. Every particle must belong to one, and particles without a common cell are not
+        connected.
     thickness
-        Thickness of a sheet [m], if there is a material.
+        Thickness of a sheet [m]; only with a material.
     mass, stiffness, damping
         Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     bending
-        What resists bending of a sheet, as for `sheet`.
+        Bending resistance of a sheet, as for `sheet`.
     dim
         Number of coordinates: 3, or 2 for a sheet; by default 3.
     surface
-        The triangles that are drawn. By default the squares around the whole cells, those with particles
-        at all corners, each of the six directions in the tile of the texture that it has for `box`; for a
-        sheet its whole cells, facing up. There is none if no cell is whole.
+        The triangles that are drawn. By default the outer faces of the complete cells, with the texture layout of
+        `box`; for a sheet its complete cells, facing up. None if there is no complete cell.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, a particle is joined with no other, or the body is in pieces.
+        If an argument is out of range, a particle is connected with no other, or the body is in pieces.
     """
     try:
         points = np.array(mask)

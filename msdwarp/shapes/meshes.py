@@ -29,23 +29,23 @@ def from_mesh(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return a body that fills a closed mesh with particles; it lies where the mesh lies.
+    """Return a body that fills a closed mesh with particles, at the place of the mesh.
 
-    The particles are the corners of the lattice cells whose centre is inside the mesh. Where the mesh is thinner
-    than a cell, the cells that it passes through are filled as well, so that thin parts hold, as thick as a cell.
-    Gaps that are narrower than a cell may be filled or bridged by connections. The mesh is what is drawn; its
-    edges are halved until none is longer than two spacings, so that it can bend.
+    The particles are the corners of the lattice cells whose centre is inside the mesh. Parts thinner than a cell
+    are also filled, one cell thick, so that they do not fall off. Gaps narrower than a cell may be filled or
+    bridged by connections. The mesh is drawn as the surface; its edges are halved until none is longer than two
+    spacings, so that it can bend.
 
-    Where the mesh has texture coordinates, they are kept. Otherwise u is |angle| / π around the vertical axis
-    through the middle of its bounding box, 0 at +x and 1 at −x on either side, and v the height, from 0 at the
-    bottom to 1 at the top. Vertices that coincide, as along the seam of a texture, have a common normal, unless
-    the surface bends there by more than 30°.
+    Texture coordinates of the mesh are kept. Without them u is |angle| / π around the vertical axis through the
+    middle of its bounding box, 0 at +x and 1 at −x, and v the height, from 0 at the bottom to 1 at the top.
+    Coincident vertices, as along the seam of a texture, have a common normal, unless the surface bends there by
+    more than 30°.
 
     Parameters
     ----------
     mesh
         A PyVista surface, or (points [m] of shape [n, 3], triangles of shape [m, 3]). Every edge must have two
-        triangles; which of their sides is outside is found out, but all must agree.
+        triangles, and all triangles must have the same orientation, inwards or outwards.
     spacing
         Distance of neighbouring particles along an axis [m]. Either it or `across` is given.
     across
@@ -58,8 +58,8 @@ def from_mesh(
     Raises
     ------
     ValueError
-        If an argument is out of its range; the mesh is empty, open, not finite, without volume, or inconsistently
-        turned; or the body is of several pieces.
+        If an argument is out of range; the mesh is empty, open, not finite, without volume, or inconsistently
+        oriented; or the body has several pieces.
     """
     points, uv, triangles = read_mesh(mesh)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -143,7 +143,7 @@ def _closed(
         a, b = (np.array2string(points[i], precision=4) for i in edges[first])
         raise ValueError(
             f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
-            f"from {a} to {b} [m off its middle] with {times[first]}"
+            f"from {a} to {b} [m from its middle] with {times[first]}"
         )
     # Neighbours that agree about outside walk their edge in opposite directions.
     disagree = np.bincount(edge.ravel(), weights=forwards.ravel()) != 1

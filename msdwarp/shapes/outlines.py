@@ -28,17 +28,17 @@ def cloth(
     bending: float | str | None = None,
     dim: int = 3,
 ) -> System:
-    """Return a sheet of any outline in the x-y plane, where the outline is, facing up.
+    """Return a sheet with any outline in the x-y plane, facing up.
 
-    The particles are the corners of the lattice cells whose centre is inside the outline. Where it is narrower
-    than a cell, the cells that it passes through are filled as well, so that narrow parts hold, as wide as a cell.
-    What is drawn is a grid four times as fine, its margin moved onto the outline. Its texture coordinates grow
-    with x and y from 0 to 1 over the bounding box.
+    The particles are the corners of the lattice cells whose centre is inside the outline. Parts narrower than a
+    cell are also filled, one cell wide, so that they do not fall off. The drawn surface is a grid four times as
+    fine, with its border moved onto the outline. Its texture coordinates grow with x and y from 0 to 1 over the
+    bounding box.
 
     Parameters
     ----------
     outline
-        Corners of a simple polygon in either sense [m], shape [n, 2].
+        Corners of a simple polygon, clockwise or counter-clockwise [m], shape [n, 2].
     spacing
         Distance of neighbouring particles along an axis [m].
     neighbours
@@ -47,15 +47,14 @@ def cloth(
         A material and the thickness [m], or the constants of each particle [kg] and each connection [N/m],
         [N s/m]; see `lattice`.
     bending
-        What resists bending: the flexural rigidity [N m], "material", or nothing, as for `sheet`.
+        Bending resistance: the flexural rigidity [N m], "material", or None, as for `sheet`.
     dim
         Number of coordinates: 2 or 3.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, the outline crosses or touches itself, or the spacing is too large
-        for it.
+        If an argument is out of range, the outline crosses or touches itself, or the spacing is too large.
     """
     spacing = checks.positive("spacing", spacing)
     corners = _polygon(outline)

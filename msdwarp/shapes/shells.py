@@ -13,32 +13,32 @@ from .meshes import read_mesh
 def shell(
     mesh: Any, *, mass: float = 1.0, stiffness: ArrayLike = 100.0, damping: ArrayLike = 0.0, bending: float = 0.0
 ) -> System:
-    """Return the skin of a mesh: a particle at each of its points, a connection along each edge of a triangle.
+    """Return a mesh as a thin shell: a particle at each point, a connection along each edge.
 
-    With `bending` the far corners of two triangles that share an edge are connected too: such springs resist
-    folding (Provot, Graphics Interface 1995).
+    With `bending` the opposite corners of two triangles that share an edge are also connected; these springs
+    resist folding (Provot, Graphics Interface 1995).
 
     Parameters
     ----------
     mesh
         A PyVista surface, or a pair of points [m], shape [any, 3], and triangles, shape [any, 3].
     mass
-        Mass of the whole skin [kg], shared by area: a third of each triangle's at each corner.
+        Total mass [kg], distributed by area: a third of each triangle's mass at each corner.
     stiffness, damping
         Of each connection along an edge [N/m], [N s/m].
     bending
-        Stiffness of the connections across edges [N/m]; 0: there are none.
+        Stiffness of the connections across edges [N/m]; 0: none.
 
     Returns
     -------
     System
-        Its surface has the mesh's triangles and, where it has such, texture coordinates; else these are longitude
+        Its surface has the mesh's triangles and texture coordinates. Without texture coordinates it uses longitude
         and latitude about the middle.
 
     Raises
     ------
     ValueError
-        If the mesh is none, or has a triangle without area, or a number is out of its range.
+        If the mesh is invalid or has a triangle without area, or a number is out of range.
     """
     points, uv, triangles = read_mesh(mesh)
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -81,14 +81,14 @@ def edges_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray
 
 
 def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the points and triangles of a sphere about the origin: an icosahedron whose triangles are divided.
+    """Return the points and triangles of a sphere about the origin: a subdivided icosahedron.
 
     Parameters
     ----------
     radius
         Its radius [m].
     subdivisions
-        How often each triangle is divided into four, 0 to 7.
+        Number of times each triangle is divided into four, 0 to 7.
     """
     checks.positive("radius", radius)
     checks.one_of("subdivisions", subdivisions, range(8))

@@ -27,9 +27,9 @@ def ball(
 ) -> System:
     """Return a ball, its centre at the origin.
 
-    Its particles are the corners of the lattice cells whose centre is inside. Its texture is a map of the globe:
-    u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards, and v the latitude, 0 at the south pole (−z)
-    and 1 at the north pole.
+    Its particles are the corners of the lattice cells whose centre is inside. Its texture is like a map of the
+    globe: u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards, and v the latitude, 0 at the south pole
+    (−z) and 1 at the north pole.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def ball(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius = checks.positive("radius", radius)
     spacing = _fine_enough(spacing, radius=radius)
@@ -76,10 +76,10 @@ def cylinder(
 ) -> System:
     """Return an upright cylinder, its centre at the origin.
 
-    Its particles are the corners of the lattice cells whose centre is inside. In the lower half of its texture
-    is the side: u goes around eastwards, 0 and 1 at −x, and v from 0 at the bottom to ½ at the top. In the upper
-    half are two discs, the bottom on the left (u along y, v along x) and the top on the right (u along x, v
-    along y). The rims are sharp.
+    Its particles are the corners of the lattice cells whose centre is inside. The lower half of its texture shows
+    the side: u goes around eastwards, 0 and 1 at −x, and v from 0 at the bottom to ½ at the top. The upper half
+    has two discs, the bottom on the left (u along y, v along x) and the top on the right (u along x, v along y).
+    The rims are sharp.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def cylinder(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = _fine_enough(spacing, radius=radius, height=height)
@@ -129,10 +129,10 @@ def cone(
 ) -> System:
     """Return an upright cone, its apex up, the centre of its height at the origin.
 
-    Its particles are the corners of the lattice cells whose centre is inside; one column of cells stands on the
-    axis, and reaches to less than a spacing below the apex. In the lower half of its texture is the side: u goes
-    around eastwards, 0 and 1 at −x, and v from 0 at the base to ½ at the apex. In the upper half is the base, a
-    disc on the left (u along y, v along x). Rim and apex are sharp.
+    Its particles are the corners of the lattice cells whose centre is inside. One column of cells is centred on
+    the axis and ends less than a spacing below the apex. The lower half of its texture shows the side: u goes
+    around eastwards, 0 and 1 at −x, and v from 0 at the base to ½ at the apex. The upper half has the base, a disc
+    on the left (u along y, v along x). Rim and apex are sharp.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def cone(
     Raises
     ------
     ValueError
-        If an argument is out of its range.
+        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = _fine_enough(spacing, radius=radius, height=height)

@@ -16,7 +16,7 @@ from .present import Present
 
 
 class Changing(Present):
-    """What can be changed of a simulation between two frames."""
+    """The properties of a simulation that can change between two frames."""
 
     _surroundings: dict[str, Any]
     """What the system is in: arguments of `Model`."""
@@ -26,7 +26,7 @@ class Changing(Present):
 
     @property
     def loads(self) -> tuple[Load, ...]:
-        """What acts on the system beside gravity and obstacles, as it was given."""
+        """The loads on the system, as given."""
         return self._acting
 
     @property
@@ -36,7 +36,7 @@ class Changing(Present):
 
     @property
     def gravity(self) -> Gravity:
-        """Acceleration of free fall [m/s²], as it was given."""
+        """Acceleration of free fall [m/s²], as given."""
         return self._surroundings["gravity"]
 
     @abstractmethod
@@ -61,31 +61,32 @@ class Changing(Present):
     ) -> None:
         """Change gravity, loads, touch, colliders, velocities, mass, stiffness, damping or rest_length.
 
-        A mass of inf pins a particle where it is. A new velocity may add energy, which does not count as
-        divergence. Automatic substeps and the automatic route are chosen anew.
+        A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
+        substeps and the automatic route are chosen again.
 
-        *What it costs.* A new constant gravity takes about a millisecond, and so do loads with new numbers only
-        (the vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with
-        `Wind` the stability limit is computed again too. Another kernel is needed, and compiled the first time,
-        for the first damper, the first pinned particle, or connections of many more kinds.
+        *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their numbers change (the
+        vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with `Wind` the
+        stability limit is also recomputed. A new kernel is needed, and compiled the first time, for the first
+        damper, the first pinned particle, or many more kinds of connections.
 
         Parameters
         ----------
         loads
-            All loads from now on. Loads that acted before and are among them continue unchanged. New ones take the
-            present state as their start. How bodies touch stays the same, unless a `Touch` is among them. A
-            checkpoint does not hold them.
+            All loads from now on. Previous loads that are among them continue unchanged. For new ones the current
+            state is the start. Contact between bodies stays the same, unless a `Touch` is among them. Checkpoints
+            do not include them.
         touch
-            How bodies touch from now on; () ends contact between bodies. A checkpoint does not hold it.
+            Contact between bodies from now on; () turns it off. Checkpoints do not include it.
         colliders
-            All obstacles from now on, such as the same with another friction. A checkpoint does not hold them.
+            All obstacles from now on, such as the same ones with another friction. Checkpoints do not include
+            them.
         group, freeze, release, gravity, parameters
-            What changes, and to what; see `msdwarp.at`.
+            See `msdwarp.at`.
 
         Raises
         ------
         ValueError
-            If a name is none of these, or a value is out of its range; nothing has changed then.
+            If a name is unknown, or a value is out of range. Nothing changes then.
         """
         change = Change(self.time, group, freeze, parameters, release, gravity)
         if colliders is not None:

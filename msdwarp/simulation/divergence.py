@@ -10,7 +10,7 @@ INSIDE_MATTERS = 1.0
 
 
 class SimulationDiverged(RuntimeError):
-    """The run cannot go on: a number is no longer finite, or energy has grown that has no source."""
+    """The run cannot continue: a number is no longer finite, or the energy has grown without a cause."""
 
     def __init__(
         self,

@@ -36,61 +36,61 @@ OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass", "position", "velocit
 
 
 class Ensemble:
-    """Simulates many worlds at once: one scene, in each world with other parameters or another start.
+    """Simulates many worlds at once: copies of a scene with different parameters or starting states.
 
-    World w is what `Simulation` makes of the scene with the w-th entry of each parameter in place of the scene's
-    own. It moves as that simulation does with the same number of substeps: to the last bit by gather, and on the
-    CPU by every route; to rounding by the stencil on a GPU.
-    An entry is what `System.replace` takes: of stiffness, damping, rest_length,
-    mass a number for all, or one for each connection or particle. To scale what a scene has, multiply:
+    World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
+    substeps: to the last bit with the route gather, and on the CPU with every route; to rounding with the stencil
+    on a GPU. An entry is a value that `System.replace` accepts: for stiffness, damping, rest_length and mass a
+    number for all, or one for each connection or particle. To scale the scene's values, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
-    divides that of worlds: then w reads entry w mod (number of entries).
+    divides the number of worlds: world w uses entry w mod (number of entries).
 
-    A world that diverges stays where its last good frame ended, and says so in `status`; the others go on.
+    A world that diverges stops at the end of its last good frame and says so in `status`; the others continue.
 
     Parameters
     ----------
     scene
-        A `Scene`, or a `System`. Of a scene all but its look, duration and probes count.
+        A `Scene`, or a `System`. The look, duration and probes of a scene are not used.
     worlds
-        How many.
+        Number of worlds.
     stiffness, damping, rest_length
         [N/m], [N s/m] (or in the units of the law), [m]; shape [entries] or [entries, connection_count].
     mass
         [kg], shape [entries] or [entries, particle_count]; inf pins a particle.
     position
-        Where particles start [m], shape [entries, particle_count, d].
+        Initial positions [m], shape [entries, particle_count, d].
     velocity
-        Velocities at the start [m/s], shape [entries, d] (all free particles) or [entries, particle_count, d].
+        Initial velocities [m/s], shape [entries, d] (all free particles) or [entries, particle_count, d].
     gravity
-        [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a number for all.
+        [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or one number.
     friction
-        Of the obstacles, shape [entries] (all alike) or [entries, collider_count].
+        Of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
     colliders, loads, touch
-        Of a `System`: obstacles, which stand still, constant `Force`s, and how bodies touch.
+        With a `System`: fixed obstacles, constant `Force`s, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
-        As for `Simulation`. The substeps are one number for all: "auto" takes those of the world that needs most.
+        As for `Simulation`. All worlds have the same number of substeps; "auto" is that of the world that needs
+        most.
     route
-        As for `Simulation`; "auto" takes what repeats in every run: on a GPU the stencil or gather, on the CPU
-        scatter.
+        As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: these repeat bit for
+        bit.
     threads
-        How many threads take all substeps of a frame of a world in one launch: a power of 2, on the CPU 1; None
-        for a launch for each stage of each substep; or "auto". This affects speed only.
+        Number of threads that compute all substeps of a frame of a world in one launch: a power of 2, on the CPU
+        1; None for a launch for each stage of each substep; or "auto". This affects speed only.
 
     Attributes
     ----------
     worlds
-        How many.
+        Number of worlds.
     frame_index
         Frames since the start.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, or the scene has what worlds cannot have yet: other loads than constant
-        forces, obstacles that move, connections that yield or break, changes at set times.
+        If an argument is out of range, or the scene has features that are not supported yet: loads other than
+        constant forces, moving obstacles, connections that yield or break, changes at set times.
     UnstableStep
-        If `substeps` is beyond the stability limit of a world.
+        If `substeps` is too small for the stability of a world.
     """
 
     def __init__(
@@ -193,27 +193,27 @@ class Ensemble:
 
     @property
     def choice(self) -> StepChoice:
-        """The substeps of a frame, and why: of the world that needs most."""
+        """The number of substeps of a frame, and the reason: that of the world that needs most."""
         return self._stepping.choice
 
     @property
     def integrator(self) -> Integrator:
-        """The method as it is best used with these substeps."""
+        """The method with its options for this number of substeps."""
         return self._stepping.integrator
 
     @property
     def state(self) -> State:
-        """What moves, on the device."""
+        """The state on the device."""
         return self._stepping.state
 
     @property
     def substeps(self) -> int:
-        """Substeps of a frame."""
+        """Substeps per frame."""
         return self.choice.substeps
 
     @property
     def threads(self) -> int | None:
-        """Threads that take all substeps of a world in one launch; None where each stage is a launch."""
+        """Threads that compute all substeps of a world in one launch; None if each stage is a launch."""
         return self._stepping.threads
 
     @property
@@ -222,7 +222,7 @@ class Ensemble:
         return self.frame_index / self.fps
 
     def step(self, frames: int = 1) -> None:
-        """Advance all worlds that have not diverged by one frame or more; what diverges meanwhile is frozen."""
+        """Advance all worlds that have not diverged by one or more frames."""
         touching = self.model.touching
         for _ in range(checks.count("frames", frames, 1)):
             self._stepping.advance()
@@ -232,10 +232,10 @@ class Ensemble:
                 warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
-        """Advance by a duration [s] and return what was observed of each world, as an `xarray.Dataset`.
+        """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
 
-        Its dimensions are world, frame and those of what is observed. Its coordinates are the time of each frame,
-        what differs between worlds by one number each, `status` and `diverged_at`. With h5netcdf installed
+        Its dimensions are world, frame and those of the observed quantities. Its coordinates are the time of each
+        frame, the parameters that are one number per world, `status` and `diverged_at`. With h5netcdf installed
         `to_netcdf` saves it.
 
         Parameters
@@ -243,19 +243,19 @@ class Ensemble:
         duration
             Simulated time [s].
         observe
-            What to observe, by names: a `Probe` of positions or velocities, or a `Mean` of what a `wp.func` tells
-            of each particle, summed on the device; "energy", "kinetic energy", "elastic energy" or
-            "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
-            positions and velocities, of shape [worlds, particle_count, d] each, that returns an array whose first
-            axis is of worlds.
-            By default what the scene observes, else the position and velocity of all particles' centre of mass.
+            Quantities to observe, by name: a `Probe` of positions or velocities, or a `Mean` of a `wp.func`,
+            summed on the device; "energy", "kinetic energy", "elastic energy" or "gravitational energy" [J];
+            "positions" [m] or "velocities" [m/s] of all particles; or a function of positions and velocities, of
+            shape [worlds, particle_count, d] each, that returns an array with the worlds along its first axis. By
+            default the scene's `observe`, else position and velocity of the centre of mass.
         every
-            It is observed at the start, and then after every so many frames.
+            Observe at the start, and then every Nth frame.
 
         Raises
         ------
         ValueError
-            If the duration is shorter than `every` frames, something cannot be observed, or there is no xarray.
+            If the duration is shorter than `every` frames, something cannot be observed, or xarray is not
+            installed.
         """
         frames, every = frame_count(duration, self.fps), int(checks.count("every", every, 1))
         if frames < every:
@@ -275,7 +275,7 @@ class Ensemble:
 
     @property
     def numbers(self) -> dict[str, NDArray[np.float64]]:
-        """What differs between worlds by one number each, such as stiffness, shape [worlds]."""
+        """Parameters that are one number per world, such as stiffness, shape [worlds]."""
         each, found = np.arange(self.worlds), {}
         for name, rows in self._rows.items():
             if name == "gravity":
@@ -285,7 +285,7 @@ class Ensemble:
         return found
 
     def frame(self) -> Frame:
-        """Return present positions and velocities, shape [worlds, particle_count, d]; frozen worlds stay."""
+        """Return current positions and velocities, shape [worlds, particle_count, d]."""
         model, v = self.model, self.velocity()
         position, velocity = model.by_world(self.state.x), model.by_world(v)
         if model.compensated:  # what sums have lost belongs to them
@@ -294,27 +294,27 @@ class Ensemble:
         return Frame(self.time, position, velocity)
 
     def velocity(self) -> wp.array:
-        """Return the velocities at the instant of the positions [m/s], on the device."""
+        """Return the velocities at the same time as the positions [m/s], on the device."""
         return self._stepping.velocity()
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """What has become of each world: "running", "not finite" or "energy" (it grew from nothing)."""
+        """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
         return np.array(STATUS)[self._stepping.watch.found()[0]]
 
     @property
     def diverged_at(self) -> NDArray[np.float64]:
-        """When the last good frame of each world ended [s], at which it stays; NaN where it has not diverged."""
+        """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
         _, frame, _ = self._stepping.watch.found()
         return np.where(frame >= 0, frame / self.fps, np.nan)
 
     @property
     def diverged_particle(self) -> NDArray[np.int32]:
-        """The first particle of each world that was no longer finite; −1 where there is none."""
+        """The first particle of each world that was no longer finite; −1 if there is none."""
         return self._stepping.watch.found()[2]
 
     def system_of(self, world: int, *, start: bool = False) -> System:
-        """Return a world's system with its parameters, as it is now, or as it started."""
+        """Return a world's system with its parameters, in its current or initial state."""
         world = self._number(world)
         fields = {name: self._of_world(name, world) for name in OF_SYSTEM if name in self._rows}
         if not start:
@@ -323,9 +323,9 @@ class Ensemble:
         return self._base.replace(**fields)
 
     def simulation_of(self, world: int, *, start: bool = True, **options: Any) -> Simulation:
-        """Return a simulation of a world alone, from its start or as it is now, which moves as the world does.
+        """Return a single world as a `Simulation`, in its current or initial state.
 
-        `options` are other arguments of `Simulation`.
+        `options` are further arguments of `Simulation`.
         """
         world = self._number(world)
         colliders = self._colliders
@@ -360,9 +360,9 @@ class Ensemble:
         return int(world)
 
     def explain(self, world: int) -> SimulationDiverged:
-        """Return what `Simulation` says of a world that has diverged: the substep, the particle, the connection.
+        """Return why a world diverged, as `Simulation` would report it: the substep, the particle, the connection.
 
-        The frame in which it diverged is simulated once more, by that world alone.
+        The frame in which it diverged is simulated again for that world alone.
 
         Raises
         ------

@@ -26,7 +26,7 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """The mean over a group of what a function tells of a particle, summed on the device.
+    """The mean of a function over a group of particles, computed on the device.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ class Mean:
         A `wp.func` (x, v, i) of a particle's position [m] and velocity [m/s], vectors of float64 such as
         `wp.vec3d`, and its number. It returns a `wp.float64`, or a vector of several.
     on
-        The group: its name, indices, or a mask; None for all particles. All count alike.
+        The group: its name, indices, or a mask; None for all particles. All have equal weight.
     width
-        How many numbers it returns as a vector; 0 where it returns one number.
+        Length of the vector that the function returns; 0 if it returns one number.
 
     Raises
     ------
     ValueError
-        If the function is no `wp.func`, or the width is no whole number.
+        If the function is not a `wp.func`, or the width is not a whole number.
     """
 
     function: Any

@@ -11,18 +11,18 @@ from .stepping import Stepping
 
 
 class Present:
-    """What can be read off a simulation between two frames.
+    """The properties of a simulation that can be read between two frames.
 
     Attributes
     ----------
     stepping
-        The system on its device, and how it is advanced.
+        The system on its device, and the method that advances it.
     fps
         Frames per second of simulated time.
     frame_index
         Frames since the start.
     readings
-        What probes have told so far, by name: `times, values = simulation.readings["foot"]`.
+        Readings of the probes so far, by name: `times, values = simulation.readings["foot"]`.
     """
 
     stepping: Stepping
@@ -42,22 +42,22 @@ class Present:
 
     @property
     def state(self) -> State:
-        """What moves, on the device; velocities are at the integrator's own instants."""
+        """The state on the device; velocities are at the integrator's own times."""
         return self.stepping.state
 
     @property
     def integrator(self) -> Integrator:
-        """The time-stepping method as it is used with the present substeps."""
+        """The time-stepping method with its options for the current number of substeps."""
         return self.stepping.integrator
 
     @property
     def choice(self) -> StepChoice:
-        """The substeps of a frame, and why."""
+        """The number of substeps of a frame, and the reason."""
         return self.stepping.choice
 
     @property
     def substeps(self) -> int:
-        """Integrator steps per frame, with automatic substeps those that the last one took."""
+        """Integrator steps per frame; with automatic substeps, those of the last frame."""
         return self.choice.substeps
 
     @property
@@ -72,50 +72,50 @@ class Present:
 
     @property
     def device(self) -> str:
-        """The device that simulates, by Warp's name for it."""
+        """The name of the Warp device."""
         return self.model.device.alias
 
     @property
     def threads(self) -> int:
-        """How many threads of the CPU share the body's particles; 1 on a GPU."""
+        """Number of CPU threads; 1 on a GPU."""
         return self.stepping.dynamics.threads
 
     def measure(self) -> Measures:
-        """Return energies, momentum and strain of the present state."""
+        """Return energies, momentum and strain of the current state."""
         return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)
 
     @property
     def rest_length(self) -> NDArray:
-        """Present rest lengths of the connections [m]: of the system, or where they yield what it has come to."""
+        """Current rest lengths of the connections [m], including plastic deformation."""
         return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
 
     @property
     def positions(self) -> wp.array:
-        """Present positions [m] where they are: an array of Warp on the device, which later steps overwrite.
+        """Current positions [m]: a Warp array on the device, which later steps overwrite.
 
-        It is of vectors, shape [particle_count]; `Renderer.image` draws it without a copy to the host.
+        It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host.
         """
         return self.stepping.state.x
 
     def frame(self) -> Frame:
-        """Return the present positions and velocities."""
+        """Return the current positions and velocities."""
         return self.stepping.frame(self.time)
 
     def contact_force(self) -> NDArray:
-        """Return what obstacles and other bodies push each particle with [N], shape [particle_count, d].
+        """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
 
-        It is the mean over the frame before: the sum of the impulses of contact in it, over its length. It is 0
-        before the first frame, and behind a change that uploads the system anew. Obstacles push no pinned or
+        It is averaged over the last frame: the sum of the contact impulses, divided by the frame's duration. It is
+        0 before the first frame, and after a change that uploads the system again. Obstacles do not push pinned or
         driven particles.
 
         Raises
         ------
         ValueError
-            If the simulation was made without `contact_forces=True`, and no probe asks for such forces.
+            If the simulation was made without `contact_forces=True` and without a probe of such forces.
         """
         return self.stepping.contact_force()
 
     def snapshot(self) -> System:
-        """Return the system as it is now: present positions and velocities, present parameters."""
+        """Return the system with its current positions, velocities and parameters."""
         _, position, velocity = self.frame()
         return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())

@@ -27,7 +27,7 @@ class Readback:
     strain
         Whether the strain of every connection comes with it.
     contact_forces
-        Whether what contacts push each particle with comes with it, which `Simulation(contact_forces=True)` sums.
+        Whether to include the contact force on each particle, which `Simulation(contact_forces=True)` computes.
     depth
         Frames that may be on their way at a time: each has room of its own, allocated here, on the device and
         on the host.
@@ -130,7 +130,7 @@ class Taken:
         return self._room.there.get("broken_at")
 
     def contact_force(self) -> NDArray | None:
-        """Wait for it, and return what contacts push each particle with [N]; None where it was not asked for.
+        """Wait for it, and return the contact force on each particle [N]; None if it was not requested.
 
         It is what `Simulation.contact_force` returned at its time, shape [particle_count, d]. As for `arrived`,
         the array is overwritten once this one has been released.

@@ -11,9 +11,9 @@ from ..world import FRAME, SUBSTEP, Probe, probes_by
 
 
 class Readings(Mapping[str, Series]):
-    """Time series by the names of their probes: a reading for each frame, or substep, since the start.
+    """Time series by probe name: a reading for each frame, or substep, since the start.
 
-    After `Simulation.restore` they begin with the frame behind the checkpoint.
+    After `Simulation.restore` they begin with the frame after the checkpoint.
     """
 
     def __init__(self, probes: Mapping[str, Probe], dim: int) -> None:

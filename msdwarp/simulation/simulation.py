@@ -62,8 +62,8 @@ class Simulation(Changing):
         The bodies to simulate.
     gravity
         Acceleration of free fall [m/s²]: a number (downwards along the last coordinate), a vector, or a function
-        of time [s] that returns one of these. A gravity that depends on time has no potential energy; it counts
-        as work.
+        of time [s] that returns one of these. Gravity that depends on time has no potential energy; it counts as
+        external work.
     colliders
         Obstacles.
     contact
@@ -72,40 +72,40 @@ class Simulation(Changing):
     loads
         Loads on the bodies, such as `Force` or `Wind`.
     touch
-        How bodies touch each other: a `Touch`, or several. By default they pass through each other.
+        Contact between bodies: a `Touch`, or several. By default bodies pass through each other.
     integrator
         Time-stepping method, such as `Leapfrog()`. By default `SymplecticEuler()`.
     fps
         Frames per second of simulated time.
     substeps
-        Integrator steps per frame. "auto" takes as few as `safety` allows (see `msdwarp.integrators.stability`),
-        and more where energy would grow without a cause (see `msdwarp.simulation.pace`). `choice` says what was
-        chosen and why, `chosen` when it changed.
+        Integrator steps per frame. "auto" uses as few as `safety` allows (see `msdwarp.integrators.stability`),
+        and more if the energy would grow without a cause (see `msdwarp.simulation.pace`). `choice` has the current
+        number and the reason, `chosen` its changes.
     safety
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
-        Compute the stability limit before every frame. By default only when the largest strain has changed by
-        much.
+        Recompute the stability limit before every frame. By default only after a large change of the largest
+        strain.
     allow_unstable
         Accept a step beyond the stability limit.
     energy_limit
-        The run counts as diverged when its energy has grown by this multiple of a scale, times
-        `StepChoice.energy_swing`. The scale is the energy at the start plus that of falling by the system's own
-        size. With inf only numbers that are not finite end a run, and automatic substeps are not adapted.
+        The run counts as diverged if its energy has grown by this multiple of a scale, times
+        `StepChoice.energy_swing`. The scale is the initial energy plus the energy of a fall by the system's own
+        size. With inf a run ends only if a number is not finite, and automatic substeps are not adapted.
     device
         Name of a Warp device. By default the first CUDA device, or the CPU if there is none.
     precision
         "float32", "float32-compensated" (corrects rounding errors of sums) or "float64".
     route
         How forces are summed: "scatter", "gather", "stencil" (lattices only) or "auto"; see
-        `msdwarp.kernels.forces`. This affects speed only. On a GPU scatter does not repeat bit for bit.
+        `msdwarp.kernels.forces`. This affects speed only. On a GPU, results with scatter do not repeat bit for
+        bit.
     blocks
-        How many blocks of threads, and threads in each, compute all substeps of a frame in one launch: a pair,
+        Number of thread blocks and threads per block that compute all substeps of a frame in one launch: a pair,
         or "auto". None: each stage of each substep is a launch. This affects speed only.
     threads
-        How many threads of the CPU share a body's particles; "auto" takes one for each core, and a single one for
-        small bodies. The environment variable MSDWARP_THREADS says how many that are at most. This affects speed
-        only: results are the same to the last bit.
+        Number of CPU threads; "auto" uses one for each core, or a single one for small bodies. The environment
+        variable MSDWARP_THREADS sets the maximum. This affects speed only: results are the same to the last bit.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
@@ -116,9 +116,9 @@ class Simulation(Changing):
     Raises
     ------
     ValueError
-        If an argument is out of its range or there is no such device.
+        If an argument is out of range or there is no such device.
     UnstableStep
-        If `substeps` is beyond the stability limit (a ValueError; it says how many would do).
+        If `substeps` is too small for stability (a ValueError; it says how many are needed).
 
     Warns
     -----
@@ -188,12 +188,12 @@ class Simulation(Changing):
 
     @classmethod
     def of(cls, scene: Scene, **options: Any) -> Self:
-        """Return the simulation of a scene: of all but its look.
+        """Return the simulation of a scene.
 
         Parameters
         ----------
         scene
-            The system, its colliders, gravity and schedule.
+            The scene. Its look is not used.
         options
             Other arguments of `Simulation`.
         """
@@ -205,7 +205,7 @@ class Simulation(Changing):
         return headline(self, self._method, self._surroundings["colliders"])
 
     def reset(self) -> None:
-        """Go back to the system as it was given, at time 0, with the parameters it was given."""
+        """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
         self._due, self._overrun_told = list(self._schedule), False
@@ -240,19 +240,18 @@ class Simulation(Changing):
         return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     def step(self, frames: int = 1) -> None:
-        """Advance by one frame or more.
+        """Advance by one or more frames.
 
         Raises
         ------
         SimulationDiverged
-            If numbers are no longer finite, or energy has grown from nowhere (with automatic substeps: and more
-            of them did not help). It is then back at the last good frame.
+            If numbers are no longer finite, or the energy has grown without a cause (and, with automatic substeps,
+            more of them did not help). The simulation is then back at the last good frame.
 
         Warns
         -----
         ContactOverrun
-            Once, where bodies that touch come so fast, or press so hard, that one may come out of the other on the
-            wrong side.
+            Once per run, if bodies collide so fast, or press so hard, that one may pass through the other.
         """
         for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -310,14 +309,14 @@ class Simulation(Changing):
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
 
     def frames(self, duration: float) -> Iterator[Frame]:
-        """Return an iterator over the present frame and every frame of the next `duration` seconds.
+        """Return an iterator over the current frame and every frame of the next `duration` seconds.
 
         Raises
         ------
         ValueError
             If the duration is not positive or shorter than a frame.
         SimulationDiverged
-            While iterating, if a position or velocity is no longer finite.
+            While iterating; see `step`.
         """
         count = frame_count(duration, self.fps)  # checked here, not at the first next()
         return self._frames(count)
@@ -329,7 +328,7 @@ class Simulation(Changing):
             yield self.frame()
 
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
-        """Return what `restore` needs to go on from this frame, to the last bit: arrays, and numbers and names."""
+        """Return what `restore` needs to continue from this frame, bit for bit: arrays, and numbers and names."""
         arrays, numbers = checkpoint.saved(self.stepping)
         arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
@@ -340,12 +339,12 @@ class Simulation(Changing):
         return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
 
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
-        """Go back, or forward, to a checkpoint of a simulation made with the same arguments.
+        """Go to a checkpoint of a simulation made with the same arguments.
 
         Raises
         ------
         ValueError
-            If the checkpoint is of another system, precision, frame rate or integrator; nothing has changed then.
+            If the checkpoint is of another system, precision, frame rate or integrator. Nothing changes then.
         """
         checkpoint.check_same(numbers, fps=self.fps, integrator=repr(self._method))
         frame_index, changes, chosen = checkpoint.restored_progress(numbers)

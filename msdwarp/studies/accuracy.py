@@ -117,7 +117,7 @@ def tune(
     """
     checks.positive("tolerance", tolerance)
     if scene.schedule:
-        raise ValueError("the scene has a schedule: substeps that are right before a change are not after it")
+        raise ValueError("the scene has a schedule: substeps that are right before a change may be wrong after it")
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
     report("reference")

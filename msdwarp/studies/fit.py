@@ -56,19 +56,19 @@ def fit(
 ) -> Fitted:
     """Fit parameters of a scene to a measured motion.
 
-    Gauss-Newton steps of `scipy.optimize.least_squares` minimise the sum of squared differences between
-    simulation and measurement. Unknowns are logarithms of the parameters. Derivatives are differences between
-    worlds: with p parameters each step is one `Ensemble` run of p + 1 worlds.
+    Gauss-Newton steps of `scipy.optimize.least_squares` minimise the sum of squared residuals. The unknowns are
+    the logarithms of the parameters. Derivatives are finite differences: with p parameters each step is one
+    `Ensemble` run of p + 1 worlds.
 
-    Over a long time that sum has many minima: after a period a stiffness that is too high fits again. So a short
-    time is fitted first, then twice that time, and so on.
+    Over a long time that sum has many minima: after one period a stiffness that is too high can fit again. So a
+    short time is fitted first, then twice that time, and so on.
 
     Parameters
     ----------
     scene
-        The scene as it is measured. Its parameters are where the search starts.
+        The measured scene. The search starts from its parameters.
     measured
-        What was measured, with times from the scene's start on:
+        The measurements, with times counted from the scene's start:
 
         - a `Tracked`, or the path of a CSV file with columns time, id, x, y, z: tracked points [s], [m];
         - a `Trajectory`, or its path: all particles;
@@ -76,21 +76,21 @@ def fit(
           "gravitational energy" [J], to (times, values) of shapes [rows] and [rows, width]; or the path of a CSV
           file that begins with time_s and has columns as in a run's probes.csv, or such as energy_J.
 
-        Where nothing was measured, there is NaN, or an empty cell of a file. What was measured at time 0 is
-        ignored, because the scene sets the start.
+        Missing values are NaN, or empty cells of a file. Measurements at time 0 are ignored, because the scene
+        sets the start.
     parameters
         Names from stiffness, damping, rest_length, mass, friction, gravity; or a mapping from names to starting
         values, None for the scene's. If all springs (or free particles, or obstacles) of the scene have the same
-        value, the parameter is this value; otherwise it is a factor on the value of each.
+        value, the parameter is this value; otherwise it is a factor for all values.
     bounds
-        (lower, upper) by the names of parameters. By default from a tenth of the start to ten times it.
+        (lower, upper) by parameter name. By default 1/10 to 10 times the start.
     noise
-        Standard deviation of the measurement's noise, in the unit of the data; by name if there are several
-        kinds ("points" are tracked points). It weighs one kind against another. By default each kind is divided
+        Standard deviation of the measurement noise, in the unit of the data; by name if there are several kinds
+        ("points" are tracked points). It sets the relative weights of the kinds. By default each kind is divided
         by its own variation.
     loss
-        "linear": squares. "soft_l1", "huber" or "cauchy" give large differences less weight, for data in which
-        some points are wrong; they need `noise`, which says what is large.
+        "linear": squares. "soft_l1", "huber" or "cauchy" give large residuals less weight, for data with outliers;
+        they need `noise` as the scale.
     horizon
         "growing", "whole" for all times at once, or increasing times [s]: the fit uses the data up to each of
         them in turn, and all data in the end.
@@ -101,19 +101,19 @@ def fit(
     tolerance
         The search ends when steps are below this fraction of the values.
     fps
-        Frames a second. By default that of the data, or 60 if their times fit no frame rate. Between frames the
-        simulation is interpolated by a cubic spline.
+        Frames per second. By default that of the data, or 60 if their times match no frame rate. Between frames
+        the simulation is interpolated by a cubic spline.
     substeps
         Substeps of a frame, the same for all values. "auto" takes a number that is stable everywhere within the
         bounds.
     integrator
         Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
     precision
-        "float64" or "float32-compensated". In "float32" rounding spoils derivatives over a long time.
+        "float64" or "float32-compensated". In "float32" rounding makes derivatives over a long time useless.
     device
-        Where to simulate. By default the first CUDA device, or the CPU if there is none.
+        Device to simulate on. By default the first CUDA device, or the CPU if there is none.
     report
-        A function that is called with a line of text about the progress.
+        A function that is called with lines of text about the progress.
 
     Returns
     -------
@@ -123,24 +123,25 @@ def fit(
     Raises
     ------
     ValueError
-        If an argument is out of its range, what is measured does not belong to the scene, or SciPy is missing.
+        If an argument is out of range, the measurements do not match the scene, or SciPy is missing.
     UnstableStep
-        If `substeps` is beyond the stability limit somewhere within the bounds.
+        If `substeps` is too small for stability somewhere within the bounds.
 
     Warns
     -----
     DoubtfulFit
-        Where a parameter cannot be seen in what was measured, ends at its bound, or the search does not end.
+        If the measurements do not determine a parameter, a value ends at its bound, or the search does not
+        converge.
 
     Notes
     -----
-    The covariance is s² (JᵀJ)⁻¹ with s² the sum of squared residuals over rows − p, and J their derivatives: right
-    where residuals are independent, and the scene is right but for noise (Nocedal & Wright, Numerical
-    Optimization, 2006, chapter 10). With another loss J is weighted by its derivative.
+    The covariance is s² (JᵀJ)⁻¹, where s² is the sum of squared residuals over rows − p, and J their derivatives.
+    This is correct if residuals are independent and the scene is exact except for noise (Nocedal & Wright,
+    Numerical Optimization, 2006, chapter 10). With another loss J is weighted by its derivative.
 
-    With contact what is simulated jumps a little as parameters change, where a substep more or less is in contact.
-    Then J is the slope of a plane through the residuals of worlds all about, and what the jumps about that plane
-    add to the covariance is added.
+    With contact the simulated motion jumps slightly as parameters change, because a contact lasts a substep more
+    or less. Then J is the slope of a linear model fitted to the residuals of many worlds around the values, and
+    the covariance includes the scatter of the jumps about that model.
     """
     checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
     _check_scipy()

@@ -12,33 +12,33 @@ from .plots import BLUE, DARK, RED
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Parameters of a scene, fitted to a measured motion; made by `fit`."""
+    """Parameters of a scene, fitted to a measured motion; returned by `fit`."""
 
     values: dict[str, float]
     """The parameters by name, in the units of `units`."""
     units: dict[str, str]
-    """Where a scene's own differ from one connection or particle to the next, a value is a factor on them."""
+    """If the scene's values differ between connections or particles, a fitted value is a factor for all."""
     covariance: NDArray[np.float64]
-    """Of the values in their order, s² (JᵀJ)⁻¹, shape [p, p]; inf where a parameter cannot be seen."""
+    """Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined."""
     residuals: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """Simulated − measured, by what was measured: times [s] and differences in its unit, shape [rows, width].
+    """Simulated − measured, by kind of measurement: times [s] and differences in its unit, shape [rows, width].
 
-    NaN where nothing was measured. Tracked points are called "points".
+    NaN if nothing was measured. Tracked points are called "points".
     """
     residual_units: dict[str, str]
     """The units of the differences."""
     scene: Scene
-    """The scene with the values found."""
+    """The scene with the fitted values."""
     fps: float
-    """Frames a second with which it was simulated."""
+    """Frames per second of the simulations."""
     substeps: int
     """Substeps of a frame, the same in all runs."""
     runs: int
-    """How many worlds were simulated."""
+    """Number of simulated worlds."""
     batches: int
-    """How many runs these were: worlds of one `Ensemble` run side by side."""
+    """Number of runs; the worlds of one `Ensemble` run in parallel."""
     alone: str
-    """Why worlds were simulated one after the other: what an `Ensemble` does not support. Else empty."""
+    """Why worlds were simulated one by one: the feature that an `Ensemble` does not support. Else empty."""
     unseen: tuple[str, ...]
     """Parameters that the measurement does not determine."""
     converged: bool
@@ -46,12 +46,12 @@ class Fitted:
 
     @property
     def standard_deviations(self) -> dict[str, float]:
-        """How certain the values are, in their units: the roots of the covariance's diagonal."""
+        """Standard deviations of the values, in their units: the square roots of the covariance's diagonal."""
         return dict(zip(self.values, map(float, np.sqrt(np.diag(self.covariance))), strict=True))
 
     @property
     def residual_size(self) -> dict[str, float]:
-        """Root mean square of the residuals of each thing measured, in its unit."""
+        """Root mean square of the residuals of each kind of measurement, in its unit."""
         return {name: float(np.sqrt(np.nanmean(own**2))) for name, (_, own) in self.residuals.items()}
 
     def __repr__(self) -> str:
@@ -69,7 +69,7 @@ class Fitted:
         return "\n  ".join(lines)
 
     def plot(self, path: str | Path) -> None:
-        """Plot the residuals against time, and their histogram, to a picture such as residuals.png."""
+        """Plot the residuals against time, and their histogram, into a file such as residuals.png."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 

@@ -14,8 +14,8 @@ MOST_POINTS = 1_000_000
 """Points of the largest grid."""
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FORMS = (
-    "a value, a list such as 1,2,5, whole numbers such as 0:100 (the last is not among them), or so many values "
-    "between two numbers such as 1:3:5, or 1e3:1e5:log:20 in equal ratios"
+    "a value, a list such as 1,2,5, whole numbers such as 0:100 (without 100), five evenly spaced values "
+    "such as 1:3:5, or twenty values in equal ratios such as 1e3:1e5:log:20"
 )
 
 

@@ -51,7 +51,7 @@ def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Ch
     Raises
     ------
     ValueError
-        If gravity is out of its range; or if rest lengths do not stay, since the system yields or there is a
+        If gravity is out of range; or if rest lengths do not stay, since the system yields or there is a
         schedule, and strains are not in the file.
     """
     # Checked here, not at the first next().
@@ -61,7 +61,7 @@ def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Ch
             _ = trajectory.strains
         except ValueError as error:
             raise ValueError(
-                f"{error}, and rest lengths, which do not stay here, are known by it alone"
+                f"{error}, and the rest lengths, which change in this run, are known only from it"
             ) from error
     return _moments(trajectory, gravity, schedule)
 

@@ -26,21 +26,21 @@ ON_FRAME = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """Points of a body that were tracked: a row says where a particle was at a time.
+    """Tracked points of a body: each row is the position of a particle at a time.
 
     Parameters
     ----------
     time
         [s] from the scene's start, shape [rows], in any order.
     particle
-        Which particle it was, shape [rows].
+        Particle numbers, shape [rows].
     position
-        Where it was [m], shape [rows, d]; NaN where a coordinate was not seen.
+        Positions [m], shape [rows, d]; NaN for a coordinate that was not measured.
 
     Raises
     ------
     ValueError
-        If shapes differ, a time is negative, or a number is none.
+        If shapes do not match, a time is negative, or an entry is not a number.
     """
 
     time: ArrayLike
@@ -137,7 +137,7 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
     done = []
     for one in found:
         if not one.until(np.inf).any():
-            raise ValueError(f"measured has nothing of {one.name} after time 0; there must be something to follow")
+            raise ValueError(f"measured has nothing of {one.name} after time 0; it must have some")
         sigma = given.get(one.name)
         own = spread(one) if sigma is None else checks.positive(f"noise of {one.name}", sigma)
         done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry))

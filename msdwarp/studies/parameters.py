@@ -113,7 +113,7 @@ def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
             raise ValueError(f"parameters has {name!r}; the scene must have connections then")
     finite = np.isfinite(own)  # what is pinned stays so, whatever the mass
     if not finite.any():
-        raise ValueError(f"parameters has {name!r}; some particle must be free then")
+        raise ValueError(f"parameters has {name!r}; this needs a free particle")
     alike = own[finite] == own[finite][0]
     if alike.all():
         return np.where(finite, 1.0, own), float(own[finite][0]), UNITS[name]

@@ -58,40 +58,39 @@ def sweep(
     report: Report | None = None,
     **options: Any,
 ) -> Any:
-    """Simulate a scene at every point of a grid, and gather the results.
+    """Simulate a scene at every point of a grid, and collect the results.
 
-    Each point has a folder, named by a digest of all its parameters, that appears once it is done. So a sweep that
-    was ended goes on where it was, and a larger grid simulates only what is new. A point whose simulation diverges
-    or fails is told as such, and the others go on.
+    Each point has a folder, named by a hash (digest) of all its parameters, that appears once it is done. So an
+    interrupted sweep can be continued, and a larger grid simulates only the new points. If a point diverges or
+    fails, its status says so, and the others continue.
 
     Parameters
     ----------
     scene
-        The name of a scene that comes with msdwarp, or a function that returns a `Scene`, at the top of a module
-        that worker processes can import.
+        The name of a scene that comes with msdwarp, or a function that returns a `Scene`, at the top level of a
+        module that worker processes can import.
     grid
-        Values by the names of parameters: those of the scene's function, or options of `Simulation`. A sequence
-        of numbers or texts, or a text such as "1,2,5", "0:100", "1:3:5" or "1e3:1e5:log:20".
+        Values by parameter name: parameters of the scene's function, or options of `Simulation`. Values are a
+        sequence of numbers or texts, or a text such as "1,2,5", "0:100", "1:3:5" or "1e3:1e5:log:20".
     folder
-        Where the runs and the results are. It may hold those of an earlier sweep.
+        Folder of the runs and results. It may contain those of an earlier sweep.
     parameters
         Parameters of the scene that are the same at all points.
     observe
         Functions by name. Each is called with the `Simulation` at its end and returns a number.
     executor
-        What carries out the points: anything with `submit` as `concurrent.futures` has it, Dask's `Client` and
-        submitit's executors among them. By default processes on this machine.
+        An object with a method `submit` like that of `concurrent.futures`, such as Dask's `Client` or a submitit
+        executor. By default processes on this machine.
     jobs
-        How many processes there are then; "auto" for one on each GPU, or on each core where there is no GPU. With
-        1, points are simulated in this process. With "ensemble", those that differ only in what worlds of an
-        `Ensemble` may differ in are simulated side by side in this process, and the others as with "auto"; of
-        these a warning tells. Automatic substeps are then those of the world that needs most, and do not become
-        more on the way. Where there is a single GPU "auto" does so too with points that have a set number of
-        substeps, of which only summaries are kept.
+        Number of processes; "auto" for one per GPU, or one per core without a GPU. With 1, points are simulated in
+        this process. With "ensemble", points that differ only in parameters that worlds of an `Ensemble` may
+        differ in are simulated together in this process, and the others as with "auto", with a warning. Automatic
+        substeps are then those of the world that needs most, and stay fixed. With a single GPU "auto" also uses
+        ensembles for points with a set number of substeps of which only summaries are kept.
     keep
-        "summary" keeps the parameters and the results of a point, "run" its trajectory too.
+        "summary" keeps the parameters and results of a point, "run" also its trajectory.
     report
-        Called with how many points are done, and how many there are to do.
+        A function that is called with the number of finished points and the total.
     **options
         Options of `Simulation` that are the same at all points, and the `duration` [s].
 
@@ -99,15 +98,15 @@ def sweep(
     -------
     xarray.Dataset
         Over the swept parameters: `status` ("done", "diverged", "failed", "lost" or "missing"), `message`, `run`
-        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last
-        value of each probe, and what was observed. It is in results.nc too, and in results.csv.
+        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last value
+        of each probe, and the observed quantities. It is also written to results.nc and results.csv.
 
     Raises
     ------
     ValueError
-        If an argument is none of these, or xarray is missing: before any file is touched.
+        If an argument is invalid, or xarray is missing. No file has been changed then.
     OSError
-        If the folder cannot be written to, or holds something else.
+        If the folder cannot be written to, or contains something else.
     """
     import_xarray()
     build, name = found(scene)
@@ -234,9 +233,7 @@ def complete(
         As by `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(
-            f"executor is {checks.said(executor)}; it must have `submit`, as concurrent.futures has it"
-        )
+        raise ValueError(f"executor is {checks.said(executor)}; it must have `submit` as in concurrent.futures")
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
         wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"

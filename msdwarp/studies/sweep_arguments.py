@@ -66,7 +66,7 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
         except Exception as error:
             raise ValueError(f"{label} cannot be given to worker processes ({error}); {where}") from error
         if function.__module__ == "__main__" and not hasattr(main, "__file__"):
-            raise ValueError(f"{label} was typed in, which worker processes do not see; {where}")
+            raise ValueError(f"{label} was typed in interactively, so worker processes cannot import it; {where}")
 
 
 def source(function: Callable[..., Any]) -> str | None:

@@ -86,5 +86,5 @@ def read_results(path: Path) -> Any:
     with xarray.open_dataset(path, engine="h5netcdf") as opened:
         results = opened.load()
     if "status" not in results or not results.sizes:
-        raise ValueError(f"{path} holds no results of a sweep")
+        raise ValueError(f"{path} has no results of a sweep")
     return results

@@ -81,7 +81,7 @@ class _Slot:
     def call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         with self._lock:
             if self._ended:
-                raise BrokenExecutor("the workers have been ended")
+                raise BrokenExecutor("the workers have been stopped")
             if self._pool is None:
                 self._start()
             assert self._pool is not None

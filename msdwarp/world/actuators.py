@@ -15,35 +15,34 @@ from .loads import Load, values_at
 class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
-    At time t a connection has the rest length l0 (1 + s(t − delay)) in place of its own, l0. If several
-    actuators act on a connection, their strains add up. Their connections are stored in a table of their own, so
-    the body keeps its route to the forces, and other connections cost no more than before.
+    At time t a connection has the rest length l0 (1 + s(t − delay)) instead of l0. If several actuators act on a
+    connection, their strains add up. The body keeps its route to the forces.
 
-    `Measures.external_work` counts what muscles do on the body, −∮ F dl over a cycle, for their tension F and
-    length l; `elastic_energy` stays that of the rest lengths l0, as if there were no muscle. So for a muscle
+    `Measures.external_work` includes the work of muscles on the body, −∮ F dl over a cycle, for tension F and
+    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. So for a muscle
     that is held at both ends the two have opposite signs.
 
     Parameters
     ----------
     strain
-        s, by what share rest lengths are longer than the connections' own, or shorter where it is negative, as in
-        a muscle that contracts: a number, or a function of time [s] that returns one; above −1 and below 1. The
-        stability bound counts with the least of its first ten seconds, where it can be asked for those.
+        s, the relative change of the rest length, negative for contraction: a number, or a function of time [s]
+        that returns one; above −1 and below 1. The stability bound uses the minimum over the first ten seconds, if
+        the function can be evaluated there.
     on
-        The particles that both ends of its connections belong to; see `Load`.
+        Particles: both ends of its connections are among them; see `Load`.
     along
-        One or several lattice directions in which its connections lie, such as "x" or ("x", "y"), by their names
-        in `System.directions`. By default all connections.
+        One or several lattice directions of its connections, such as "x" or ("x", "y"), by their names in
+        `System.directions`. By default all connections.
     delay
-        Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its
-        two ends. For a wave that travels at c it is x/c. The strain is then evaluated at times before 0 too.
+        Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its two
+        ends. For a wave with speed c it is x/c. The strain is then also evaluated at negative times.
 
     Raises
     ------
     ValueError
-        If the strain is a number out of its range, a delay is not finite, or `along` is no name. In a scene also
-        if the system has no such direction, there is no such connection, one of them may yield or break, the
-        delays are not as many as particles, or the strain is out of range.
+        If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if the
+        system has no such direction, there is no such connection, one of them may yield or break, or the number of
+        delays differs from that of particles.
     """
 
     strain: Any

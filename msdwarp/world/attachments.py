@@ -17,21 +17,21 @@ NOW = "now"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Attachment(Load):
-    """A spring and a damper from each of some particles to a point, which stands still or is carried along.
+    """Springs and dampers from particles to fixed or moving points.
 
-    With a rest length of 0, F = −k (x − p) − b (v − u) for the point p that moves at u: it holds in all directions
-    alike. With another it acts along its axis alone, as a connection does.
+    With a rest length of 0, F = −k (x − p) − b (v − u) for the point p with velocity u: it holds equally in all
+    directions. With another rest length it acts only along its axis, like a connection.
 
     Parameters
     ----------
     on
-        The particles that are attached; see `Load`.
+        The attached particles; see `Load`.
     to
-        Where to: points [m] at time 0, shape [any, d] in the order of the particles' numbers, or [d] for all; a
-        collider, which carries the places that the particles have at the start; by default these places.
+        Points [m] at time 0, shape [any, d] in the order of the particles' numbers, or [d] for all; or a collider
+        that carries the starting positions of the particles; by default these positions.
     carried_by
-        The collider that carries the points along as it moves and turns, if one does. It need not be an obstacle
-        of the scene: what is not among its `colliders` carries and keeps nothing out.
+        A collider whose motion the points follow, if any. If it is not among the scene's `colliders`, it is no
+        obstacle.
     stiffness
         Spring constant k of each [N/m].
     damping
@@ -43,7 +43,7 @@ class Attachment(Load):
     Raises
     ------
     ValueError
-        If a number is out of its range or not finite, or two colliders are given.
+        If a number is out of range or not finite, or two colliders are given.
     """
 
     on: Any = None
@@ -90,13 +90,13 @@ class Attachment(Load):
         self.bound(system)
 
     def bound(self, system: System) -> Self:
-        """Return this attachment with its points and rest lengths as numbers, from the system at the start.
+        """Return this attachment with its points and rest lengths as numbers, from the starting state.
 
         Raises
         ------
         ValueError
-            If there are not as many points or lengths as particles, the carrier is of another space, or a particle
-            that is to be kept away from its point lies in it: in no direction.
+            If the number of points or lengths differs from that of particles, the collider has another number of
+            coordinates, or a particle with a nonzero rest length lies in its point, so that there is no direction.
         """
         if self.carried_by is not None and (wrong := self.carried_by.fits(system.dim)):
             raise ValueError(f"carried_by.{wrong}")

@@ -20,28 +20,28 @@ from .motion import Motion, pose
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Collider:
-    """An obstacle that particles are kept out of: what all shapes have.
+    """An obstacle; the base class of all shapes.
 
     Parameters
     ----------
     restitution
-        Normal speed after a bounce over that before it, 0 … 1.
+        Normal speed after a bounce divided by that before, 0 … 1.
     friction
-        Coulomb's coefficient: tangential over normal force while sliding; inf is allowed.
+        Coulomb's coefficient of friction; inf is allowed.
     tangential_factor
-        The share of the tangential velocity that one contact leaves however hard it presses, 0 … 1;
-        0 leaves all to Coulomb's friction.
+        Fraction of the tangential velocity that remains after one contact however strong friction is, 0 … 1; with
+        0 only Coulomb's friction acts.
     rest_speed
-        Slower approaches than this do not bounce [m/s].
+        Slower impacts than this do not bounce [m/s].
     motion
-        A function of time that displaces and turns it (see `Motion`); it must be smooth, and be where the
-        collider was given at time 0 for a body that touches it then. One that takes an array of times, as
-        NumPy's functions do, is called a few times a frame, another one for each substep. By default it is fixed.
+        A function of time that displaces and rotates it (see `Motion`). It must be smooth, and if a body touches
+        the obstacle at the start, its displacement must be 0 at time 0. A function that accepts an array of times,
+        as NumPy's do, is called a few times a frame, any other for each substep. By default the obstacle is fixed.
 
     Raises
     ------
     ValueError
-        If a coefficient is out of its range.
+        If a coefficient is out of range.
     """
 
     restitution: float = 0.5
@@ -119,7 +119,7 @@ class Plane(Collider):
     Raises
     ------
     ValueError
-        If a coefficient is out of its range or the normal is zero.
+        If a coefficient is out of range or the normal is zero.
     """
 
     normal: tuple[float, ...] | None = None
@@ -167,7 +167,7 @@ class Sphere(Collider):
     Raises
     ------
     ValueError
-        If a number is out of its range.
+        If a number is out of range.
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -196,9 +196,9 @@ class Sphere(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Box(Collider):
-    """A solid block. What slides on the plane that it stands on meets its side, if both stand still.
+    """A solid block. A body that slides on a plane hits the side of a block on it, if plane and block are fixed.
 
-    One that moves on a plane must reach below it: what slides there would come in from beneath.
+    A block that moves along a plane must extend below it. Otherwise sliding particles could enter it from below.
 
     Parameters
     ----------
@@ -207,14 +207,14 @@ class Box(Collider):
     size
         Its edges [m].
     turn
-        Rotation vector about its centre [rad], shape [3]; in two dimensions an angle, in one without meaning.
+        Rotation vector about its centre [rad], shape [3]; in two dimensions an angle; in one dimension unused.
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
 
     Raises
     ------
     ValueError
-        If a number is out of its range.
+        If a number is out of range.
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -264,7 +264,7 @@ class Capsule(Collider):
     Raises
     ------
     ValueError
-        If a number is out of its range, or the ends are one point.
+        If a number is out of range, or the ends coincide.
     """
 
     start: tuple[float, ...] = (-0.5, 0.0, 0.0)
@@ -300,7 +300,7 @@ class Capsule(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Cone(Collider):
-    """A solid cone with a flat base; in two dimensions a triangle. On a plane it is as with a `Box`.
+    """A solid cone with a flat base; in two dimensions a triangle. On a plane the same holds as for a `Box`.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ class Cone(Collider):
     Raises
     ------
     ValueError
-        If a number is out of its range, or the base is at the apex.
+        If a number is out of range, or the base is at the apex.
     """
 
     apex: tuple[float, ...] = (0.0, 0.0, 1.0)

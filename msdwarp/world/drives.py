@@ -15,24 +15,24 @@ from .motion import Motion, pose
 
 @dataclass(frozen=True, eq=False)
 class Drive(Load):
-    """Moves particles along a given path, whatever pulls at them; their connections feel position and speed.
+    """Moves particles along a given path; their connections feel the position and velocity.
 
-    A drive that stands still is a pin. `at(t, release=...)` lets particles go, with the velocity that they have.
+    A drive without motion is a pin. `at(t, release=...)` releases particles with their current velocity.
 
     Parameters
     ----------
     on
         The particles that it moves; see `Load`. No particle can be in two drives.
     motion
-        A function of time that displaces and turns them all from where they are at the start, as it does with a
-        collider (see `Motion`). Its speed is found by differences.
+        A function of time that returns a displacement from the start, or a displacement and a rotation, as for a
+        collider (see `Motion`). The velocity is computed by differences.
     about
-        The point about which it turns them [m], shape [d]; by default their centre of mass at the start.
+        Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
 
     Raises
     ------
     ValueError
-        If `motion` is no function, or `about` no point.
+        If `motion` is not a function, or `about` is not a point.
     """
 
     on: Any = None
@@ -55,7 +55,7 @@ class Drive(Load):
         self.bound(system).pose(0.0)
 
     def bound(self, system: System) -> "Driven":
-        """Return it as it acts on a system that starts as this one."""
+        """Return it with the values that it takes from the starting state."""
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
@@ -120,7 +120,8 @@ def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
         if (others >= 0).any():
             i = int(np.argmax(others >= 0))
             raise ValueError(
-                f"loads[{k}] drives particle {drive.held[i]}, as loads[{others[i]}] does; one drive at most may"
+                f"loads[{k}] drives particle {drive.held[i]}, as loads[{others[i]}] does; a particle can "
+                "have only one drive"
             )
         owner[drive.held] = k
     return tuple(result)

@@ -35,7 +35,7 @@ class Hand(Load):
     Raises
     ------
     ValueError
-        If a number is out of its range or not finite, a particle is named twice, there are not as many points as
+        If a number is out of range or not finite, a particle is named twice, there are not as many points as
         particles, or more particles than room.
     """
 
@@ -51,7 +51,7 @@ class Hand(Load):
         if len(held) > self.room:
             raise ValueError(f"on names {len(held)} particles; it must be at most room = {self.room}")
         if len(np.unique(held)) < len(held):
-            raise ValueError("on names a particle twice; each must be named once")
+            raise ValueError("on has a particle twice; each must occur once")
         to = checks.finite("to", self.to).reshape(len(held), -1) if len(held) else np.zeros((0, 0))
         order = np.argsort(held)
         object.__setattr__(self, "on", held[order])

@@ -22,7 +22,7 @@ def flat(value: Any) -> NDArray[np.float64]:
         rows = [flat(one) for one in value]
         return np.concatenate(rows)
     if array.dtype.kind not in "biuf":
-        raise ValueError(f"{checks.said(value)} are no numbers")
+        raise ValueError(f"{checks.said(value)} are not numbers")
     return array.astype(np.float64).ravel()
 
 

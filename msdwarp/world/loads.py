@@ -14,7 +14,7 @@ from .in_time import sampled
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Load:
-    """What acts on a system from outside: what all loads have.
+    """The base class of all loads.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Load:
         Raises
         ------
         ValueError
-            If there is no such group, or an index is out of range, or nobody is meant.
+            If there is no such group, an index is out of range, or there are no particles.
         """
         return particles_meant(self.on, system)
 
@@ -50,7 +50,7 @@ class Load:
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return it as it acts on a system that starts as this one: what it takes from the start is then known."""
+        """Return the load with the values that it takes from the starting state."""
         return self
 
 
@@ -61,19 +61,19 @@ class Force(Load):
     Parameters
     ----------
     force
-        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for
-        what depends on place or speed, a `wp.func` (x, v, t, i) -> force on particle i, which is at x [m] and
-        moves at v [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors of the
-        scene's precision, or `Any`.
+        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for a
+        force that depends on position or velocity, a `wp.func` (x, v, t, i) -> force on particle i at position x
+        [m] with velocity v [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors
+        of the scene's precision, or `Any`.
     on
         The particles that it acts on; see `Load`.
     total
-        Whether `force` is that on all of these particles together, which they share equally.
+        Whether `force` is the sum over these particles, shared equally.
 
     Raises
     ------
     ValueError
-        If a vector is not finite, or `total` is asked of a function of place.
+        If a vector is not finite, or `total` is used with a function of position.
     """
 
     force: Any
@@ -89,7 +89,7 @@ class Force(Load):
 
     @property
     def of_place(self) -> bool:
-        """Whether it is a `wp.func`, a function of place, speed and time."""
+        """Whether it is a `wp.func`, a function of position, velocity and time."""
         return is_device_function(self.force)
 
     @property
@@ -114,7 +114,7 @@ def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
     Raises
     ------
     ValueError
-        If there is no such group, or an index is out of range, or nobody is meant.
+        If there is no such group, an index is out of range, or there are no particles.
     """
     if on is None:
         return np.ones(system.particle_count, dtype=bool)

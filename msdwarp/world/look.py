@@ -15,19 +15,19 @@ OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tub
 class Look:
     """How a scene, or a body in it, is drawn.
 
-    A body's own look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, particles and tube. All
-    other parameters belong to the whole picture; only the scene's look sets them.
+    A body's look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, particles and tube. All other
+    parameters apply to the whole picture; only the scene's look sets them.
 
     Parameters
     ----------
     colour
         Colour of the body, "#rrggbb". A surface with a texture ignores it.
     inside
-        Colour of the inside of a solid where it has torn, "#rrggbb". None: that of the body.
+        Colour of the fracture surfaces of a torn solid, "#rrggbb". None: the colour of the body.
     texture
-        Image on the surface, placed by its texture coordinates, uint8 of shape [height, width, 3].
+        Image on the surface, mapped by its texture coordinates, uint8 of shape [height, width, 3].
     smooth
-        Shade smoothly across the triangles of a face (True), or each triangle flat (False).
+        Smooth shading (True) or flat shading (False).
     gloss
         Strength of highlights on the body, 0 … 1.
     azimuth, elevation
@@ -37,24 +37,23 @@ class Look:
     obstacle
         Colour of solid colliders, "#rrggbb". In strain colours it is used even if they have a texture.
     obstacle_texture
-        Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` says how it lies.
+        Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
     obstacle_gloss
         Strength of highlights on solid colliders, 0 … 1. The ground has none.
     strain
         Colour connections by their strain, unless a run asks for the texture.
     full_strain
-        Strain at which a connection is drawn red, and minus that blue. None: as large as most strains of a run
-        that is drawn, else 0.2.
+        Strain drawn in full red; minus this is drawn in full blue. None: fitted to the run, else 0.2.
     particles
-        Draw particles as balls. None: if there are not too many; on connections in the body's colour the balls are
-        no thicker than these.
+        Draw particles as balls. None: if there are not too many. If connections have the body's colour, the balls
+        are no thicker than the connections.
     tube
-        Radius at which connections are drawn, such as those of ropes [m]. None: a fraction of their rest length.
+        Radius of drawn connections, such as ropes [m]. None: a fraction of their rest length.
 
     Raises
     ------
     ValueError
-        If a colour, a texture, an angle, the full strain, a radius or a choice is none.
+        If a colour, texture, angle, full strain, radius or choice is invalid.
     """
 
     colour: str = "#d9603b"

@@ -17,7 +17,7 @@ Of an array of times it may give the same with an array in place of each number.
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
-    """Return what a motion gave as a pair; the turn is None where it gave a displacement alone."""
+    """Return the result of a motion as a pair; the rotation is None if it returned only a displacement."""
     # A displacement in 2-D may be a pair too, of numbers.
     turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
     return given if turned else (given, None)

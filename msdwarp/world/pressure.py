@@ -28,17 +28,18 @@ class Pressed(Load):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pressure(Pressed):
-    """A pressure on the back of a surface, which pushes it outwards.
+    """A pressure that pushes a surface outwards.
 
-    A triangle with the area vector a feels p a, a third of it at each corner. A corner that is a mixture of
-    particles hands it on by their shares, so that its work is p dV there too.
+    A triangle with the area vector a feels p a, a third of it at each corner. If a corner is a mixture of
+    particles, they share the force in proportion to their weights, so that its work is p dV there too.
 
     Parameters
     ----------
     pressure
-        By how much it exceeds that on the other side [Pa]: a number, or a function of time [s].
+        Overpressure [Pa]: a number, or a function of time [s].
     on
-        The particles of the surface, by default all (see `Load`): the triangles whose corners all are of them.
+        The particles of the surface, by default all (see `Load`): it acts on triangles with all corners among
+        them.
 
     Raises
     ------
@@ -65,25 +66,25 @@ class Pressure(Pressed):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Gas(Pressed):
-    """A gas that a closed surface encloses: its pressure p obeys p V^γ = constant, V being the volume.
+    """A gas inside a closed surface: its pressure p obeys p V^γ = constant, where V is the volume.
 
     Parameters
     ----------
     pressure
-        By how much the pressure inside exceeds that outside at the start [Pa]; below 0 it is a partial vacuum.
+        Overpressure at the start [Pa]; below 0 it is a partial vacuum.
     on
         The particles of the surface, by default all (see `Load`); it must be closed.
     outside
         Pressure of the air outside [Pa].
     exponent
-        γ: 1 for a gas that keeps its temperature (Boyle's law), 1.4 for air that keeps its heat.
+        γ: 1 for constant temperature (Boyle's law), 1.4 for adiabatic air.
     volume
-        Volume at which the pressure is that of the start [m³]; by default the volume at the start.
+        Volume at which the overpressure is `pressure` [m³]; by default the volume at the start.
 
     Raises
     ------
     ValueError
-        If a number is out of its range, or the surface is not closed, or encloses nothing.
+        If a number is out of range, or the surface is not closed, or encloses nothing.
     """
 
     pressure: float

@@ -22,40 +22,40 @@ UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", TOUCH_F
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A sensor on a group of particles, read where each frame ends, or each substep.
+    """A sensor on a group of particles, read at the end of each frame or substep.
 
     Parameters
     ----------
     on
         The group: its name (see `System.named`), indices, or a mask.
     what
-        What it measures:
+        The measured quantity:
 
         - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
-          particles count only where the group has no others, all alike then.
-        - "force" [N]: the sum of the forces that connections, loads, other bodies and gravity exert on the group
-          where the frame ends. What the group's particles exert on each other cancels. On a support (a group
-          that is pinned or driven, and has no weight) it is what a load cell under the support reads. On a free
-          group it is the mass times the acceleration that the group would have without obstacles.
-        - "contact force" [N]: the force of obstacles and other bodies on the group, the mean over the frame: the
-          sum of all impulses of contact in the frame, divided by its length. The impulse of an obstacle is m (v'
-          − v), and 0 for pinned and driven particles. The impulse of another body is ∫ f dt as the integrator
-          computes it.
-        - "touch force" [N]: the part of the contact force that other bodies exert. Forces between two bodies of
-          the group cancel.
-        - "strain": the mean of length / rest length − 1 over the connections within the group that are not broken,
-          and the largest of its absolute values.
+          particles are ignored, unless the group has no others; then all have equal weight.
+        - "force" [N]: the sum of the forces of connections, loads, other bodies and gravity on the group at the
+          end of the frame. Forces within the group cancel. For a support (a pinned or driven group without
+          weight) it is what a load cell under the support would read. For a free group it is mass times the
+          acceleration that it would have without obstacles.
+        - "contact force" [N]: the force of obstacles and other bodies on the group, averaged over the frame: the
+          sum of all contact impulses, divided by the frame's duration. The impulse of an obstacle is m (v' − v),
+          and 0 for pinned and driven particles. The impulse of another body is ∫ f dt as the integrator computes
+          it.
+        - "touch force" [N]: the part of the contact force that comes from other bodies. Forces between two bodies
+          of the group cancel.
+        - "strain": the mean of length / rest length − 1 over the unbroken connections within the group, and the
+          largest absolute value.
     every
-        When it is read: "frame", where each frame ends, or "substep", where each substep does. By substep the
-        contact force is the mean over the substep, and a force is that of the places and the time at which the
-        substep ends. At the substeps within a frame `Leapfrog` knows the velocity of driven particles to first
-        order only. Each substep needs a launch for the sums: for small bodies, which otherwise need one launch a
-        frame, these launches take longer than the substeps.
+        "frame" reads at the end of each frame, "substep" at the end of each substep. With "substep" the contact
+        force is averaged over the substep, and other forces are those at its end. At substeps within a frame
+        `Leapfrog` has the velocity of driven particles to first order only. Each substep needs a kernel launch for
+        the sums: for small bodies, which otherwise need one launch a frame, these launches take longer than the
+        substeps.
 
     Raises
     ------
     ValueError
-        If there is no such quantity, or `every` is neither.
+        If there is no such quantity, or `every` is invalid.
     """
 
     on: Any
@@ -80,16 +80,16 @@ class Probe:
         return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
 
     def columns(self, dim: int) -> list[str]:
-        """Return what its numbers are called, such as "contact_force_x_N"."""
+        """Return the column names of its readings, such as "contact_force_x_N"."""
         if self.what == STRAIN:
             return ["strain_mean", "strain_largest"]
         return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
 
     def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
-        """Raise ValueError if there is nothing of a system to be measured."""
+        """Raise ValueError if it cannot measure this system."""
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
-            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must hold a connection")
+            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must contain a connection")
         if self.what == CONTACT_FORCE and not colliders and not touches:
             raise ValueError(
                 f"what is {self.what!r}; there must be colliders then, that may touch the group, or bodies that "

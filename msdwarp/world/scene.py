@@ -25,43 +25,42 @@ _SHOWN = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """Bodies, what surrounds them, how long to simulate, and how to draw it.
+    """Bodies and their surroundings, the duration, and how to draw them.
 
     Parameters
     ----------
     system
         The bodies to simulate.
     colliders
-        Obstacles. The fixed plane that faces most upwards is drawn as the ground.
+        Obstacles. The fixed plane that is closest to horizontal and faces up is drawn as the ground.
     loads
-        Loads on the bodies beside gravity and obstacles, such as `Force` or `Wind`.
+        Loads on the bodies, such as `Force` or `Wind`, besides gravity and obstacles.
     touch
-        How bodies touch each other: a `Touch`, or several. By default they pass through each other.
+        Contact between bodies: a `Touch`, or several. By default bodies pass through each other.
     gravity
         Acceleration of free fall [m/s²]; it may be a function of time, see `Simulation`.
     duration
         Simulated time [s].
     look
-        How the picture is drawn, and all bodies without a look of their own.
+        Look of the picture, and of all bodies that are not in `looks`.
     looks
-        Looks of single bodies, by the name of their group (see `System.named`). They set what belongs to a body
-        (see `Look`). Where two groups share particles, triangles or connections, the later look counts.
+        Looks of single bodies, by the name of their group (see `System.named`). They set the parameters of a body
+        (see `Look`). If two groups share particles, triangles or connections, the later look is used.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
         Sensors by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes their values to
         probes.csv, and those read by substep to probes_by_substep.csv.
-
     observe
-        What to tell of the bodies beside pictures, by name: functions of positions and velocities, of shape
-        [worlds, particle_count, d] each, that return an array whose first axis is of worlds. `Ensemble.run`
-        observes it, `msdwarp run` prints it at the end, `msdwarp sweep` keeps it.
+        Quantities to observe, by name: functions of positions and velocities, of shape [worlds, particle_count, d]
+        each, that return an array with the worlds along its first axis. `Ensemble.run` observes them,
+        `msdwarp run` prints them at the end, `msdwarp sweep` stores them.
 
     Raises
     ------
     ValueError
-        If an argument is of another type, out of its range, or does not fit the system's space, or nothing of
-        the system could be drawn.
+        If an argument has the wrong type, is out of range, or has the wrong number of coordinates, or there is
+        nothing to draw.
     """
 
     system: System
@@ -108,7 +107,7 @@ class Scene:
                 )
         object.__setattr__(self, "observe", observe)
         if self.system.surface is None and not self.system.connection_count:
-            raise ValueError("system has neither a surface nor connections: nothing of it could be drawn")
+            raise ValueError("system has neither a surface nor connections: there is nothing to draw")
 
     def _checked_looks(self) -> dict[str, Look]:
         """Return the looks of groups; raise ValueError if a group is none, or a look says what is not a body's."""
@@ -145,12 +144,12 @@ class Scene:
         return "\n  ".join(lines)
 
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
-        """Return what `observe` tells of one world, of shape [particle_count, d] each.
+        """Return the quantities of `observe` for one world; arguments have shape [particle_count, d].
 
         Raises
         ------
         ValueError
-            If a function returns no array whose first axis is of the one world.
+            If a function does not return an array with one world along its first axis.
         """
         found = {}
         for name, tell in self.observe.items():
@@ -164,7 +163,7 @@ class Scene:
 
     @property
     def ground(self) -> Plane | None:
-        """The fixed plane that faces most upwards, if one does."""
+        """The fixed plane that is closest to horizontal and faces up, if there is one."""
         dim = self.system.dim
         planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
         upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]

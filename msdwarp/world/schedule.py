@@ -46,7 +46,7 @@ class Change:
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
         checks.one_of("freeze", self.freeze, (False, True))
         if self.freeze and "rest_length" in self.parameters:
-            raise ValueError("freeze sets rest_length to the present lengths; it cannot be given beside it")
+            raise ValueError("freeze sets rest_length to the current lengths; rest_length cannot be given too")
 
     @property
     def of_gravity_alone(self) -> bool:
@@ -76,7 +76,7 @@ class Change:
         Raises
         ------
         ValueError
-            If the group is unknown, or a value is out of its range.
+            If the group is unknown, or a value is out of range.
         """
         if self.gravity is not None:
             gravity_at(self.gravity, np.array([self.time]), system.dim)
@@ -118,7 +118,7 @@ class Change:
         Raises
         ------
         ValueError
-            If the group is unknown, all its particles are held, or a velocity is out of its range.
+            If the group is unknown, all its particles are held, or a velocity is out of range.
         """
         chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
@@ -169,26 +169,26 @@ def at(
     gravity: Gravity | None = None,
     **parameters: Any,
 ) -> Change:
-    """Return a change at `time` [s] of a schedule, such as at(1.0, stiffness=300.0, group="scoop").
+    """Return a scheduled change, such as at(1.0, stiffness=300.0, group="scoop").
 
     Parameters
     ----------
     time
-        When [s]; it takes effect with the first frame that begins then or later.
+        Time of the change [s]; it takes effect with the first frame that begins then or later.
     group
-        What changes: the name of a group of the system (see `System.named`), or particles (indices or a mask),
-        with the connections between them; by default all.
+        The name of a group of the system (see `System.named`), or particles (indices or a mask), with the
+        connections between them; by default all.
     freeze
-        Set rest lengths to the present lengths: the body keeps the shape it has.
+        Set rest lengths to the current lengths: the body keeps its current shape.
     release
-        Driven particles (see `Drive`) that go on freely, with the velocity they have and masses of their own: the
-        name of a group, indices or a mask.
+        Driven particles (see `Drive`) to release: the name of a group, indices or a mask. They continue freely
+        with their current velocity and their own masses.
     gravity
         Acceleration of free fall from then on [m/s²], of all particles; see `Simulation`.
     parameters
-        mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for those meant, or functions
+        mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for the group, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
-        of the particles meant, shape [n, d], or such a function; pinned and driven particles keep theirs.
+        particle of the group, shape [n, d], or such a function; pinned and driven particles keep theirs.
 
     Raises
     ------

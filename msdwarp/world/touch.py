@@ -14,11 +14,11 @@ BODIES, ALL, NONE = "bodies", "all", "none"
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Touch(Load):
-    """Contact between bodies, and of bodies with themselves.
+    """Contact between bodies, and self-contact.
 
-    A body is a set of particles that are joined by connections. Bodies with a surface touch with it: points on
-    one against triangles of the other. Closed surfaces push out what is inside; sheets have two sides. Ropes
-    touch with their connections, grains as spheres. See docs/contact.md for the law.
+    A body is a set of particles joined by connections. For bodies with a surface, points on one are tested against
+    triangles of the other. Closed surfaces push out points that are inside; sheets have two sides. Ropes touch
+    with their connections, single particles as spheres. See docs/contact.md for the law.
 
     Parameters
     ----------
@@ -28,25 +28,25 @@ class Touch(Load):
         Speed after a collision divided by that before, for two single particles, from 0.05 to 1. For bodies it
         also depends on their own dampers and vibrations.
     between
-        "bodies": different bodies touch; "all": also bodies with themselves; "none": they pass through each other.
+        "bodies": contact between different bodies; "all": also self-contact; "none": no contact.
     groups
-        Names of two groups of whole bodies to which this applies (see `System.named`); by default all bodies. If
-        several apply to a pair, the last one counts.
+        Names of two groups of whole bodies that this applies to (see `System.named`); by default all bodies. If
+        several entries apply to a pair, the last one is used.
     thickness
         Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn. Sheets are 1/4
         of their spacing thick, ropes and grains 1/2.
     stiffness
-        Stiffness of a contact [N/m]. By default that of one more layer of connections: the harmonic mean of both
-        bodies' mean stiffness. Single particles have no springs, so there it must be given.
+        Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
+        both bodies' mean stiffness. Single particles have no springs, so they need a value.
     obstacles
-        Whether obstacles are kept out of all surfaces and ropes, and not only off particles. If any entry of
-        `touch` says so, it holds for all bodies. It needs more and shorter substeps; take it where obstacles have
-        edges, or are thinner than particles are apart.
+        Whether obstacles collide with whole surfaces and ropes, not only with particles. If any entry of `touch`
+        sets this, it applies to all bodies. It costs time and shortens the stable step. Use it if obstacles have
+        edges, or are thinner than the spacing of the particles.
 
     Raises
     ------
     ValueError
-        If a number is out of its range.
+        If a number is out of range.
     """
 
     friction: float = 0.5
@@ -78,9 +78,9 @@ class Touch(Load):
     def damping_ratio(self) -> float:
         """The damping ratio ζ that gives this restitution.
 
-        Two particles that touch are a damped oscillator which is let go when its force, that never pulls, is 0:
-        restitution = |v| there over the speed of the impact.
-        Reference: Schwager and Pöschel, Granular Matter 9 (2007) 465.
+        Two particles in contact are a damped oscillator, which separates when its repulsive force reaches 0:
+        restitution = |v| then over the impact speed. Reference: Schwager and Pöschel, Granular Matter 9 (2007)
+        465.
         """
         low, high = 0.0, 10.0  # restitution falls from 1 as damping rises
         for _ in range(60):

@@ -13,38 +13,39 @@ from .loads import Load, is_device_function, values_at
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Wind(Load):
-    """The force of air, moving or at rest, on bodies in it.
+    """The force of air, moving or at rest, on bodies.
 
-    A triangle of the surface with the area vector a (n = a/|a|) that moves at u against the air feels
+    A triangle of the surface with the area vector a (n = a/|a|) and the velocity u relative to the air feels
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    on both sides. A closed surface has air on its outside only, and only triangles that face the wind feel it.
-    So a convex body of frontal area A falls at the speed at which ½ ρ C_d A v² = m g.
-    Vertices may be particles or, in balls, cylinders, cones and meshes, mixtures of them, which then take a force
-    by their shares. See `msdwarp.kernels.loads.wind`. Air at rest is `Wind((0, 0, 0))`: it slows what falls.
+    on both sides. On a closed surface only triangles that face the wind feel it. So a convex body of frontal area
+    A has the terminal speed ½ ρ C_d A v² = m g. Vertices may be particles or, in balls, cylinders, cones and
+    meshes, mixtures of particles, which then share the force. See `msdwarp.kernels.loads.wind`. Air at rest,
+    `Wind((0, 0, 0))`, slows falling bodies.
 
     Parameters
     ----------
     velocity
         Velocity of the air [m/s]: a vector of shape [d]; a function of time [s] that returns one; or a `wp.func`
-        (x, t) -> velocity at the place x [m], which is compiled into the scene's kernels.
+        (x, t) -> velocity at the position x [m], which is compiled into the scene's kernels.
     on
-        The particles that it blows on, by default all (see `Load`): the triangles whose corners all are of them.
+        The particles that it acts on, by default all (see `Load`): it acts on triangles with all corners among
+        them.
     drag
-        C_d: of a plate across the flow about 1.2, of a sphere 0.47.
+        C_d: about 1.2 for a plate across the flow, 0.47 for a sphere.
     lift
         C_l.
     density
         ρ of the air [kg/m³].
     area
-        The area that each particle shows the wind [m²], a number or shape [particle_count]. With it particles feel
-        −½ ρ C_d A |u| u by themselves, and surfaces do not matter: for ropes, grains, bodies without a surface.
+        Frontal area of each particle [m²], a number or shape [particle_count]. With it each particle feels −½ ρ
+        C_d A |u| u, and surfaces are ignored: for ropes, grains and other bodies without a surface.
 
     Raises
     ------
     ValueError
-        If a number is out of its range, or the wind is given neither a surface nor an area.
+        If a number is out of range, or there is neither a surface nor an area.
     """
 
     velocity: Any
@@ -62,7 +63,7 @@ class Wind(Load):
 
     @property
     def of_place(self) -> bool:
-        """Whether the velocity of the air is a function of place, on the device."""
+        """Whether the velocity of the air is a function of position, on the device."""
         return is_device_function(self.velocity)
 
     @property
@@ -79,8 +80,8 @@ class Wind(Load):
             self.areas(system)
         elif not len(self.facets(system).corner):
             raise ValueError(
-                "area is None; it must be the area of each particle [m²], for nothing that this wind blows on has "
-                "a surface in three dimensions"
+                "area is None; it must be the area of each particle [m²], because the particles have no surface "
+                "in three dimensions"
             )
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "velocity") -> NDArray[np.float64]:
@@ -94,5 +95,5 @@ class Wind(Load):
         return areas
 
     def facets(self, system: System) -> Facets:
-        """Return the triangles that it blows on."""
+        """Return the triangles that it acts on."""
         return facets_of(system).of(self.particles(system))
