@@ -51,8 +51,8 @@ MOST_PATIENCE = 32
 """That doubles when it was too early, as what followed within as many frames tells, up to this."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
-BETWEEN = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-"""Substeps from one search to the next: a frame is recorded anew for each."""
+BETWEEN = (1, 2, 4, 8, 16, 32)
+"""Substeps from one search to the next: a frame is recorded anew for each. With more of them piles take longer."""
 
 
 class Nearby:
