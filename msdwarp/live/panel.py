@@ -1,6 +1,7 @@
 """Panel: the buttons, sliders and keys of a page, and what is written beside them."""
 
 import numbers
+import time
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,8 @@ MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
 """End of the sliders of friction; the least that bodies that touch may have, see `Touch`."""
 SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
 """Speeds of playing, over real time."""
+PATIENCE = 1.0
+"""What a person has entered stays for so long, also where the simulation has not taken it up [s]."""
 CURVES = tuple((name, ENERGIES[name]) for name in ("kinetic", "elastic", "sum"))
 """The energies that are plotted, and their colours."""
 
@@ -37,6 +40,8 @@ class Panel:
     def __init__(self, server: Any) -> None:
         self._server, self._parts = server, list[Any]()
         self._said = ""
+        self._shown: dict[int, tuple[Any, float]] = {}
+        """What each widget was to show last, and when it last did [s]."""
         self._built: Source | None = None
 
     def open(self, view: "View") -> None:
@@ -197,16 +202,16 @@ class Panel:
         self._said = notice
         if source.handling is not None:
             for name, factor in source.handling.factors.items():
-                _set(self._sliders[name], min(max(factor, self._sliders[name].min), self._sliders[name].max))
+                self._set(self._sliders[name], min(max(factor, self._sliders[name].min), self._sliders[name].max))
             for (side, name), slider in self._contacts.items():
                 value = source.handling.contact(side, name)
                 if value is not None:
-                    _set(slider, min(max(value, slider.min), slider.max))
+                    self._set(slider, min(max(value, slider.min), slider.max))
         if self._time is not None:
-            _set(self._time, source.index)
-        _set(self._colour, view.shown.colour)
-        _set(self._wires, view.shown.wires)
-        _set(self._sends, view.sends)
+            self._set(self._time, source.index)
+        self._set(self._colour, view.shown.colour)
+        self._set(self._wires, view.shown.wires)
+        self._set(self._sends, view.sends)
         self._tell_scale()
         if self._energies is not None and len(view.readings) > 1:
             rows = np.array(
@@ -227,6 +232,19 @@ class Panel:
                 f"<span>{drawing.scale.full:.3g}</span></div></div>"
             )
 
+    def _set(self, widget: Any, value: Any) -> None:
+        """Have a widget show a value.
+
+        What a person has just entered stays for a moment: the simulation takes it up at its next frame.
+        """
+        now = time.monotonic()
+        told, since = self._shown.get(id(widget), (None, now))
+        if widget.value != value and told == value and now - since < PATIENCE:
+            return
+        if widget.value != value:
+            widget.value = value
+        self._shown[id(widget)] = value, now
+
     @staticmethod
     def _if_asked(call: Any) -> Any:
         """Return a callback that heeds people, and not what the program itself sets."""
@@ -236,12 +254,6 @@ class Panel:
                 call()
 
         return called
-
-
-def _set(widget: Any, value: Any) -> None:
-    """Have a widget show a value."""
-    if widget.value != value:
-        widget.value = value
 
 
 def _number(text: str) -> float:

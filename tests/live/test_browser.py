@@ -8,13 +8,14 @@ import threading
 import time
 from pathlib import Path
 from shutil import which
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from msdwarp import Plane, Scene, Simulation, box
-from msdwarp.live import Browser, Running, View, within_reach
+from msdwarp.live import Browser, Running, View, panel, within_reach
 
 viser = pytest.importorskip("viser")
 import msgspec  # noqa: E402
@@ -322,3 +323,26 @@ def seen_at(camera, point, width, height):
     offset = point - camera.position
     scale = height / 2 / np.tan(camera.fov / 2) / (offset @ forward)
     return width / 2 + scale * (offset @ right), height / 2 - scale * (offset @ up)
+
+
+def test_what_is_entered_stays_until_it_is_taken_up(monkeypatch):
+    # The panel is told again and again where the simulation stands: an entry on its way must not be undone.
+    now = [10.0]
+    monkeypatch.setattr(panel.time, "monotonic", lambda: now[0])
+    shown, slider = panel.Panel(None), SimpleNamespace(value=1.0)
+    shown._set(slider, 1.0)
+    slider.value = 0.4  # entered
+    now[0] += 0.5 * panel.PATIENCE
+    shown._set(slider, 1.0)
+    assert slider.value == 0.4
+    shown._set(slider, 0.4)  # taken up
+    now[0] += 3 * panel.PATIENCE
+    shown._set(slider, 0.4)
+    shown._set(slider, 2.0)  # changed by another page: at once
+    assert slider.value == 2.0
+    slider.value = 7.0  # entered, and refused
+    shown._set(slider, 2.0)
+    assert slider.value == 7.0
+    now[0] += 1.1 * panel.PATIENCE
+    shown._set(slider, 2.0)
+    assert slider.value == 2.0
