@@ -176,10 +176,11 @@ def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
 
 
 @wp.func
-def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
+def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
     """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
 
-    The texels that are looked at lie the wider apart the further above the spot something may hide the light.
+    The texels that are looked at lie the wider apart the further above the spot something may hide the light, and
+    so many texels more than for one spot alone.
     """
     at = in_lamp(seen.lamp, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(seen.depth.shape[0])
@@ -201,7 +202,7 @@ def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
     margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))
     if above <= margin:
         return 1.0
-    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST))
+    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
     # Nothing is drawn near the map's edge, so that hardly anything is missed by not looking beyond that.
     radius = wp.min(radius, to_edge - 0.5)
     at[2] = at[2] + margin
