@@ -1,4 +1,4 @@
-"""A rasteriser: triangles are drawn into four points of each pixel, and what is nearest there is shaded once.
+"""A rasteriser: triangles are drawn into four points of each pixel; `raster_shading` lights what is nearest.
 
 Points are found by products of three vectors, after M. Olano and T. Greer, "Triangle scan conversion using 2D
 homogeneous coordinates", Graphics Hardware 1997: what reaches behind the camera needs no cutting.
@@ -7,9 +7,9 @@ homogeneous coordinates", Graphics Hardware 1997: what reaches behind the camera
 import warp as wp
 
 from ..basis import kernel
-from .raycast import in_bytes, within_one
-from .shading import Body, Surroundings, colour_of, height, lit, meets_ground, nearest_texel, texel
-from .shadow import Seen, inside, over, share_of_light
+from .raycast import in_bytes
+from .shading import Surroundings, meets_ground, texel
+from .shadow import inside, over
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 """The four points of a pixel: one in each quarter of its height, and of its width (a rotated grid)."""
@@ -113,146 +113,6 @@ def draw_triangles(
             share = near + float(column) * near_slope
             key = (wp.uint64(wp.cast(share, wp.uint32)) << wp.uint64(32)) | number
             wp.atomic_max(nearest, row, column, key)
-
-
-@wp.func
-def sharing(faces: wp.vec4i, p: int) -> wp.vec4:
-    """Return 1 for the points of a pixel that show the same as point p, else 0; all 0 if p is not their first."""
-    found = wp.vec4()
-    for q in range(4):
-        if faces[q] == faces[p]:
-            if q < p:
-                return wp.vec4()
-            found[q] = 1.0
-    return found
-
-
-@wp.func
-def seen_triangle(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    face: int,
-    row: int,
-    column: int,
-    covered: wp.vec4,
-):
-    """Return the colour of a triangle at the points of a pixel that it covers, and its height above the ground.
-
-    It is lit once, at the middle of these points.
-    """
-    i = triangles[face][0]
-    j = triangles[face][1]
-    k = triangles[face][2]
-    a = points[i] - view.eye
-    b = points[j] - view.eye
-    c = points[k] - view.eye
-    normal = wp.cross(b - a, c - a)
-    start, across, down = shares_of(view, a, b, c)
-    count = float(0.0)
-    x = float(0.0)
-    y = float(0.0)
-    colour = wp.vec3()
-    for p in range(4):
-        if covered[p] > 0.0:
-            px = column_of(p, column)
-            py = row_of(4 * row + p)
-            count += 1.0
-            x += px
-            y += py
-            if body.textured == 1:
-                shares = start + px * across + py * down
-                at = shares[0] * body.uv[i] + shares[1] * body.uv[j] + shares[2] * body.uv[k]
-                colour += nearest_texel(body.texture, at / (shares[0] + shares[1] + shares[2]))
-    way = view.corner + (x / count) * view.across + (y / count) * view.down
-    shares = start + (x / count) * across + (y / count) * down
-    # Where a triangle is seen edge on, rounding must not lead out of it.
-    shares = wp.max(shares / (shares[0] + shares[1] + shares[2]), wp.vec3())
-    shares = shares / (shares[0] + shares[1] + shares[2])
-    if body.textured == 1:
-        colour = colour / count
-    else:
-        colour = shares[0] * body.colours[i] + shares[1] * body.colours[j] + shares[2] * body.colours[k]
-    ray = wp.normalize(way)
-    upright = wp.normalize(shares[0] * body.normals[i] + shares[1] * body.normals[j] + shares[2] * body.normals[k])
-    if wp.dot(a, normal) > 0.0:  # seen from its back
-        upright = -upright
-    share = float(1.0)
-    spot = view.eye + shares[0] * a + shares[1] * b + shares[2] * c
-    above = float(0.0)
-    if view.has_ground == 1:
-        above = height(view, spot)
-    if view.shadows == 1 and face >= body.first_shaded and wp.dot(upright, view.light) > 0.0:
-        share = share_of_light(shadows, spot, normal)
-    return lit(view, colour, body.gloss[face], upright, ray, share), above
-
-
-@wp.func
-def shade_pixel(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    row: int,
-    column: int,
-    nearest: wp.array2d(dtype=wp.uint64),
-    pixels: wp.array2d(dtype=wp.vec3ub),
-):
-    """Lay what was drawn, and its shadow on the ground, over one pixel."""
-    faces = wp.vec4i()
-    for q in range(4):
-        faces[q] = int(nearest[4 * row + q, column] & wp.static(wp.uint64(0xFFFFFFFF))) - 1
-        if faces[q] >= 0:
-            nearest[4 * row + q, column] = wp.static(wp.uint64(0))
-    bare = int(0)
-    mean = wp.vec3()
-    for p in range(4):
-        covered = sharing(faces, p)
-        count = covered[0] + covered[1] + covered[2] + covered[3]
-        if faces[p] < 0:
-            bare += 1
-        elif count > 0.0:
-            colour, above = seen_triangle(body, view, shadows, points, triangles, faces[p], row, column, covered)
-            if above >= -view.below:
-                mean += 0.25 * count * within_one(colour)
-            else:
-                bare += int(count)
-    if bare > 0:
-        way = view.corner + (float(column) + 0.5) * view.across + (float(row) + 0.5) * view.down
-        share = float(1.0)
-        t, _uv = meets_ground(view, way)
-        if t > 0.0 and view.shadows == 1:
-            share = share_of_light(shadows, view.eye + t * way, view.ground_normal)
-        if share == 1.0 and bare == 4:
-            return
-        mean += 0.25 * float(bare) * (view.shadow + (1.0 - view.shadow) * share) * colour_of(pixels[row, column])
-    pixels[row, column] = in_bytes(mean)
-
-
-@kernel
-def shade(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
-    triangles: wp.array(dtype=wp.vec3i),  # shape [triangle_count]
-    first_row: int,
-    first_column: int,
-    columns: int,
-    # In and out:
-    nearest: wp.array2d(dtype=wp.uint64),  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
-    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
-):
-    """Lay what was drawn, and its shadow on the ground, over a picture of the ground in light.
-
-    Each thread takes a row, from the first column on: a thread's start costs as much as a pixel of the ground.
-    """
-    row = first_row + wp.tid()
-    for column in range(first_column, first_column + columns):
-        shade_pixel(body, view, shadows, points, triangles, row, column, nearest, pixels)
 
 
 @kernel

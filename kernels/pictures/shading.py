@@ -110,10 +110,11 @@ def texel(image: wp.array2d(dtype=wp.vec3ub), u: float, v: float) -> wp.vec3:
 
 @wp.func
 def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
-    """Return the pixel of the image at (u, v); row 0 is at v = 1, and edges extend."""
+    """Return the pixel of the image at (u, v), in 0 … 255; row 0 is at v = 1, and edges extend."""
     column = int(wp.clamp(uv[0], 0.0, 1.0) * float(image.shape[1]))
     row = int((1.0 - wp.clamp(uv[1], 0.0, 1.0)) * float(image.shape[0]))
-    return colour_of(image[wp.min(row, image.shape[0] - 1), wp.min(column, image.shape[1] - 1)])
+    pixel = image[wp.min(row, image.shape[0] - 1), wp.min(column, image.shape[1] - 1)]
+    return wp.vec3(float(pixel[0]), float(pixel[1]), float(pixel[2]))
 
 
 @wp.func
@@ -145,12 +146,11 @@ def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
 
 
 @wp.func
-def lit(
-    view: Surroundings, colour: wp.vec3, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float
-) -> wp.vec3:
-    """Return how bright a surface is that such a share of the key light reaches, seen along a ray.
+def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float):
+    """Return what light makes of a surface that such a share of the key light reaches, seen along a ray.
 
-    `normal` is its normal on the side that is seen. See `msdwarp/pictures/light.py`.
+    That is how bright its colour is, and the highlights on it. `normal` is its normal on the side that is seen.
+    See `msdwarp/pictures/light.py`.
     """
     diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
     diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
@@ -167,6 +167,15 @@ def lit(
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.light
             glint += view.key * gloss * arrives * highlight(view, mirrored, ray)
+    return diffuse, glint
+
+
+@wp.func
+def lit(
+    view: Surroundings, colour: wp.vec3, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float
+) -> wp.vec3:
+    """Return how a surface of some colour looks in the light; see `light_on`."""
+    diffuse, glint = light_on(view, gloss, normal, ray, arrives)
     return diffuse * colour + wp.vec3(glint, glint, glint)
 
 

@@ -153,8 +153,8 @@ class Seen:
 def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
     """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
     last = seen.around.shape[0] - 1
-    column = wp.clamp((at[0] + 0.5) / wp.static(float(BLOCK)) - 0.5, 0.0, float(last))
-    row = wp.clamp((at[1] + 0.5) / wp.static(float(BLOCK)) - 0.5, 0.0, float(last))
+    column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
+    row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     c = wp.min(int(column), last - 1)
     r = wp.min(int(row), last - 1)
     s = column - float(c)
@@ -165,27 +165,29 @@ def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
 
 
 @wp.func
-def passes(seen: Seen, at: wp.vec3, slope: wp.vec2, margin: float, aside: wp.vec2) -> int:
-    """Return 1 if the light passes the texel that lies so many texels aside of a plane, else 0."""
-    last = seen.depth.shape[0] - 1
-    column = wp.clamp(int(wp.floor(at[0] + aside[0] + 0.5)), 0, last)
-    row = wp.clamp(int(wp.floor(at[1] + aside[1] + 0.5)), 0, last)
-    if seen.depth[row, column] > at[2] + wp.dot(slope, aside) + margin:
-        return 0
-    return 1
+def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
+    """Return 1 if the texel that lies so many texels aside, inside the map, is above a plane, else 0.
+
+    `at` counts columns and rows from the texels' edges.
+    """
+    if seen.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
+        return 1
+    return 0
 
 
 @wp.func
-def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
+def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
     """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
 
-    The texels that are looked at lie the wider apart the further above the spot something may hide the light.
+    The texels that are looked at lie the wider apart the further above the spot something may hide the light, and
+    so many texels more than for one spot alone.
     """
-    at = in_lamp(seen.lamp, spot)
+    at = in_lamp(seen.lamp, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(seen.depth.shape[0])
-    if wp.min(at[0], at[1]) < -0.5 or wp.max(at[0], at[1]) >= size - 0.5:
+    to_edge = wp.min(wp.min(at[0], at[1]), size - wp.max(at[0], at[1]))
+    if to_edge < 1.0:
         return 1.0
-    block = seen.around[int(at[1] + 0.5) / wp.static(BLOCK), int(at[0] + 0.5) / wp.static(BLOCK)]
+    block = seen.around[int(at[1]) / wp.static(BLOCK), int(at[0]) / wp.static(BLOCK)]
     texel = 1.0 / seen.lamp.scale
     if block[0] - at[2] <= 0.3 * texel:
         return 1.0
@@ -200,13 +202,15 @@ def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3) -> float:
     margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))
     if above <= margin:
         return 1.0
-    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST))
+    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
+    # Nothing is drawn near the map's edge, so that hardly anything is missed by not looking beyond that.
+    radius = wp.min(radius, to_edge - 0.5)
+    at[2] = at[2] + margin
     count = int(0)
     for k in range(wp.static(FIRST)):
-        count += passes(seen, at, slope, margin, radius * seen.spots[k])
-    if count == 0 or count == wp.static(FIRST):
-        return float(count) / wp.static(float(FIRST))
-    others = int(0)
-    for k in range(wp.static(FIRST), seen.spots.shape[0]):
-        others += passes(seen, at, slope, margin, radius * seen.spots[k])
-    return float(count + others) / float(seen.spots.shape[0])
+        count += hidden(seen, at, slope, radius * seen.spots[k])
+    if count > 0 and count < wp.static(FIRST):
+        for k in range(wp.static(FIRST), seen.spots.shape[0]):
+            count += hidden(seen, at, slope, radius * seen.spots[k])
+        return 1.0 - float(count) / float(seen.spots.shape[0])
+    return 1.0 - float(count) / wp.static(float(FIRST))

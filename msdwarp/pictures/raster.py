@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.pictures import raster
+from ..kernels.pictures import raster, raster_shading
 from .arrows import Arrows
 from .drawing import Drawing
 from .film import processors
@@ -80,6 +80,9 @@ class Rasteriser:
         inputs = [mesh.points, mesh.triangles, mesh.closed, self._view]
         wp.launch(raster.draw_triangles, len(mesh.triangles), inputs, [self._nearest], device="cpu")
         row, column, rows, columns = part
+        # Squares of 2 x 2 pixels are the same in all pictures, whatever part of them changes.
+        rows, columns = rows + row % 2, columns + column % 2
+        row, column = row - row % 2, column - column % 2
         bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
         # Python's lock is free while Warp's native code is at work.
         for _ in self._pool.map(lambda band: self._shade(mesh, band), bands):
@@ -89,7 +92,7 @@ class Rasteriser:
         """Shade a part of the picture."""
         row, column, rows, columns = part
         inputs = [mesh.body, self._view, self._seen, mesh.points, mesh.triangles, row, column, columns]
-        wp.launch(raster.shade, rows, inputs, [self._nearest, self._pixels], device="cpu")
+        wp.launch(raster_shading.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")
 
 
 class _Mesh:
