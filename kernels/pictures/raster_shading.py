@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..basis import kernel
-from .raster import ASIDE, row_of
+from .raster import ASIDE, row_of, shares_of
 from .raycast import in_bytes, within_one
 from .shading import Body, Surroundings, colour_of, height, light_on, meets_ground, nearest_texel
 from .shadow import Seen, share_of_light
@@ -67,19 +67,16 @@ def seen_triangle(
     b = points[j] - view.eye
     c = points[k] - view.eye
     normal = wp.cross(b - a, c - a)
-    bc = wp.cross(b, c)
-    ca = wp.cross(c, a)
-    ab = wp.cross(a, b)
-    way = view.corner + x * view.across + y * view.down
-    shares = wp.vec3(wp.dot(bc, way), wp.dot(ca, way), wp.dot(ab, way))
+    start, to_right, downwards = shares_of(view, a, b, c)
+    shares = start + x * to_right + y * downwards
     whole = shares[0] + shares[1] + shares[2]
     # Where a triangle is seen edge on, rounding must not lead out of it.
     shares = wp.max(shares / whole, wp.vec3())
     shares = shares / (shares[0] + shares[1] + shares[2])
     # How the shares change per pixel.
-    to_right = wp.vec3(wp.dot(bc, view.across), wp.dot(ca, view.across), wp.dot(ab, view.across)) / whole
+    to_right = to_right / whole
     to_right -= (to_right[0] + to_right[1] + to_right[2]) * shares
-    downwards = wp.vec3(wp.dot(bc, view.down), wp.dot(ca, view.down), wp.dot(ab, view.down)) / whole
+    downwards = downwards / whole
     downwards -= (downwards[0] + downwards[1] + downwards[2]) * shares
     colour = wp.vec3()
     at = wp.vec2()
@@ -91,7 +88,7 @@ def seen_triangle(
         down = downwards[0] * body.uv[i] + downwards[1] * body.uv[j] + downwards[2] * body.uv[k]
     else:
         colour = shares[0] * body.colours[i] + shares[1] * body.colours[j] + shares[2] * body.colours[k]
-    ray = wp.normalize(way)
+    ray = wp.normalize(view.corner + x * view.across + y * view.down)
     upright = wp.normalize(shares[0] * body.normals[i] + shares[1] * body.normals[j] + shares[2] * body.normals[k])
     turn = wp.length(to_right[0] * body.normals[i] + to_right[1] * body.normals[j] + to_right[2] * body.normals[k])
     turn += wp.length(

@@ -24,7 +24,7 @@ from .friction import TANGENTIAL
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .law import contact_law
 from .overrun import note_overrun
-from .pairs import ALMOST, FAR, NONE, next_in_order, pairs, places, unit_normal
+from .pairs import ALMOST, FAR, NONE, next_in_order, pairs, places, points, unit_normal
 from .sides import STEEP, meets, remembered
 from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
@@ -114,10 +114,11 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
     V, Data = vector(3, scalar), Surfaces(scalar, worlds)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
+    mobility_of, slip_before = points(scalar)
     note, first_of = note_overrun(scalar), first_flag(scalar, worlds)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
-    zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
+    zero, almost, far = scalar(0.0), scalar(ALMOST), scalar(FAR)
     tangential, press = scalar(TANGENTIAL), contact_law(scalar)
     exert, have_common, slip_on, steep = exert_force(scalar, lanes), meets(), remembered(scalar), scalar(STEEP)
 
@@ -215,9 +216,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                 if best < reach * reach:
                     # What is far in memory is read at once, also where it turns out that they do not touch.
                     u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
-                    mobility = data.mobility[ends[0]]
-                    if ends[0] != ends[1]:
-                        mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                    mobility = mobility_of(data.mobility, ends, s)
                     for k in range(3):
                         mobility += w[k] * w[k] * data.mobility[corner[k]]
                     thickness = thickness_of(data, rule, mine, other)
@@ -274,13 +273,10 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                     if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
                         # A point that was touching this body before may stick to it.
-                        slip = V()
                         if wp.static(sided):
                             slip = slip_on(data.partner, data.seen, data.slip, p, other, held)
-                        elif data.partner[0, p] == other:
-                            slip = data.slip[0, p]
-                        elif data.partner[1, p] == other:
-                            slip = data.slip[1, p]
+                        else:
+                            slip = slip_before(data.partner, data.slip, p, other)
                         zeta = data.damping[rule]
                         mu = data.friction[rule]
                         f_n, f_t, slip, u_n, slides = press(

@@ -102,6 +102,34 @@ def pairs(scalar: type, worlds: bool = False):
     return find_rule, thickness_of, reach_of, stiffness_of
 
 
+@functools.cache
+def points(scalar: type):
+    """Compose (mobility_of, slip_before).
+
+    The mobility of a point between two vertices [1/kg], and how far the point had been moved along a body that it
+    was touching before [m]: 0 if it was not.
+    """
+    V, one = vector(3, scalar), scalar(1.0)
+
+    @wp.func
+    def mobility_of(mobility: wp.array(dtype=scalar), ends: wp.vec2i, s: scalar) -> scalar:
+        found = mobility[ends[0]]
+        if ends[0] != ends[1]:
+            found = (one - s) * (one - s) * found + s * s * mobility[ends[1]]
+        return found
+
+    @wp.func
+    def slip_before(partner: wp.array2d(dtype=int), slip: wp.array2d(dtype=V), p: int, other: int) -> V:
+        found = V()
+        if partner[0, p] == other:
+            found = slip[0, p]
+        elif partner[1, p] == other:
+            found = slip[1, p]
+        return found
+
+    return mobility_of, slip_before
+
+
 @wp.func
 def next_in_order(whose: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
     """Return where in row p of n the body begins whose number is the least above `before`; n if there is none."""

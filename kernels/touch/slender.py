@@ -9,7 +9,7 @@ from .exert import Units, exert_on_segments
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .law import contact_law
 from .overrun import note_overrun
-from .pairs import ALMOST, FAR, NONE, pairs, places
+from .pairs import ALMOST, FAR, NONE, pairs, places, points
 from .surfaces import DEEPEST, Surfaces, first_flag
 
 
@@ -21,7 +21,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
     near it, each its own. `sunk` is as for `touch`.
     """
     V, Data = vector(3, scalar), Surfaces(scalar, worlds)
-    place_of, place_on, _ = places(scalar)
+    (place_of, place_on, _), (mobility_of, slip_before) = places(scalar), points(scalar)
     find_rule, thickness_of, _, stiffness_of = pairs(scalar, worlds)
     note, first_of, press = note_overrun(scalar), first_flag(scalar, worlds), contact_law(scalar)
     in_units, take_from, add_to = exert_on_segments(scalar)
@@ -98,20 +98,14 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                     overlap = overlap - data.allowed[p]
                 mobility = zero
                 if overlap > zero:  # most that is listed does not touch: reading from memory is what takes time
-                    mobility = data.mobility[ends[0]]
-                    if ends[0] != ends[1]:
-                        mobility = (one - s) * (one - s) * mobility + s * s * data.mobility[ends[1]]
+                    mobility = mobility_of(data.mobility, ends, s)
                     mobility += w[0] * w[0] * data.mobility[corner[0]] + t * t * data.mobility[corner[1]]
                 u_n = wp.dot(u, normal)
                 least = zero
                 if mobility > zero:
                     k_n = stiffness_of(data, rule, mine, other)
                     # A point that was touching this body before may stick to it.
-                    slip = V()
-                    if data.partner[0, p] == other:
-                        slip = data.slip[0, p]
-                    elif data.partner[1, p] == other:
-                        slip = data.slip[1, p]
+                    slip = slip_before(data.partner, data.slip, p, other)
                     zeta = data.damping[rule]
                     mu = data.friction[rule]
                     f_n, f_t, slip, u_n, _slides = press(
