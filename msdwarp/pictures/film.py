@@ -4,7 +4,6 @@ import importlib.util
 import math
 import os
 import struct
-import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +17,11 @@ from PIL import Image
 
 from .. import checks
 from ..disk import replacing
+
+try:
+    from isal import isal_zlib as zlib
+except ImportError:  # there is none for this processor: slower, the same pictures
+    import zlib
 
 MOST_WRITERS, WAITING = 8, 3
 """Threads that write frames, at most, and pictures that wait for the film: so much memory and no more."""
@@ -156,8 +160,8 @@ class _InThread:
 def png(image: NDArray[np.uint8]) -> bytes:
     """Return a picture, uint8 of shape [height, width, 3], as a PNG file (ISO/IEC 15948).
 
-    Every row is stored as its differences from the one above. Pillow, which tries five ways for each row, takes
-    three times as long, for a file smaller by an eighth.
+    Every row is stored as its differences from the one above. Intel's ISA-L compresses them in a quarter of zlib's
+    time, into files of about the same size. Pillow, which tries five filters for each row, takes ten times as long.
     """
     height, width, _ = image.shape
     rows = np.ascontiguousarray(image).reshape(height, 3 * width)

@@ -4,6 +4,7 @@ import contextlib
 import io
 import itertools
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -102,7 +103,9 @@ def test_no_more_pictures_wait_than_a_few(tmp_path, monkeypatch):
     assert max(ahead) <= film.WAITING + 2
 
 
-def test_pngs_are_what_was_drawn():
+@pytest.mark.parametrize("compressor", [film.zlib, zlib], ids=["usual", "fallback"])
+def test_pngs_are_what_was_drawn(monkeypatch, compressor):
+    monkeypatch.setattr(film, "zlib", compressor)
     image = np.random.default_rng(3).integers(0, 256, (37, 53, 3), dtype=np.uint8)
     with Image.open(io.BytesIO(film.png(image))) as opened:
         assert opened.mode == "RGB"
