@@ -75,7 +75,8 @@ def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
     try:
         result = np.broadcast_to(given, shape)
     except ValueError as error:
-        raise ValueError(f"{name} has shape {given.shape}; it must be broadcastable to {shape}") from error
+        several = f"{shape[0]} numbers" if len(shape) == 1 else f"have shape {shape}"
+        raise ValueError(f"{name} has shape {given.shape}; it must be one number or {several}") from error
     result.flags.writeable = False
     return result
 
@@ -203,22 +204,29 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
     if isinstance(value, np.ndarray) or value not in allowed:  # an array is compared entry by entry
-        words = ", ".join(map(repr, allowed)) or "those there are: none"
+        words = ", ".join(map(repr, allowed)) or "those that exist: there are none"
         raise ValueError(f"{name} is {said(value)}; it must be one of {words}")
 
 
 def instance(name: str, value: object, kind: type, example: str) -> None:
     """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
     if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIO" else "a"
-        raise ValueError(f"{name} is {said(value)}; it must be {article} {kind.__name__}, such as {example}")
+        given = said(value)
+        if "\n" in given or len(given) > _MOST_SAID // 2:  # a whole scene tells less than what it is
+            given = _kind(type(value))
+        raise ValueError(f"{name} is {given}; it must be {_kind(kind)}, such as {example}")
+
+
+def _kind(kind: type) -> str:
+    """Return the name of a class with its article."""
+    return f"{'an' if kind.__name__[0] in 'AEIOaeio' else 'a'} {kind.__name__}"
 
 
 def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, ...]:
     """Return several instances of a class as a tuple; raise ValueError if `value` does not hold such."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise ValueError(
-            f"{name} is {said(value)}; it must be a sequence of {kind.__name__}s, such as [{example}]"
+            f"{name} is {said(value)}; it must be a sequence of {kind.__name__} objects, such as [{example}]"
         )
     several = tuple(value)
     for k, one in enumerate(several):

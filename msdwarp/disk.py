@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+TRAJECTORY = "trajectory.vtkhdf"
+"""The file in the folder of a run that has its frames."""
 _MARK = ".unfinished"
 
 

@@ -9,7 +9,7 @@ RADIUS = 0.13
 """Of the weight [m]."""
 
 
-def build(*, count: int = 11, weak: int = 3, strength: float = 2.4, stiffness: float = 3e4) -> Scene:
+def build(*, count: int = 11, weak: int = 9, strength: float = 2.4, stiffness: float = 3e4) -> Scene:
     """Release a weight of 1 kg on a chain 50 cm long, at the height of its pin.
 
     The tension is 3 m g cos(angle from the vertical): 3 m g at the lowest point.

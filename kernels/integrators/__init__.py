@@ -6,7 +6,7 @@ from .euler import explicit_euler, extrapolated_leapfrog, kick, symplectic_euler
 from .implicit import block_inverses, implicit_finish, impulse, mass_product
 from .persistent import MOST_THREADS, persistent
 from .runge_kutta import chebyshev, rk4
-from .shared import GIVEN_UP, Share, in_shares
+from .shared import GIVEN_UP, Share, in_shares, wait_for_all
 from .stages import (
     begin_each_connection,
     each_column,
@@ -49,5 +49,6 @@ __all__ = [
     "rk4",
     "symplectic_euler",
     "tools",
+    "wait_for_all",
     "world",
 ]

@@ -55,6 +55,12 @@ class Share:
     let_others: wp.uint64  # address of the system's function that lets other programs have the core
 
 
+@kernel
+def wait_for_all(share: Share):
+    """Let no thread go on before all have come here."""
+    meet(share.meeting, share.threads, share.let_others)
+
+
 @functools.cache
 def in_shares(composition: Composition, method: Any):
     """Compose the kernel that takes many steps, as `persistent` does, for the particles of one share.

@@ -25,6 +25,7 @@ from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .law import contact_law
 from .overrun import note_overrun
 from .pairs import ALMOST, FAR, NONE, next_in_order, pairs, places, points, unit_normal
+from .parts import first_of_part, next_of_part, raise_to
 from .sides import STEEP, meets, remembered
 from .surfaces import DEEPEST, HISTORY, Surfaces, first_flag
 
@@ -53,10 +54,12 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         anew: bool,  # whether rows are found here
-        threads: int,
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
         way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
     ):
-        i = wp.tid()
+        i = first_of_part(wp.tid(), part)
         drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
         far = float(skin[0]) / (float(skin[0]) + more)
         further = wp.vec3(more, more, more)
@@ -85,8 +88,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 moved *= far
             at = first_of(data, data.body_of[i])
             if not (moved <= way[at]):
-                wp.atomic_max(way, at, moved)
-            i += threads
+                raise_to(way, at, moved)
+            i = next_of_part(i, threads, parts)
 
     return place
 
@@ -131,6 +134,7 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         per_unit: wp.float64,  # of forces [1/N]; of worlds each has its own
         skin: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
+        parts: int,  # that threads of the CPU take
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
         heated: wp.array(dtype=wp.float64),  # [W]
@@ -295,16 +299,16 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
                         else:
                             if wp.static(worlds):
                                 by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, lane)
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, lane, parts)
                             else:
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, per_unit, lane)
+                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, per_unit, lane, parts)
                             if lane == 0:
                                 if wp.static(sunk):
                                     led = wp.min(data.allowed[p], h * data.outwards)
                                     data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
                                 at = first_of(data, mine) + wp.static(DEEPEST)
                                 if float(overlap) > flags[at]:
-                                    wp.atomic_max(flags, at, float(overlap))
+                                    raise_to(flags, at, float(overlap))
                                 if h > zero:
                                     # The vertex of a point bears as much for each of its other points.
                                     u_n += h * f_n * mobility / data.density[mine]
@@ -376,14 +380,16 @@ def _each_point(scalar: type, sunk: bool, sided: bool, measuring: bool, lanes: i
         per_unit: wp.float64,
         skin: wp.array(dtype=scalar),
         threads: int,
+        part: int,
+        parts: int,
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        k = wp.tid() / wp.static(lanes)
+        k = first_of_part(wp.tid(), part) / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
         while k < data.busy_count[0]:
-            touch_one(data, data.busy[k], lane, h, behind, per_unit, skin, flags, stored, heated)
-            k += threads / wp.static(lanes)
+            touch_one(data, data.busy[k], lane, h, behind, per_unit, skin, parts, flags, stored, heated)
+            k = next_of_part(k, threads / wp.static(lanes), parts)
 
     return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

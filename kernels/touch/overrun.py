@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from .parts import claim
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
 """What is noted of the first one in a frame: how many there are, the point, the facet, how far off it they will be
@@ -26,7 +27,7 @@ def note_overrun(scalar: type):
         noted: wp.array(dtype=wp.float64), p: int, facet: int, x: V, onward: scalar, least: scalar, speed: scalar
     ):
         if onward <= least:
-            if wp.atomic_add(noted, wp.static(COUNT), wp.float64(1.0)) == wp.float64(0.0):
+            if claim(noted, wp.static(COUNT)):
                 noted[wp.static(POINT)] = wp.float64(p)
                 noted[wp.static(FACET)] = wp.float64(facet)
                 noted[wp.static(GAP)] = wp.float64(onward)

@@ -8,6 +8,7 @@ from ..basis import kernel, vector
 from .boxes import NEVER, margin_of_boxes
 from .lanes import FAST, bounds_of_blocks, least_of_lanes
 from .pairs import pairs, places, unit_normal
+from .parts import count_up, first_of_part, next_of_part, raise_to
 from .surfaces import HISTORY, LONGEST_ROW, Surfaces, first_flag
 
 
@@ -25,9 +26,11 @@ def find_candidates(scalar: type, worlds: bool = False):
         data: Data,
         least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
-        threads: int,
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
     ):
-        e = wp.tid()
+        e = first_of_part(wp.tid(), part)
         while e < data.length.shape[0]:
             p = data.in_order[e]
             place = wp.vec3(place_of(data.x, data.ends[p], data.share[p]))
@@ -35,8 +38,8 @@ def find_candidates(scalar: type, worlds: bool = False):
             high = most[data.body[p]]
             within = wp.min(place, low) == low and wp.max(place, high) == high
             if within or data.length[p] > 0 or data.partner[0, p] >= 0 or data.allowed[p] > scalar(0.0):
-                data.candidate[wp.atomic_add(data.candidate_count, 0, 1)] = p
-            e += threads
+                data.candidate[count_up(data.candidate_count)] = p
+            e = next_of_part(e, threads, parts)
 
     return list_candidates
 
@@ -170,7 +173,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         data.length[p] = count
         at = first_of(data, mine) + wp.static(LONGEST_ROW)
         if most > int(flags[at]):
-            wp.atomic_max(flags, at, float(most))
+            raise_to(flags, at, float(most))
 
     def find(
         data: Data,
@@ -180,9 +183,11 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         farthest: scalar,
         skin: wp.array(dtype=scalar),
         threads: int,
+        part: int,
+        parts: int,
         flags: wp.array(dtype=float),
     ):
-        e = wp.tid()
+        e = first_of_part(wp.tid(), part)
         while e < data.candidate_count[0]:
             p = data.candidate[e]
             x = place_of(data.x, data.ends[p], data.share[p])
@@ -191,8 +196,8 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                 for k in range(wp.static(HISTORY)):
                     data.partner[k, p] = -1
             if data.length[p] > 0 or data.allowed[p] > zero:
-                data.busy[wp.atomic_add(data.busy_count, 0, 1)] = p
-            e += threads
+                data.busy[count_up(data.busy_count)] = p
+            e = next_of_part(e, threads, parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
 

@@ -10,6 +10,7 @@ from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
 from .law import contact_law
 from .overrun import note_overrun
 from .pairs import ALMOST, FAR, NONE, pairs, places, points
+from .parts import first_of_part, next_of_part, raise_to
 from .surfaces import DEEPEST, Surfaces, first_flag
 
 
@@ -48,6 +49,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
         behind: scalar,
         per_unit: wp.float64,
         skin: wp.array(dtype=scalar),
+        parts: int,
         flags: wp.array(dtype=float),
     ):
         n = data.length[p]
@@ -115,7 +117,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                     if wp.static(worlds):
                         by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
                     units = in_units(f_n * normal + f_t, by)
-                    take_from(data.force, corner[0], corner[1], t, units)
+                    take_from(data.force, corner[0], corner[1], t, units, parts)
                     total += units
                     if wp.static(sunk):
                         led = wp.min(data.allowed[p], h * data.outwards)
@@ -123,7 +125,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                         least = least - data.allowed[p]
                     at = first_of(data, mine) + wp.static(DEEPEST)
                     if float(overlap) > flags[at]:
-                        wp.atomic_max(flags, at, float(overlap))
+                        raise_to(flags, at, float(overlap))
                     # The vertex of a point bears as much for each of its other points.
                     u_n += h * f_n * mobility / data.density[mine]
                     if other < partner_0:
@@ -137,7 +139,7 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
                 if h > zero:
                     # Also what comes so fast that a substep takes it through has never been in touch.
                     note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-        add_to(data.force, ends, s, total)
+        add_to(data.force, ends, s, total, parts)
         for k in range(2):  # of those that all threads have found
             partner = least_number(partner_0)
             own = partner_0 == partner
@@ -162,13 +164,15 @@ def touch_slender(scalar: type, sunk: bool, lanes: int, worlds: bool = False):
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         per_unit: wp.float64,  # of forces [1/N]; of worlds each has its own
         skin: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
-        threads: int,
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
         flags: wp.array(dtype=float),
     ):
-        k = wp.tid() / wp.static(lanes)
+        k = first_of_part(wp.tid(), part) / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
         while k < data.busy_count[0]:
-            touch_one(data, data.busy[k], lane, h, behind, per_unit, skin, flags)
-            k += threads / wp.static(lanes)
+            touch_one(data, data.busy[k], lane, h, behind, per_unit, skin, parts, flags)
+            k = next_of_part(k, threads / wp.static(lanes), parts)
 
     return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

@@ -280,7 +280,7 @@ class System:
 
     def translate(self, displacement: ArrayLike) -> Self:
         """Return this system moved by `displacement` [m], shape [d]."""
-        shift = checks.broadcast("displacement", displacement, (self.dim,))
+        shift = checks.vector("displacement", displacement, self.dim)
         return self.replace(position=self.position + shift)
 
     def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
@@ -321,7 +321,7 @@ class System:
         """
         arm = self.position - self.centre_of_mass
         if self.dim == 3:
-            added = np.cross(checks.broadcast("angular_velocity", angular_velocity, (3,)), arm)
+            added = np.cross(checks.vector("angular_velocity", angular_velocity, 3), arm)
         elif self.dim == 2:
             omega = checks.broadcast("angular_velocity", angular_velocity, ())
             added = omega * np.stack([-arm[:, 1], arm[:, 0]], axis=1)

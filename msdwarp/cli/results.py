@@ -6,9 +6,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from .. import disk
-from ..disk import alone_in, is_unfinished
+from ..disk import TRAJECTORY, alone_in, is_unfinished
 
-TRAJECTORY, RESTART = "trajectory.vtkhdf", "restart.h5"
+RESTART = "restart.h5"
 PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 

@@ -62,7 +62,8 @@ def resume_run(
         pictures = pictures_in(folder, origin.name) if options.pictures.any else []
         if behind > last and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
             if not quiet:
-                print(f"all {behind} frames are there, {simulation.time:.4g} s: a longer --duration goes on")
+                told = f"{behind} frames, {simulation.time:.4g} s"
+                print(f"the run is complete ({told}); a longer --duration extends it")
             return
         if behind <= last and pictures and not force:
             raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")

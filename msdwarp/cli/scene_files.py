@@ -1,5 +1,6 @@
 """Scene files: a scene found by its name or its script."""
 
+import difflib
 import hashlib
 import importlib.util
 import inspect
@@ -86,7 +87,11 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
     elif path.suffix == ".py":
         raise ValueError(f"scene is {scene!r}, a script that is not there")
     else:
-        raise ValueError(f"scene is {scene!r}; it must be a script's path or one of {', '.join(scene_names())}")
+        like = difflib.get_close_matches(scene, scene_names(), 1)
+        meant = f". Did you mean {like[0]}?" if like else ""
+        raise ValueError(
+            f"scene is {scene!r}; it must be a script's path or one of {', '.join(scene_names())}{meant}"
+        )
     if not callable(getattr(module, "build", None)):
         raise ValueError(f"scene is {scene!r}, whose script has no function `build`")
     place = scene if scene in scene_names() else str(path.resolve())

@@ -7,7 +7,8 @@ from typing import Any
 from rich.console import Console
 
 from ..files import Trajectory
-from ..live import Browser, Played, Running, Screen, Source, View, has_display, screen_for, within_reach
+from ..live import Browser, Played, Running, Screen, Source, View, screen_for, within_reach
+from ..pictures import no_display
 from ..world import Scene
 from .options import Pictures
 from .other_options import ViewOptions
@@ -73,7 +74,10 @@ def _screen(options: ViewOptions) -> Screen:
     if options.browser and options.window:
         raise ValueError("browser and window are both asked for; choose one")
     Pictures(renderer=options.renderer).check(1)
-    page = options.browser or not (options.window or has_display())
+    why = None if options.browser else no_display()
+    if options.window and why is not None:
+        raise ValueError(f"{why}; use --browser")
+    page = options.browser or why is not None
     return screen_for(page, options.host, options.port)
 
 

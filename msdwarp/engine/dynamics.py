@@ -92,6 +92,8 @@ class Dynamics:
         self.threads = threads
         self.shares = Shares(model, self.composition, threads) if threads > 1 else None
         """What has threads share the stages of a frame that is recorded; None where one thread takes them."""
+        for effect in model.effects:
+            effect.share_with(self.shares)
         self._in_stages = beginning(self.composition) is None and not self.composition.route.tears
         self._by_one_thread = not model.device.is_cuda and bool(self._preceding) and self._in_stages
         self._kept: dict[bytes, NDArray[np.uint8]] = {}

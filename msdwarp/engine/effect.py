@@ -1,7 +1,7 @@
 """Effect: what acts in a scene beside springs, dampers and gravity."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from ..kernels.contact import Contact as ContactPiece
 from ..kernels.effect import Piece
 from ..world import Load
+
+if TYPE_CHECKING:
+    from .shares import Shares
 
 
 class Steps(NamedTuple):
@@ -71,6 +74,9 @@ class Effect:
 
     def go_on_from(self, other: "Effect") -> None:
         """Take over what a run has left in the same effect of a model before a change."""
+
+    def share_with(self, shares: "Shares | None") -> None:
+        """Take what has threads of the CPU share what is launched in a frame; None where there is one thread."""
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""

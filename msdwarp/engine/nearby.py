@@ -30,6 +30,7 @@ from .touch_worlds import Repeated
 
 if TYPE_CHECKING:
     from .model import Model
+    from .shares import Shares
 
 ROOM = 32
 """Facets that a row has room for at first, and bodies beside one."""
@@ -93,6 +94,8 @@ class Nearby:
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._since_rarer = MOST_PATIENCE
+        self.shares: Shares | None = None
+        """What has threads of the CPU share what a frame launches; None where one thread does it all."""
         self.now = self._found_at = 0.0
         """When in a frame what is launched next takes place [s]."""
         self.skin = wp.full(1, self._skin_now, dtype=scalar, device=device)
@@ -134,12 +137,20 @@ class Nearby:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for all.
+        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for each part.
 
         There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
-        threads = min(many, most) if self._model.device.is_cuda else 1
-        wp.launch(kernel, threads, [*inputs, threads], outputs, device=self._model.device, block_dim=block)
+        device, shares = self._model.device, self.shares
+        threads = min(many, most) if device.is_cuda else 1
+
+        def launch(part: int, parts: int) -> None:
+            wp.launch(kernel, threads, [*inputs, threads, part, parts], outputs, device=device, block_dim=block)
+
+        if shares is not None and shares.is_recording:
+            shares.launch_parts(launch)
+        else:
+            launch(0, 1)
 
     def place(
         self, x: wp.array, v: wp.array, lost: Any, moved: wp.array | None = None, anew: bool = False
@@ -169,7 +180,9 @@ class Nearby:
         self._find_rows()
         if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
             lanes = PIECE if self._model.device.is_cuda else 1
-            self.share(range_of_speeds(self._model.scalar, lanes), len(data.share), [data], [], most=MOST_THREADS)
+            threads = min(len(data.share), MOST_THREADS) if self._model.device.is_cuda else 1
+            kernel = range_of_speeds(self._model.scalar, lanes)
+            wp.launch(kernel, threads, [data, threads], device=self._model.device)
         self._found_at = self.now
 
     def _find_rows(self) -> None:

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..kernels.integrators import GIVEN_UP, Composition, Share, in_shares, world
+from ..kernels.integrators import GIVEN_UP, Composition, Share, in_shares, wait_for_all, world
 from .crew import replay_together
 from .model import Model
 
@@ -44,7 +44,8 @@ class Shares:
         self.is_recording = False
         """Whether stages are to be launched by shares."""
         self._meeting = wp.zeros(2 * GIVEN_UP, dtype=int, device=model.device)
-        self._launches: list[tuple[Any, Any, wp.array, int]] = []
+        self._launches: list[Callable[[int], None]] = []
+        """What each thread launches, given its number."""
         ends = np.asarray(model.system.connections).reshape(-1, 2)
         bounds = divided(model.particle_count, ends, threads)
         begun = np.linspace(0, len(ends), threads + 1).astype(int)
@@ -73,17 +74,38 @@ class Shares:
         kernel = self.kernel(method)
         now = world(self._composition)()
         now.assign(around)  # which changes from launch to launch
-        self._launches.append((kernel, now, steps, count))
-        self._launch(0, *self._launches[-1])
 
-    def _launch(self, k: int, kernel: Any, around: Any, steps: wp.array, count: int) -> None:
-        if self._sums[k] is not None:
-            around.forces.f = self._sums[k]
-        wp.launch(kernel, 1, [around, steps, count, self._shares[k]], device=self._meeting.device)
+        def launch(k: int) -> None:
+            if self._sums[k] is not None:
+                now.forces.f = self._sums[k]
+            wp.launch(kernel, 1, [now, steps, count, self._shares[k]], device=self._meeting.device)
+
+        self._launch(launch)
+
+    def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
+        """Launch the first thread's part of something, `launch_part(0, threads)`, and note it for the others.
+
+        It begins when all threads have come, and none goes on before all parts are done.
+        """
+        assert self.is_recording
+
+        def launch(k: int) -> None:
+            self._meet(k)
+            launch_part(k, self.threads)
+            self._meet(k)
+
+        self._launch(launch)
+
+    def _launch(self, launch: Callable[[int], None]) -> None:
+        self._launches.append(launch)
+        launch(0)
+
+    def _meet(self, k: int) -> None:
+        wp.launch(wait_for_all, 1, [self._shares[k]], device=self._meeting.device)
 
     def _launch_all(self, k: int) -> None:
         for launch in self._launches:
-            self._launch(k, *launch)
+            launch(k)
 
     def record(self, launch_frame: Callable[[], None]) -> "SharedFrame":
         """Record what a frame launches: the whole of it for the first thread, their shares for the others."""

@@ -78,11 +78,12 @@ def start_inside(
     particle = int(np.flatnonzero(free)[deepest])
     count = int((depths.max(axis=0) > allowed).sum())
     others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
-    tears = ", which may tear at its connections" if system.connection_count else ""
+    tears = ", which may strain its connections" if system.connection_count else ""
     return (
         f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
-        f"{type(colliders[k]).__name__}{others}: unless it moves outwards by itself it is led out the nearest way "
-        f"within {LED_OUT_IN} s{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
+        f"{type(colliders[k]).__name__}{others}: if it does not move out by itself, it is moved out the "
+        f"shortest way within {LED_OUT_IN} s{tears}; move the body or the obstacle apart, or pin what is meant to "
+        "be inside"
     )
 
 

@@ -42,6 +42,7 @@ from .touch_worlds import Repeated, blocks_by_row, surfaces_by_row
 
 if TYPE_CHECKING:
     from .model import Model
+    from .shares import Shares
 
 OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
@@ -220,6 +221,10 @@ class Touching(Effect):
             wp.copy(self._touch.slip, other._touch.slip)
             wp.copy(self._touch.partner, other._touch.partner)
             wp.copy(self._touch.seen, other._touch.seen)
+
+    def share_with(self, shares: "Shares | None") -> None:
+        """Have threads of the CPU share the search and the contacts, where there are several."""
+        self._nearby.shares = shares
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""

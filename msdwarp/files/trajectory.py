@@ -12,8 +12,22 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
+from ..disk import TRAJECTORY
 from .frame_array import FrameArray
-from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .names import (
+    BROKEN_AT,
+    CONTACT,
+    COUNT,
+    KINDS,
+    OWN,
+    POINTS,
+    ROOT,
+    STRAIN,
+    SUBSTEPS,
+    VELOCITY,
+    fault,
+    restored,
+)
 from .reading_tables import ReadingTables
 from .sound import too_large, unsound
 from .stored_system import read_system
@@ -31,7 +45,7 @@ class Trajectory:
     Parameters
     ----------
     path
-        The file.
+        The file, or the folder of a run.
 
     Raises
     ------
@@ -42,7 +56,7 @@ class Trajectory:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = Path(path) / TRAJECTORY if Path(path).is_dir() else Path(path)
         self._file = _opened(self.path)
         try:
             own, root = self._file[OWN], self._file[ROOT]

@@ -87,8 +87,7 @@ def screen_for(browser: bool, host: str = HOST, port: int | None = None) -> Scre
 def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
     """Return a simulation or a trajectory, which may be given as its file, and what it is of."""
     if isinstance(shown, str | Path):
-        path = Path(shown)
-        shown = Trajectory(path / "trajectory.vtkhdf" if path.is_dir() else path)
+        shown = Trajectory(shown)
     if isinstance(shown, Trajectory):
         stored = shown.scene
         return shown, Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)

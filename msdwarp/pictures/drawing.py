@@ -160,7 +160,7 @@ class Drawing:
         """Return what the colours tell; raise ValueError if there is no such colouring."""
         if isinstance(colouring, Scale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
-        checks.one_of("colour", colouring, COLOURINGS)
+        checks.one_of("colouring", colouring, COLOURINGS)
         return (
             Scale("strain (below 0: shorter than at rest)", self._full_strain, True) if self.shows_strain else None
         )

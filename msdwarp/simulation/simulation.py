@@ -151,12 +151,12 @@ class Simulation(Changing):
         probes: Mapping[str, Probe] | None = None,
         contact_forces: bool = False,
     ) -> None:
-        checks.instance("system", system, System, "chain(5)")
+        checks.instance("system", system, System, "chain(5); of a scene use Simulation.of(scene)")
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         if not isinstance(self._method, Integrator):
             raise ValueError(
-                f"integrator is {checks.said(integrator)}; it must be an instance of one, such as RK4()"
+                f"integrator is {checks.said(integrator)}; it must be an integrator, such as Leapfrog()"
             )
         self._forced = forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)

@@ -34,7 +34,7 @@ def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
     curves = {
         "kinetic": (table["kinetic_J"], RED),
         "elastic": (table["elastic_J"], BLUE),
-        "gravitational, from the start's": (table["gravitational_J"] - start, GREEN),
+        "gravitational (0 at the start)": (table["gravitational_J"] - start, GREEN),
         "total": (table["total_J"] - start, DARK),
     }
     draw_curves(axes, table["time_s"], curves, "energy [J]")

@@ -107,7 +107,7 @@ BAD = [
     ({"mass": -2.0}, r"mass is -2"),
     ({"mass": -INF}, r"mass is -inf"),
     ({"mass": [1.0, NAN, 1.0]}, r"mass\[1\] is nan"),
-    ({"mass": [1.0, 2.0]}, r"mass has shape \(2,\).*\(3,\)"),
+    ({"mass": [1.0, 2.0]}, r"mass has shape \(2,\).*3 numbers"),
     ({"mass": [1.0, INF, 1.0], "velocity": (0.0, 3.0)}, r"velocity\[1, \d\] is .*pinned"),
     ({"connections": [[0, 3]]}, r"connections\[0, 1\] is 3.*0 to 2"),
     ({"connections": [[0, 1], [-1, 2]]}, r"connections\[1, 0\] is -1"),
@@ -122,7 +122,7 @@ BAD = [
     ({"rest_length": [1.0, -1.0, 1.0]}, r"rest_length\[1\] is -1"),
     ({"rest_length": INF}, r"rest_length is inf"),
     ({"rest_length": NAN}, r"rest_length is nan"),
-    ({"rest_length": [1.0, 1.0]}, r"rest_length has shape \(2,\).*\(3,\)"),
+    ({"rest_length": [1.0, 1.0]}, r"rest_length has shape \(2,\).*3 numbers"),
     ({"position": np.zeros((3, 2))}, r"rest_length\[0\] is 0"),  # coincident: the default is no length
     ({"stiffness": [1.0, 1.0, -0.5]}, r"stiffness\[2\] is -0.5"),
     ({"stiffness": NAN}, r"stiffness is nan"),

@@ -33,7 +33,7 @@ def test_what_does_not_change_is_shared(method, changed):
 
 def test_what_is_shared_must_still_fit():
     fewer = {"position": [[0.0, 0.0], [1.0, 0.0]], "velocity": 0.0}
-    with pytest.raises(ValueError, match=r"mass has shape \(3,\).*\(2,\)"):
+    with pytest.raises(ValueError, match=r"mass has shape \(3,\).*2 numbers"):
         triangle().replace(**fewer)
     with pytest.raises(ValueError, match=r"connections\[1, 1\] is 2.*0 to 1"):
         triangle().replace(**fewer, mass=1.0)
@@ -204,7 +204,10 @@ def test_adding_needs_as_many_coordinates():
         (lambda s: s.pin(7), "selection does not index 3 particles.*7"),
         (lambda s: s.pin([True, False]), "selection does not index 3 particles"),
         (lambda s: s.pin("first"), "selection does not index 3 particles"),
-        (lambda s: s.translate((1.0, 2.0, 3.0)), r"displacement has shape \(3,\)"),
+        (
+            lambda s: s.translate((1.0, 2.0, 3.0)),
+            "it must be 2 finite numbers",
+        ),
         (lambda s: s.translate((NAN, 0.0)), "nan"),
         (lambda s: s.with_velocity((1.0, 2.0, 3.0)), r"velocity has shape \(3,\)"),
         (lambda s: s.rotate(1.0, about=(0.0, 0.0, 0.0)), r"about has shape \(3,\)"),

@@ -47,7 +47,7 @@ def test_a_signal_in_the_last_frame_is_heard_and_pictures_are_drawn_later(msdwar
     assert (code, "drew 11 frames" in out) == (0, True)
     film = (own.parent / "out" / "own" / "own.webp").read_bytes()
     code, out, _ = msdwarp("resume", "out/own")
-    assert (code, out) == (0, "all 11 frames are there, 0.1667 s: a longer --duration goes on\n")
+    assert (code, out) == (0, "the run is complete (11 frames, 0.1667 s); a longer --duration extends it\n")
     assert (own.parent / "out" / "own" / "own.webp").read_bytes() == film
 
 

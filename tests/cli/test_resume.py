@@ -86,7 +86,7 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     code, out, err = msdwarp("resume", str(folder))
     assert (code, err) == (0, "")
-    assert out == "all 7 frames are there, 0.1 s: a longer --duration goes on\n"
+    assert out == "the run is complete (7 frames, 0.1 s); a longer --duration extends it\n"
     assert "duration is 0" in msdwarp("resume", str(folder), "--duration", "0")[2]
     assert msdwarp("resume", "nothing")[2] == "error: nothing does not exist; it must be the folder of a run\n"
     own.write_text(SCENE.replace("0.01", "0.011"))

@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+import warp as wp
 
 from msdwarp import (
     RK4,
@@ -20,6 +21,7 @@ from msdwarp import (
     Probe,
     Simulation,
     Sphere,
+    System,
     Touch,
     Wind,
     ball,
@@ -28,6 +30,8 @@ from msdwarp import (
 )
 from msdwarp.engine.model import Model
 from msdwarp.engine.shares import LEAST_SHARE, THREADS, divided, ending_in, threads_for
+from msdwarp.engine.touching import Touching
+from msdwarp.kernels.touch.parts import CHUNK, first_of_part, next_of_part
 
 ROUTES = ("scatter", "gather", "stencil")
 BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
@@ -113,6 +117,66 @@ EFFECTS = {
 def test_effects_do_not_matter(route, name):
     system, options = EFFECTS[name]
     assert_same(system, route=route, **options)
+
+
+GRAINS = System(
+    position=0.1 * np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3),
+    connections=np.zeros((0, 2), dtype=int),
+    mass=0.01,
+    velocity=np.random.default_rng(4).uniform(-1, 1, (125, 3)),
+)
+ALL = Touch(between="all", thickness=0.1)
+TOUCHING = {
+    "balls": (LOW + LOW.translate((0.1, 0, 1.002)), {"fps": 30, "touch": Touch(), "colliders": [FLOOR]}),
+    "a cloth on a ball": (
+        LOW + sheet((9, 7), 0.2, stiffness=900.0, damping=1.0).translate((-0.8, -0.6, 1.06)),
+        {"touch": ALL},
+    ),
+    "grains": (GRAINS, {"touch": Touch(thickness=0.1, stiffness=100.0), "gravity": 0.0, "fps": 240}),
+    "balls in each other": (LOW + LOW.translate((0, 0, 0.95)), {"touch": Touch()}),
+    "and flowing": (
+        PAIR.replace(yield_strain=0.001, relaxation_time=0.01),
+        {"fps": 30, "touch": Touch(), "colliders": [FLOOR]},
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart", "ignore::msdwarp.ContactOverrun")
+@pytest.mark.parametrize("name", [*TOUCHING])
+def test_threads_share_contacts(name):
+    # Forces of contact are whole numbers of a unit: their sums do not depend on the order.
+    system, options = TOUCHING[name]
+    runs = []
+    for threads in (1, 2, 3):
+        simulation = Simulation(system, device="cpu", threads=threads, **options)
+        touched = False
+        for _ in range(6):
+            simulation.step()
+            (touching,) = (one for one in simulation.model.effects if isinstance(one, Touching))
+            touched |= bool((touching.checkpoint()["touch.partner"] >= 0).any())
+        frame = simulation.frame()
+        runs.append([frame.position, frame.velocity, *touching.checkpoint().values()])
+        assert touched
+    for run in runs[1:]:
+        for one, other in zip(runs[0], run, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_all_parts_are_taken_once():
+    many = 10 * CHUNK + 7
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def mark(threads: int, part: int, parts: int, taken: wp.array(dtype=int)):
+        e = first_of_part(wp.tid(), part)
+        while e < taken.shape[0]:
+            taken[e] += 1
+            e = next_of_part(e, threads, parts)
+
+    for threads, parts in ((1, 1), (1, 2), (1, 3), (8, 1)):
+        taken = wp.zeros(many, dtype=int, device="cpu")
+        for part in range(parts):
+            wp.launch(mark, threads, [threads, part, parts], [taken], device="cpu")
+        assert (taken.numpy() == 1).all()
 
 
 def test_more_threads_than_particles_in_a_layer():

@@ -1,0 +1,91 @@
+"""Threads of the CPU that share what touches: which of it each takes, and how all of them add to the same numbers.
+
+On a GPU, or where one thread of the CPU does it all, there is one part. Warp's own atomic functions are no such on
+the CPU, where its kernels have one thread.
+"""
+
+import warp as wp
+
+CHUNK = 32
+"""Neighbours that one thread takes: so many that no two of them write to the same line of the cache for long."""
+COUNT_UP = """
+#if defined(__CUDA_ARCH__)
+    return wp::atomic_add(counter, 0, 1);
+#else
+    return __atomic_fetch_add(&wp::index(counter, 0), 1, __ATOMIC_RELAXED);
+#endif
+"""
+RAISE = """
+#if defined(__CUDA_ARCH__)
+    wp::atomic_max(numbers, at, value);
+#else
+    wp::float32* place = &wp::index(numbers, at);
+    wp::float32 before;
+    __atomic_load(place, &before, __ATOMIC_RELAXED);
+    while (!(value <= before) && before == before)  // what is no number stays
+        if (__atomic_compare_exchange(place, &before, &value, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED))
+            break;
+#endif
+"""
+ADD_WHOLE = """
+#if defined(__CUDA_ARCH__)
+    wp::atomic_add(numbers, i, k, value);
+#else
+    if (parts > 1)
+        __atomic_fetch_add(&wp::index(numbers, i, k), value, __ATOMIC_RELAXED);
+    else
+        wp::index(numbers, i, k) += value;
+#endif
+"""
+CLAIM = """
+#if defined(__CUDA_ARCH__)
+    return wp::atomic_add(numbers, at, 1.0) == 0.0;
+#else
+    wp::float64* place = &wp::index(numbers, at);
+    wp::float64 before, after;
+    __atomic_load(place, &before, __ATOMIC_RELAXED);
+    do
+        after = before + 1.0;
+    while (!__atomic_compare_exchange(place, &before, &after, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED));
+    return before == 0.0;
+#endif
+"""
+
+
+@wp.func
+def first_of_part(thread: int, part: int) -> int:
+    """Return which is the first that a thread takes."""
+    return part * wp.static(CHUNK) + thread
+
+
+@wp.func
+def next_of_part(e: int, threads: int, parts: int) -> int:
+    """Return which comes after e; in each of the parts so many threads take turns: on the CPU one."""
+    following = e + threads
+    if parts > 1 and following % wp.static(CHUNK) == 0:
+        following += (parts - 1) * wp.static(CHUNK)
+    return following
+
+
+@wp.func_native(COUNT_UP)
+def count_up(counter: wp.array(dtype=int)) -> int:
+    """Add 1 to a counter, and return what it was."""
+    ...
+
+
+@wp.func_native(RAISE)
+def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
+    """Put a value in place of a number that is less."""
+    ...
+
+
+@wp.func_native(ADD_WHOLE)
+def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int64, parts: int):
+    """Add to a whole number. Alone a thread of the CPU need not lock it, which takes longer than all else."""
+    ...
+
+
+@wp.func_native(CLAIM)
+def claim(numbers: wp.array(dtype=wp.float64), at: int) -> bool:
+    """Add 1 to a number, and tell whether it was 0."""
+    ...
