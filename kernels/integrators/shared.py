@@ -19,7 +19,7 @@ MEET = f"""
     for (int tries = 0; __atomic_load_n(arrived, __ATOMIC_ACQUIRE) < all; ++tries) {{
         if (__atomic_load_n(arrived + {GIVEN_UP}, __ATOMIC_RELAXED))
             return;
-        if (tries > 2000)  // a tenth of a millisecond: another program may need the core
+        if (tries > 20000)  // a millisecond or more, as one thread may take for what is not shared
             reinterpret_cast<wp::int32 (*)(wp::uint32)>(let_others)(20);
 #if defined(__x86_64__)
         else

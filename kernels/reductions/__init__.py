@@ -1,7 +1,7 @@
 """Sums and extremes over particles and connections."""
 
 from .divergence import LOOKING_BLOCK, free_energies, look_over, look_over_in_blocks
-from .measure import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
+from .measure import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles, take
 from .probes import sum_of_group, sum_strain
 from .stability import largest_rate
 
@@ -19,4 +19,5 @@ __all__ = [
     "sum_of_group",
     "sum_particles",
     "sum_strain",
+    "take",
 ]

@@ -203,6 +203,23 @@ def put_in_order(
 
 
 @functools.cache
+def take(scalar: type):
+    """Compose the kernel that copies some numbers."""
+
+    @kernel
+    def take_each(
+        numbers: wp.array(dtype=scalar),
+        index: wp.array(dtype=int),  # which, shape [count]
+        # Out:
+        taken: wp.array(dtype=scalar),  # shape [count]
+    ):
+        k = wp.tid()
+        taken[k] = numbers[index[k]]
+
+    return take_each
+
+
+@functools.cache
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.
 

@@ -171,6 +171,9 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                         kept += 1
                 count = kept
         data.length[p] = count
+        if count + missed == 0:
+            for k in range(wp.static(HISTORY)):
+                data.partner[k, p] = -1
         at = first_of(data, mine) + wp.static(LONGEST_ROW)
         if most > int(flags[at]):
             raise_to(flags, at, float(most))
@@ -192,9 +195,6 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
             p = data.candidate[e]
             x = place_of(data.x, data.ends[p], data.share[p])
             find_one(data, p, x, facets, lower, upper, farthest, skin[0], flags)
-            if data.length[p] == 0:
-                for k in range(wp.static(HISTORY)):
-                    data.partner[k, p] = -1
             if data.length[p] > 0 or data.allowed[p] > zero:
                 data.busy[count_up(data.busy_count)] = p
             e = next_of_part(e, threads, parts)

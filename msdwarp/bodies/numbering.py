@@ -13,6 +13,8 @@ from .uniform import is_uniform
 if TYPE_CHECKING:
     from .system import System
 
+SECOND = "second neighbours"
+"""The direction that connections to second neighbours are in where particles have been numbered anew."""
 BITS = 62
 """Bits of a place along the curve, shared by the coordinates."""
 
@@ -71,8 +73,12 @@ def renumbered(system: "System", order: ArrayLike | None) -> dict[str, Any]:
     number[chosen] = np.arange(n, dtype=np.int32)
     connections = number[system.connections]
     ends = np.sort(connections, axis=1)
-    of_connections = np.lexsort((ends[:, 1], ends[:, 0]))
+    near = system.between_neighbours
+    second = np.zeros(len(ends), dtype=bool) if near is None else ~near
+    of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
     fields: dict[str, Any] = {"connections": connections[of_connections], "damper": system.damper}
+    if near is not None:  # they are of other lengths, and far softer
+        fields["directions"] = ({SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
         for name in names:
             values = getattr(system, name)

@@ -14,7 +14,7 @@ from .both import both
 from .dampers import LINEAR, Damper
 from .description import description
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
-from .numbering import renumbered
+from .numbering import SECOND, renumbered
 from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
@@ -191,7 +191,10 @@ class System:
         `msdwarp.shapes.bending`.
         """
         second = [
-            part for body in self.directions for name, part in body.items() if re.fullmatch("([+-]?2[xyz])+", name)
+            part
+            for body in self.directions
+            for name, part in body.items()
+            if re.fullmatch(f"([+-]?2[xyz])+|{SECOND}", name)
         ]
         if not second:
             return None

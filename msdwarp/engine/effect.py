@@ -69,6 +69,9 @@ class Effect:
     is_stale: bool = False
     """Whether what is launched, or an array of it, is another one: what has been recorded must be so anew."""
 
+    shared_points: int = 0
+    """Points of it that threads of the CPU share, each about as much work as a connection."""
+
     steps: Steps = Steps(1.0, 1)
     """The substeps of the frames to come; known when `begin` is called."""
 
@@ -102,6 +105,9 @@ class Effect:
 
         Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
         """
+
+    def make_room(self, x: wp.array, v: wp.array) -> None:
+        """Make room for what is near what, of particles at x that move at v: where a run goes on, not begins."""
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what finds out what is near what, for particles at x that move at v.

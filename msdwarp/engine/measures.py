@@ -7,7 +7,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.forces import leave_out_broken
-from ..kernels.reductions import fold, put_in_order, strain_each, sum_connections, sum_difference, sum_particles
+from ..kernels.reductions import (
+    fold,
+    put_in_order,
+    strain_each,
+    sum_connections,
+    sum_difference,
+    sum_particles,
+    take,
+)
 from ..kernels.reductions import measure as columns
 from .model import Model
 from .state import State
@@ -101,9 +109,9 @@ class Sums:
         self._between = None
         if between is not None:
             chosen = np.flatnonzero(model.ordered(between)).astype(np.int32)
-            index = wp.array(chosen, dtype=int, device=model.device)
+            self._index = wp.array(chosen, dtype=int, device=model.device)
             arrays = (model.connections, model.rest_length, model.stiffness, model.damping)
-            self._between = [wp.clone(one[index].contiguous()) for one in arrays]
+            self._between = [wp.clone(one[self._index].contiguous()) for one in arrays]
             self._strains = self._zeros(threads[1], columns.CONNECTION_COLUMNS)
             self._strain_rows = self._zeros(self._rows.shape[0], columns.CONNECTION_COLUMNS)
 
@@ -120,6 +128,9 @@ class Sums:
         kernel = sum_connections(model.dim, model.scalar, compensated, law, tears)
         self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
         if self._between is not None:
+            if tears:  # what has broken since has no stiffness
+                for own, now in zip(self._between[2:], constants[2:], strict=True):
+                    wp.launch(take(model.scalar), len(own), [now, self._index], [own], device=model.device)
             inputs = [*self._between, x, v, x_lost if compensated else x]
             wp.launch(kernel, len(self._strains), inputs, [self._strains], device=model.device)
             rows = self._strain_rows

@@ -126,13 +126,7 @@ class Nearby:
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.beside_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
-        stale = True
-        while stale:
-            self.flags.zero_()
-            self._find_rows()
-            found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
-            stale = self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE]))
-        self.flags.zero_()
+        self._find_rows_with_room()
 
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
@@ -184,6 +178,27 @@ class Nearby:
             kernel = range_of_speeds(self._model.scalar, lanes)
             wp.launch(kernel, threads, [data, threads], device=self._model.device)
         self._found_at = self.now
+
+    def make_room(self, x: wp.array, v: wp.array) -> bool:
+        """List the facets near each point, and make room for all; tell whether there was not."""
+        self.place(x, v, None, self.unread, anew=True)
+        self._box()
+        self._tree.refit()
+        self._bodies.refit()
+        return self._find_rows_with_room()
+
+    def _find_rows_with_room(self) -> bool:
+        """List the facets near each point until there is room for all; tell whether there was not."""
+        made = 0
+        while True:
+            self.flags.zero_()
+            self._find_rows()
+            found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
+            if not self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE])):
+                break
+            made += 1
+        self.flags.zero_()
+        return made > 0
 
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""

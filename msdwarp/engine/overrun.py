@@ -71,7 +71,9 @@ class Overrun(NamedTuple):
         where = ", ".join(f"{one:.3g}" for one in self.place)
         way = self.speed * dt
         stiffer = f"Touch(stiffness=...) of more than the present {self.stiffness:.3g} N/m"
-        if way > 0.5 * self.most:  # it comes too far in one substep, whatever the force
+        if self.most == 0:  # however short the way
+            helps = stiffer
+        elif way > 0.5 * self.most:  # it comes too far in one substep, whatever the force
             needed = math.ceil(substeps * way / (0.5 * self.most))
             helps = f"substeps={needed} or more (in one of the present {substeps} it comes {way:.2g} m), {stiffer}"
         else:

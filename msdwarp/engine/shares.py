@@ -11,8 +11,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
+from ..kernels.effect import Piece
 from ..kernels.integrators import GIVEN_UP, Composition, Share, in_shares, wait_for_all, world
 from .crew import replay_together
+from .effect import Effect
 from .model import Model
 
 LEAST_SHARE = 5_000
@@ -174,7 +176,7 @@ def threads_for(model: Model, threads: int | str) -> int:
     model
         The body.
     threads
-        How many, or "auto": one for each core, but for small bodies one.
+        How many, or "auto": one for each core, fewer for small bodies.
 
     Raises
     ------
@@ -194,7 +196,17 @@ def threads_for(model: Model, threads: int | str) -> int:
     most = os.environ.get(THREADS, "")
     if most and not (most.isdecimal() and int(most) > 0):
         raise ValueError(f"{THREADS} is {checks.said(most)}; it must be a whole number of at least 1")
-    return max(1, min(int(most or MOST_BY_ITSELF), cores(), model.connection_count // LEAST_SHARE))
+    return max(1, min(int(most or MOST_BY_ITSELF), cores(), _work_to_share(model) // LEAST_SHARE))
+
+
+def _work_to_share(model: Model) -> int:
+    """Return how many connections, and points that may touch, threads can share."""
+    points = sum(one.shared_points for one in model.effects)
+    by_stage = any(type(one).before_forces is not Effect.before_forces for one in model.effects)
+    begins = any(isinstance(one.piece, Piece) and one.piece.begin is not None for one in model.effects)
+    if by_stage and (begins or model.system.tears):  # then one thread takes the stages
+        return points
+    return model.connection_count + points
 
 
 def cores() -> int:

@@ -163,7 +163,7 @@ def curve(body: NDArray[np.integer], place: NDArray[np.floating]) -> NDArray[np.
 def check_stiffness(
     surfaces: TouchingSurfaces, rules: Sequence[Touch], kind: NDArray[np.int32], rule: NDArray[np.int32]
 ) -> None:
-    """Raise ValueError for bodies that have no stiffness where none is given."""
+    """Raise ValueError for bodies that have no stiffness where none is given, and particles that have no size."""
     soft = surfaces.stiffness <= 0
     for number, one in enumerate(rules):
         meant = (rule == number).any(axis=1)[kind]
@@ -171,6 +171,14 @@ def check_stiffness(
             raise ValueError(
                 f"touch.stiffness is None, but {int((soft & meant).sum())} of the bodies have no connections "
                 "to take it from; it must be a number [N/m]"
+            )
+        grains = np.bincount(kind[(surfaces.spacing == 0) & meant], minlength=len(rule))
+        several = (rule == number) & np.minimum.outer(grains, grains).astype(bool)
+        np.fill_diagonal(several, np.diag(several) & (grains > 1))
+        if one.thickness is None and several.any():
+            raise ValueError(
+                f"touch.thickness is None, but {int(grains.sum())} of the bodies are single particles, which have "
+                "no size; it must be the distance at which they touch [m]"
             )
 
 

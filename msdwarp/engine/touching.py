@@ -172,6 +172,7 @@ class Touching(Effect):
         self._overrun = np.zeros(NOTED)
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
+        self.shared_points = points
         self._sink()
 
     def _sink(self) -> None:
@@ -229,6 +230,10 @@ class Touching(Effect):
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""
         self._dt = dt
+
+    def make_room(self, x: wp.array, v: wp.array) -> None:
+        """Make room for the facets near each point: what is searched between frames is not searched again."""
+        self.is_stale = self._nearby.make_room(x, v) or self.is_stale
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what lists the facets near each point."""

@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,6 +201,10 @@ class Simulation(Changing):
         names = ("gravity", "colliders", "loads", "touch", "schedule", "probes")
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
+    def __reduce__(self) -> NoReturn:
+        """Refuse copies and pickles: what is on the device and recorded there has no copy."""
+        raise TypeError("a Simulation cannot be copied or pickled; use checkpoint and restore")
+
     def __repr__(self) -> str:
         return headline(self, self._method, self._surroundings["colliders"])
 
@@ -364,6 +368,8 @@ class Simulation(Changing):
         self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
+        for effect in self.model.effects:
+            effect.make_room(self.state.x, self.state.v)
         self.chosen = chosen or [(0.0, self.substeps)]
         if baseline is not None:
             self.stepping.watch.compare_with(baseline)

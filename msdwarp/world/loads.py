@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,8 @@ class Load:
     """
 
     on: Any = None
+    argument: ClassVar[str] = "loads"
+    """The argument of a scene that it is given by."""
 
     def __repr__(self) -> str:
         own = [one for one in fields(self) if one.name != "on"]
@@ -195,4 +197,4 @@ def check_loads(loads: Sequence[Load], system: System) -> None:
         try:
             one.check(system)
         except ValueError as error:
-            raise ValueError(f"loads[{k}].{error}") from error
+            raise ValueError(f"loads[{k}].{error}" if one.argument == "loads" else str(error)) from error

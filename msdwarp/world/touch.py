@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from .. import checks
 from ..bodies import System
@@ -33,8 +33,8 @@ class Touch(Load):
         Names of two groups of whole bodies that this applies to (see `System.named`); by default all bodies. If
         several entries apply to a pair, the last one is used.
     thickness
-        Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn. Sheets are 1/4
-        of their spacing thick, ropes and grains 1/2.
+        Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn, sheets are 1/4
+        of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
     stiffness
         Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
         both bodies' mean stiffness. Single particles have no springs, so they need a value.
@@ -49,6 +49,7 @@ class Touch(Load):
         If a number is out of range.
     """
 
+    argument: ClassVar[str] = "touch"
     friction: float = 0.5
     restitution: float = 0.3
     between: str = BODIES
@@ -64,6 +65,7 @@ class Touch(Load):
         checks.non_negative("friction", self.friction)
         checks.between("restitution", self.restitution, 0.05, 1)
         checks.one_of("between", self.between, (BODIES, ALL, NONE))
+        checks.one_of("obstacles", self.obstacles, (False, True))
         if self.thickness is not None:
             checks.non_negative("thickness", self.thickness)
         if self.stiffness is not None:
@@ -93,7 +95,7 @@ class Touch(Load):
         if system.dim != 3:
             raise ValueError(f"touch is asked for in {system.dim} dimensions; bodies touch in three only")
         for name in self.groups or ():
-            checks.one_of("a name in groups", name, system.groups)
+            checks.one_of("a name in touch.groups", name, system.groups)
 
 
 def restitution_of(damping_ratio: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tangles import tangle
 
-from msdwarp import Simulation, System, ball, box, chain, space_filling_order
+from msdwarp import Simulation, System, ball, box, chain, sheet, space_filling_order
 
 
 def shuffled(body: System) -> System:
@@ -32,6 +32,16 @@ def test_every_field_goes_with_its_particle_or_connection():
 
     assert by_ends(other, order[other.connections]) == by_ends(body, body.connections)
     assert other.original_length is other.rest_length
+
+
+def test_what_joins_second_neighbours_is_known_by_another_number():
+    cloth = sheet((5, 4), stiffness=100.0, bending=1e-3) + chain(3)
+    other = cloth.renumbered(np.random.default_rng(3).permutation(cloth.particle_count))
+    assert cloth.between_neighbours is not None
+    lengths = [np.sort(one.rest_length[~one.between_neighbours]) for one in (cloth, other, other.renumbered())]
+    np.testing.assert_array_equal(lengths[1], lengths[0])
+    np.testing.assert_array_equal(lengths[2], lengths[0])
+    assert Simulation(other, device="cpu").model.route in ("scatter", "gather")
 
 
 def test_a_renumbered_body_moves_as_before():

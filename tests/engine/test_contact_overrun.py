@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from msdwarp import ContactOverrun, Simulation, System, Touch, ball, box, sheet
+from msdwarp import ContactOverrun, Plane, Simulation, System, Touch, ball, box, sheet
 
 THICKNESS = 0.01
 
@@ -97,3 +97,24 @@ def test_a_body_that_is_pressed_into_another_is_reported(device):
     said = str(told[0].message)
     assert "out of it points are pushed from 0.05" in said  # about half a spacing
     assert "what would help: Touch(stiffness=...) of more than the present 10 N/m" in said
+
+
+def test_what_meets_itself_without_a_thickness_is_reported_too():
+    body = box((4, 4, 4), 0.1, mass=0.02, stiffness=500.0, damping=0.5).translate((0, 0, 0.2))
+    floor = Plane(friction=0.5)
+    simulation = Simulation(
+        body.with_velocity((0, 0, -30)), touch=Touch(between="all"), colliders=[floor], device="cpu"
+    )
+    with pytest.warns(ContactOverrun, match="what would help: Touch"):
+        simulation.step(30)
+
+
+def test_particles_that_touch_each_other_need_a_thickness():
+    def grains(count: int) -> System:
+        position = np.arange(3.0 * count).reshape(-1, 3)
+        return System(position=position, mass=0.01, connections=np.zeros((0, 2), dtype=int))
+
+    touch = Touch(stiffness=1e3)
+    with pytest.raises(ValueError, match=r"touch\.thickness is None, but 2 of the bodies are single particles"):
+        Simulation(grains(2), touch=touch, device="cpu")
+    Simulation(grains(1) + box((2, 2, 2)).translate((0, 0, 9)), touch=touch, device="cpu")  # a solid has a surface

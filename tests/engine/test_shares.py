@@ -218,6 +218,12 @@ def test_automatic_threads_go_by_the_body(monkeypatch):
     assert 2 * LEAST_SHARE < middle.connection_count < 3 * LEAST_SHARE
     assert threads_for(middle, "auto") == 2
     assert threads_for(model((20, 20, 20)), "auto") == 4
+    small = box((10, 9, 10), stiffness=100.0)
+    assert LEAST_SHARE < small.connection_count < 2 * LEAST_SHARE
+    assert threads_for(Model(small, device="cpu"), "auto") == 1
+    assert threads_for(Model(small, loads=[Touch()], device="cpu"), "auto") == 2  # its points are shared, too
+    flowing = small.replace(yield_strain=0.1, relaxation_time=0.1)
+    assert threads_for(Model(flowing, loads=[Touch()], device="cpu"), "auto") == 1  # one thread takes its stages
     monkeypatch.setenv(THREADS, "3")
     assert threads_for(model((20, 20, 20)), "auto") == 3
     assert threads_for(model((3, 3, 3)), 5) == 5  # asked for

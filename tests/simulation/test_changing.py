@@ -261,7 +261,7 @@ def test_a_schedule_says_that_it_holds_no_loads(what):
         ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; nothing but loads and touch may"),
         ({"touch": Touch(), "mass": 2.0}, "touch takes the place of all rules of contact; nothing but loads and"),
         ({"touch": 3}, r"touch\b.*must be"),
-        ({"touch": Touch(groups=("one", "other"))}, "a name in groups is 'one'"),
+        ({"touch": Touch(groups=("one", "other"))}, "a name in touch.groups is 'one'"),
     ],
     ids=["shape", "inf", "function", "kind", "numbers", "beside", "touch beside", "no touch", "groups"],
 )

@@ -60,6 +60,7 @@ def test_restitution_falls_with_damping():
         ({"groups": ("die",)}, "groups is .*; it must be two names"),
         ({"groups": ("a", "b", "c")}, "groups is .*; it must be two names"),
         ({"groups": (1, 2)}, "groups is .*; it must be two names"),
+        ({"obstacles": "no"}, "obstacles is 'no'; it must be one of False, True"),
         ({"on": "die"}, "on is 'die'; which bodies are meant is said by groups"),
     ],
 )
@@ -74,8 +75,12 @@ DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("
 @pytest.mark.parametrize(
     ("system", "touch", "message"),
     [
-        (DICE, Touch(groups=("low", "hihg")), "name in groups is 'hihg'; it must be one of 'low', 'high'"),
-        (sheet((3, 3), dim=2), Touch(), "touch is asked for in 2 dimensions; bodies touch in three only"),
+        (
+            DICE,
+            Touch(groups=("low", "hihg")),
+            "^a name in touch.groups is 'hihg'; it must be one of 'low', 'high'",
+        ),
+        (sheet((3, 3), dim=2), Touch(), "^touch is asked for in 2 dimensions; bodies touch in three only"),
         (DICE, "all", "touch"),
         (DICE, [Touch(), 0.5], "touch"),
     ],
