@@ -223,7 +223,7 @@ def test_bad_values_are_named(scene, colouring, values, message):
     [
         ({"colouring": Scale("speed [m/s]", 0.0)}, r"colouring.full is 0; it must be a number above 0"),
         ({"colouring": Scale("speed [m/s]", np.inf)}, "colouring.full is inf"),
-        ({"colouring": ("speed [m/s]", 4.0)}, "colour is"),
+        ({"colouring": ("speed [m/s]", 4.0)}, "colouring is"),
         ({"zoom": 0.0}, "zoom is 0"),
         ({"zoom": np.nan}, "zoom is nan"),
     ],

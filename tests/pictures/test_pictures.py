@@ -286,7 +286,7 @@ def test_lines_and_planes_are_drawn(backend, dim):
     [
         ({"resolution": (0, 100)}, "resolution is 0"),
         ({"backend": "vulkan"}, "backend is 'vulkan'"),
-        ({"colouring": "rainbow"}, "colour is 'rainbow'"),
+        ({"colouring": "rainbow"}, "colouring is 'rainbow'"),
     ],
 )
 def test_bad_renderer_arguments_are_named(scene, arguments, message):
