@@ -167,10 +167,7 @@ class Nearby:
         Within a frame, how far anything has moved since the last search tells how often it is to be made.
         """
         data = self._data
-        self.place(x, v, lost, self.flags[WAY:] if within else self.unread, anew=True)
-        self._box()
-        self._tree.refit()
-        self._bodies.refit()
+        self._place_anew(x, v, lost, self.flags[WAY:] if within else self.unread)
         self._find_rows()
         if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
             lanes = PIECE if self._model.device.is_cuda else 1
@@ -181,11 +178,15 @@ class Nearby:
 
     def make_room(self, x: wp.array, v: wp.array) -> bool:
         """List the facets near each point, and make room for all; tell whether there was not."""
-        self.place(x, v, None, self.unread, anew=True)
+        self._place_anew(x, v, None, self.unread)
+        return self._find_rows_with_room()
+
+    def _place_anew(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array) -> None:
+        """Launch what puts vertices and the boxes around facets and bodies where particles at x are."""
+        self.place(x, v, lost, moved, anew=True)
         self._box()
         self._tree.refit()
         self._bodies.refit()
-        return self._find_rows_with_room()
 
     def _find_rows_with_room(self) -> bool:
         """List the facets near each point until there is room for all; tell whether there was not."""
