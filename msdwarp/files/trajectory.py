@@ -14,20 +14,7 @@ from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from ..disk import TRAJECTORY
 from .frame_array import FrameArray
-from .names import (
-    BROKEN_AT,
-    CONTACT,
-    COUNT,
-    KINDS,
-    OWN,
-    POINTS,
-    ROOT,
-    STRAIN,
-    SUBSTEPS,
-    VELOCITY,
-    fault,
-    restored,
-)
+from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .reading_tables import ReadingTables
 from .sound import too_large, unsound
 from .stored_system import read_system
