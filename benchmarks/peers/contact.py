@@ -281,7 +281,7 @@ def main() -> None:
                 write_csv(path, rows, machine(options.device))
     line, kept = read_csv(path)
     print(line)
-    table("Contact beside newton", COLUMNS, [[row[column] for column in COLUMNS] for row in kept])
+    table("Contact beside newton and MuJoCo Warp", COLUMNS, [[row[column] for column in COLUMNS] for row in kept])
 
 
 if __name__ == "__main__":

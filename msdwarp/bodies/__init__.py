@@ -8,7 +8,7 @@ from .facets import Facets, facets_of, run_back
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
-from .numbering import SECOND, places_along_curve, space_filling_order
+from .numbering import places_along_curve, space_filling_order
 from .parting import Edges, broken_before
 from .selection import selected
 from .series import Series
@@ -28,7 +28,6 @@ __all__ = [
     "LINEAR",
     "PARTICLE_FIELDS",
     "RUBBER",
-    "SECOND",
     "STEEL_WIRE",
     "TEARING_FIELDS",
     "Bare",

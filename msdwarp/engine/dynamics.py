@@ -49,7 +49,7 @@ class Dynamics:
         pieces = [effect.piece for effect in model.effects]
         self._columns = columns(model) if forces.route.column_forces else 0
         marks = self._marks()
-        self._preceding = [one for one in model.effects if type(one).before_forces is not Effect.before_forces]
+        self._preceding = [one for one in model.effects if one.precedes]
         precedes = bool(self._preceding)
         few = 0 < np.count_nonzero(marks) <= MOST_APART * model.particle_count
         others = [one for one in pieces if isinstance(one, Piece) and one.force is not None]
@@ -94,7 +94,7 @@ class Dynamics:
         """What has threads share the stages of a frame that is recorded; None where one thread takes them."""
         for effect in model.effects:
             effect.share_with(self.shares)
-        self._in_stages = beginning(self.composition) is None and not self.composition.route.tears
+        self._in_stages = not model.begins_substeps
         self._by_one_thread = not model.device.is_cuda and bool(self._preceding) and self._in_stages
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 

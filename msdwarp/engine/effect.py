@@ -123,6 +123,11 @@ class Effect:
         does so, each stage is a launch of its own.
         """
 
+    @property
+    def precedes(self) -> bool:
+        """Whether it launches anything before forces are taken."""
+        return type(self).before_forces is not Effect.before_forces
+
     def add_up(self, seconds: float) -> None:
         """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import SECOND, TEARING_FIELDS, System, stored, uniform
+from ..bodies import TEARING_FIELDS, System, stored, uniform
 from ..kernels.forces import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
 
 
@@ -126,8 +126,6 @@ def find_lattice(system: System) -> Lattice:
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
     names = list(dict.fromkeys(name for body in system.directions for name in body))
-    if SECOND in names:
-        raise NotALattice("particles have been numbered anew")
     if 2 * len(names) > MOST_NEIGHBOURS:
         raise NotALattice(f"there are {len(names)} directions, more than {MOST_NEIGHBOURS // 2}")
     steps = tuple(step_of(name) for name in names)

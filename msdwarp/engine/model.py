@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
+from ..kernels.effect import Piece
 from ..world import (
     CONTACT_FORCE,
     TOUCH_FORCE,
@@ -171,6 +172,12 @@ class Model:
     def tearing(self) -> Tearing | None:
         """What breaks connections; None where none can break or is broken."""
         return next((effect for effect in self.effects if isinstance(effect, Tearing)), None)
+
+    @property
+    def begins_substeps(self) -> bool:
+        """Whether anything happens to connections as a substep begins: an effect acts on them, or they break."""
+        pieces = [one.piece for one in self.effects if isinstance(one.piece, Piece)]
+        return self.tearing is not None or any(piece.begin is not None for piece in pieces)
 
     @property
     def lengths_change(self) -> bool:

@@ -170,10 +170,9 @@ class Nearby:
         self._place_anew(x, v, lost, self.flags[WAY:] if within else self.unread)
         self._find_rows()
         if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
-            lanes = PIECE if self._model.device.is_cuda else 1
-            threads = min(len(data.share), MOST_THREADS) if self._model.device.is_cuda else 1
-            kernel = range_of_speeds(self._model.scalar, lanes)
-            wp.launch(kernel, threads, [data, threads], device=self._model.device)
+            device = self._model.device
+            lanes, threads = (PIECE, min(len(data.share), MOST_THREADS)) if device.is_cuda else (1, 1)
+            wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [data, threads], device=device)
         self._found_at = self.now
 
     def make_room(self, x: wp.array, v: wp.array) -> bool:

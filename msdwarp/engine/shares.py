@@ -11,10 +11,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..kernels.effect import Piece
 from ..kernels.integrators import GIVEN_UP, Composition, Share, in_shares, wait_for_all, world
 from .crew import replay_together
-from .effect import Effect
 from .model import Model
 
 LEAST_SHARE = 5_000
@@ -202,9 +200,7 @@ def threads_for(model: Model, threads: int | str) -> int:
 def _work_to_share(model: Model) -> int:
     """Return how many connections, and points that may touch, threads can share."""
     points = sum(one.shared_points for one in model.effects)
-    by_stage = any(type(one).before_forces is not Effect.before_forces for one in model.effects)
-    begins = any(isinstance(one.piece, Piece) and one.piece.begin is not None for one in model.effects)
-    if by_stage and (begins or model.system.tears):  # then one thread takes the stages
+    if model.begins_substeps and any(one.precedes for one in model.effects):  # then one thread takes the stages
         return points
     return model.connection_count + points
 

@@ -4,7 +4,7 @@ from .browser import Browser
 from .handling import Handling, Repeat, within_reach
 from .keys import KEYS, listed
 from .notebook import show
-from .opening import has_display, screen_for, view
+from .opening import screen_for, view
 from .recording import DEEDS, FIRST_FRAME, read_deeds
 from .sources import Played, Running, Source
 from .view import Screen, View
@@ -23,7 +23,6 @@ __all__ = [
     "Source",
     "View",
     "Window",
-    "has_display",
     "listed",
     "read_deeds",
     "screen_for",

@@ -57,7 +57,7 @@ def view(
     """
     source = _source_of(shown)
     if browser is None:
-        browser = not has_display()
+        browser = no_display() is not None
     if not browser and not block:
         raise ValueError("block is False; a window must be waited for: add browser=True")
     screen = screen_for(browser, host, port)
@@ -70,11 +70,6 @@ def view(
     with contextlib.suppress(KeyboardInterrupt):
         opened.run()
     return opened
-
-
-def has_display() -> bool:
-    """Tell whether a window can be opened here."""
-    return no_display() is None
 
 
 def screen_for(browser: bool, host: str = HOST, port: int | None = None) -> Screen:
