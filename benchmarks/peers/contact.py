@@ -13,17 +13,20 @@ Warp's flex keeps the lengths of edges and the distance of layers by constraints
 with the tolerance of its own example, in 10 steps a frame. msdwarp is explicit, has springs, and takes as many
 substeps as stability asks for. Time is that of a frame of 1/60 s.
 
-All take turns, round after round, as recorded graphs; times are medians between two synchronisations.
+All take turns, round after round, as recorded graphs; times are medians between two synchronisations. Each code
+has a process of its own, since an illegal memory access of one ends all that a process has on a GPU.
 """
 
 import importlib
 import importlib.metadata
+import math
+import os
 import sys
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -31,11 +34,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from msdwarp import ContactOverrun, Simulation, System, Touch, sheet
+from msdwarp import Simulation, System, Touch, sheet
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
 ROUNDS, STEPS = 9, 48
+PATIENCE = 300  # s, for a code to compile and begin
 RADIUS, MASS, STIFFNESS, STEP = 0.01, 1e-3, 1e3, 1e-4
 FRICTION = 0.5
 VBD_SUBSTEPS, VBD_ITERATIONS = 10, 4
@@ -217,48 +221,89 @@ def recorded(steps: Callable[[int], None], count: int, device: str) -> Callable[
     return lambda: wp.capture_launch(capture.graph)
 
 
-SPHERES = {"msdwarp": msdwarp_spheres, "newton": newton_spheres}
-CLOTH = {"msdwarp": msdwarp_cloth, "newton": newton_cloth, "mujoco": mujoco_cloth}
+CASE: dict[str, Callable[[int], Any]] = {"spheres": spheres, "cloth": folded}
+MAKE: dict[str, dict[str, Callable]] = {
+    "spheres": {"msdwarp": msdwarp_spheres, "newton": newton_spheres},
+    "cloth": {"msdwarp": msdwarp_cloth, "newton": newton_cloth, "mujoco": mujoco_cloth},
+}
 
 
-def measure_case(kind: str, side: int, device: str, rounds: int) -> list[dict]:
-    """Return the rows of a case."""
-    warnings.simplefilter("ignore", ContactOverrun)
-    name = f"{kind} {side}{'³' if kind == 'spheres' else '²'}"
-    case, codes = (spheres(side), SPHERES) if kind == "spheres" else (folded(side), CLOTH)
-    ready, rows = {}, []
-    for code, make in codes.items():
-        try:
-            ready[code] = make(case, device)
-        except Exception as error:  # it is not installed, or does not run here
-            rows.append({"case": name, "code": code, "note": f"{type(error).__name__}: {error}"[:150]})
-    seconds: dict[str, list[float]] = {code: [] for code in ready}
-    for _, (advance, *_) in ready.items():
+def serve(line: Connection, kind: str, side: int, code: str, device: str) -> None:
+    """Make a case ready in this process, tell how many substeps it takes and a note, then time it when asked."""
+    warnings.simplefilter("ignore")
+    try:
+        advance, substeps, note = MAKE[kind][code](CASE[kind](side), device)
         for _ in range(3):
             advance()
-    for k in range(rounds):
-        for code in list(ready) if k % 2 else list(ready)[::-1]:
-            wp.synchronize_device(device)
+        wp.synchronize_device(device)
+        line.send((substeps, note))
+        while line.recv():
             start = time.perf_counter()
-            ready[code][0]()
+            advance()
             wp.synchronize_device(device)
-            seconds[code].append(time.perf_counter() - start)
-    system = case[0] if isinstance(case, tuple) else case
-    own = seconds["msdwarp"]
-    for code, (_, substeps, note) in ready.items():
-        each = substeps if name.startswith("spheres") else 1
+            line.send(time.perf_counter() - start)
+    except Exception as error:  # it is not installed, or does not run here
+        line.send(error if error.args else type(error).__name__)
+        os._exit(1)  # what failed on a GPU may hang on its way out
+
+
+def measure_case(kind: str, side: int, device: str) -> list[dict]:
+    """Return the rows of a case, whose codes take turns, each in a process of its own."""
+    name = f"{kind} {side}{'³' if kind == 'spheres' else '²'}"
+    particles = side**3 if kind == "spheres" else side**2
+    spawn = get_context("spawn")
+    lines, ready, failed = {}, {}, {}
+    for code in MAKE[kind]:
+        lines[code], there = spawn.Pipe()
+        process = spawn.Process(target=serve, args=(there, kind, side, code, device), daemon=True)
+        start = time.perf_counter()
+        process.start()
+        there.close()
+        try:
+            ready[code] = ask(lines[code])
+        except RuntimeError as error:
+            failed[code] = str(error)
+            process.kill()
+        state = failed.get(code, "is ready")
+        print(f"{name}: {code} {state} after {time.perf_counter() - start:.0f} s", file=sys.stderr)
+    seconds: dict[str, list[float]] = {code: [] for code in ready}
+    for k in range(ROUNDS):
+        for code in list(ready)[:: 1 if k % 2 else -1]:
+            try:
+                lines[code].send(True)
+                seconds[code].append(ask(lines[code]))
+            except (RuntimeError, OSError) as error:
+                failed[code] = str(error)
+                del ready[code]
+    rows = [{"case": name, "code": code, "note": note} for code, note in failed.items()]
+    for code, (substeps, note) in ready.items():
+        lines[code].send(False)
+        ratios = [a / b for a, b in zip(seconds[code], seconds.get("msdwarp", []), strict=False)]
         rows.append(
             {
                 "case": name,
                 "code": code,
-                "particles": system.particle_count,
+                "particles": particles,
                 "substeps": substeps,
-                "ms": 1e3 * median(seconds[code]) / each,
-                "times_msdwarp": median(a / b for a, b in zip(seconds[code], own, strict=True)),
+                "ms": 1e3 * median(seconds[code]) / (substeps if kind == "spheres" else 1),
+                "times_msdwarp": median(ratios or [math.nan]),
                 "note": note,
             }
         )
     return [{column: row.get(column, "") for column in COLUMNS} for row in rows]
+
+
+def ask(line: Connection) -> Any:
+    """Return what a code's process says next; raise ``RuntimeError`` if it has failed or is too slow."""
+    if not line.poll(PATIENCE):
+        raise RuntimeError(f"no answer in {PATIENCE} s")
+    try:
+        answer = line.recv()
+    except EOFError:
+        raise RuntimeError("its process ended") from None
+    if isinstance(answer, Exception | str):
+        raise RuntimeError(str(answer).splitlines()[0][:150])
+    return answer
 
 
 def main() -> None:
@@ -273,12 +318,9 @@ def main() -> None:
             cases = [("spheres", 16), ("cloth", 32)]
             if on_gpu:
                 cases = [("spheres", 32), ("cloth", 64), ("cloth", 256), ("spheres", 64)]
-        # Each in a process of its own: newton 1.8's cloth made after its spheres ends in an illegal memory access.
-        apart: dict[str, Any] = {"max_workers": 1, "max_tasks_per_child": 1, "mp_context": get_context("spawn")}
-        with ProcessPoolExecutor(**apart) as pool:
-            for kind, side in cases:
-                rows += pool.submit(measure_case, kind, side, options.device, ROUNDS).result()
-                write_csv(path, rows, machine(options.device))
+        for kind, side in cases:
+            rows += measure_case(kind, side, options.device)
+            write_csv(path, rows, machine(options.device))
     line, kept = read_csv(path)
     print(line)
     table("Contact beside newton and MuJoCo Warp", COLUMNS, [[row[column] for column in COLUMNS] for row in kept])

@@ -19,8 +19,8 @@ MEET = f"""
     for (int tries = 0; __atomic_load_n(arrived, __ATOMIC_ACQUIRE) < all; ++tries) {{
         if (__atomic_load_n(arrived + {GIVEN_UP}, __ATOMIC_RELAXED))
             return;
-        if (tries > 20000)  // a millisecond or more, as one thread may take for what is not shared
-            reinterpret_cast<wp::int32 (*)(wp::uint32)>(let_others)(20);
+        if (tries > 300)  // some 10 µs: the one that is waited for may need this core, or another program
+            reinterpret_cast<wp::int32 (*)()>(let_others)();
 #if defined(__x86_64__)
         else
             __builtin_ia32_pause();

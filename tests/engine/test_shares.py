@@ -262,26 +262,31 @@ def test_what_a_thread_raises_is_raised_and_nobody_waits():
 
 
 def test_ctrl_c_leaves_a_whole_frame(heard):
+    begun = threading.Event()
+
     def run(frames):
-        simulation = Simulation(BODY, device="cpu", threads=2, substeps=1000, energy_limit=float("inf"))
+        # Frames of some 60 ms, three of which are not over when the signal comes.
+        simulation = Simulation(BODY, device="cpu", threads=2, substeps=10_000, energy_limit=float("inf"))
         while simulation.frame_index < frames:
             try:
+                begun.set()
                 simulation.step()
             except KeyboardInterrupt:
                 caught.append(simulation.frame_index)
         return simulation.frame().position
 
-    caught, position = [], BODY.position
-    run(1)  # compiled
+    def interrupt():
+        begun.wait(60)
+        time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    caught = []
     alone, one_more = run(3), run(4)
-    timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGINT))
-    timer.start()
-    try:
-        deadline = time.monotonic() + 60
-        while not caught and time.monotonic() < deadline:
-            position = run(3)
-    finally:
-        timer.join()
+    begun.clear()
+    other = threading.Thread(target=interrupt)
+    other.start()
+    position = run(3)
+    other.join()
     assert caught
     # The frame that was under way is finished, but not counted.
     assert np.array_equal(position, one_more) or np.array_equal(position, alone)
