@@ -44,7 +44,7 @@ if _typing.TYPE_CHECKING:
         System,
         space_filling_order,
     )
-    from .checks import ContactOverrun, DoubtfulFit, DoubtfulStart
+    from .checks import ContactOverrun, DoubtfulEnergy, DoubtfulFit, DoubtfulStart
     from .engine import Measures
     from .files import Trajectory, TrajectoryWriter
     from .integrators import (
@@ -91,7 +91,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
     "space_filling_order",
-    "checks": "ContactOverrun DoubtfulFit DoubtfulStart",
+    "checks": "ContactOverrun DoubtfulEnergy DoubtfulFit DoubtfulStart",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (
@@ -137,6 +137,7 @@ __all__ = [
     "Cone",
     "ContactOverrun",
     "CoulombDamper",
+    "DoubtfulEnergy",
     "DoubtfulFit",
     "DoubtfulStart",
     "Drive",

@@ -17,6 +17,10 @@ class ContactOverrun(UserWarning):
     """Bodies collide so fast, or press so hard, that one may pass through the other."""
 
 
+class DoubtfulEnergy(UserWarning):
+    """The energy of a run has risen by rounding errors."""
+
+
 class DoubtfulFit(UserWarning):
     """The measurements do not determine the fitted values well."""
 

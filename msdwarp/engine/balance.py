@@ -112,10 +112,13 @@ def size(state: State) -> float:
 def rounding_energy(model: Model, state: State) -> float:
     """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
 
-    A thousand times that, since rounding errors of many substeps add up.
+    A thousand times that, since rounding errors of many substeps add up. Compensated sums keep what places lose:
+    only the lengths of springs are rounded.
     """
-    off = float(np.finfo(model.dtype).eps) * float(np.abs(state.x.numpy()).max())
-    stiffness = model.system.stiffness
+    stiffness, place = model.system.stiffness, float(np.abs(state.x.numpy()).max())
+    if model.compensated and len(stiffness):
+        place = float(stored(model.system.rest_length).max())
+    off = float(np.finfo(model.dtype).eps) * place
     one = stored(stiffness)
     total = float(one.sum()) * (len(stiffness) / len(one) if len(one) else 0.0)
     return 1e3 * total * off**2

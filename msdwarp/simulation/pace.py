@@ -26,6 +26,8 @@ ENOUGH_FOR_SWING = 8.0
 """Beyond this refinement that is less than 1/64 of what it was, and comes from what presses, not from the step."""
 MOST_GAINED = 0.08
 """A run ends when its energy is above the least ever by so large a share of its scale, from nothing."""
+ROUNDED = 1e-4
+"""Rounding errors make less than this share of what is allowed for them, unless they add up: ten times one's."""
 MOST_REFINEMENT = 64.0
 """More times the substeps that small motions need are not tried."""
 SAME = 0.7
@@ -74,6 +76,8 @@ class Pace:
     """Least energy so far, and what has come in by work since [J]."""
     scale: float = 0.0
     """Largest energy of motion and stretching so far [J]."""
+    rounding: float = 0.0
+    """What of the scale is for rounding to float32 [J]; 0 if there is nothing else, as for a body at rest."""
     low: float = 0.0
     """Least kinetic and gravitational energy that has been looked at [J]."""
     high: float = 0.0
@@ -91,6 +95,9 @@ class Pace:
     anew: bool = False
     """Whether the next frame begins with a new choice: fewer substeps, or those of a body stretched otherwise."""
 
+    doubt = ""
+    """Words about energy that rounding errors have added."""
+
     def saved(self) -> dict[str, float]:
         """Return what a checkpoint keeps."""
         return {f"pace.{field.name}": getattr(self, field.name) for field in fields(self)}
@@ -103,6 +110,8 @@ class Pace:
         values = {}
         for field in fields(cls):
             name = f"pace.{field.name}"
+            if field.name == "rounding" and name not in numbers:  # an older checkpoint
+                continue
             value = values[field.name] = checks.member("checkpoint", numbers, name)
             if isinstance(field.default, bool):
                 checks.one_of(name, value, (False, True))
@@ -116,7 +125,10 @@ class Pace:
         """Begin, or go on after a change, from a state whose energy is `above` the least [J]."""
         now, model, state = stepping.balance(), stepping.model, stepping.state
         # Rounding errors of ten seconds add up to hundreds of times what one of them makes.
-        self.scale = 0.05 * weight(model) * size(state) + 100.0 * rounding_energy(model, state)
+        fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
+        self.scale = fall + rounding
+        told = model.precision != "float64" and max(fall, now.inner) > ROUNDED * rounding
+        self.rounding = rounding if told else 0.0
         self.least, self.floor, self.strain = now.energy, now.energy - above, now.strain
         self.low = self.high = now.free
         self.interval, self.since = 1, 0
@@ -238,6 +250,7 @@ class Pace:
     def _go_on(self, stepping: Stepping, now: Balance) -> Stepping:
         """Note what was seen of a frame that stands, and whether the next one begins with a new choice."""
         self._see(now)
+        self._doubt_rounding(stepping, now)
         self.calm += self.since
         self.since = 0
         quiet = now.energy <= self.least + 0.5 * self._allowed(now) and now.strain <= LARGE_STRAIN
@@ -250,6 +263,18 @@ class Pace:
         if stretched or self.refinement != stepping.choice.refinement:
             self.strain, self.anew = now.strain, True
         return stepping
+
+    def _doubt_rounding(self, stepping: Stepping, now: Balance) -> None:
+        """Note if energy has risen by much that is allowed only since rounding errors might add so much."""
+        gained = now.energy - self.floor
+        apart = max(self.scale - self.rounding, now.inner + 0.05 * now.kinetic)
+        if max(MOST_GAINED * apart, ROUNDED * self.rounding) < gained < self.rounding:
+            better = "float64" if stepping.model.compensated else "float32-compensated"
+            self.doubt = (
+                f"the energy has risen by {gained:.3g} J, and rounding to float32 may be why: the springs are so "
+                "stiff, or so far from the origin, that the rounding of positions strains them; "
+                f"use precision={better!r}"
+            )
 
     def _see(self, now: Balance) -> None:
         """Take what was seen into the least and the most so far."""

@@ -212,7 +212,7 @@ class Simulation(Changing):
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due, self._overrun_told = list(self._schedule), False
+        self._due, self._overrun_told, self._rounding_told = list(self._schedule), False, False
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
         self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
@@ -256,6 +256,8 @@ class Simulation(Changing):
         -----
         ContactOverrun
             Once per run, if bodies collide so fast, or press so hard, that one may pass through the other.
+        DoubtfulEnergy
+            Once per run, if the energy has risen by rounding errors (automatic substeps only).
         """
         for left in reversed(range(checks.count("frames", frames, 1))):
             while self._due and self._due[0].is_due(self.frame_index, self.fps):
@@ -271,6 +273,9 @@ class Simulation(Changing):
             if not self._overrun_told and (doubt := self.stepping.doubt()):
                 self._overrun_told = True
                 warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
+            if not self._rounding_told and self._pace is not None and self._pace.doubt:
+                self._rounding_told = True
+                warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=2)
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
