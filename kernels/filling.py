@@ -1,4 +1,4 @@
-"""Filling: which points are inside a closed surface of triangles."""
+"""Filling: which points are inside a closed surface of triangles, and how deep."""
 
 import warp as wp
 
@@ -22,3 +22,19 @@ def find_inside(
     i = wp.tid()
     found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)
     inside[i] = found.result and found.sign < 0.0
+
+
+@kernel
+def find_depths(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),  # in the units of the mesh, shape [point_count]
+    reach: float,
+    # Out:
+    depth: wp.array(dtype=float),  # shape [point_count]
+):
+    """Find how far inside the surface each point is, 0 outside; inside as `find_inside` has it."""
+    i = wp.tid()
+    found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)
+    depth[i] = 0.0
+    if found.result and found.sign < 0.0:
+        depth[i] = wp.length(points[i] - wp.mesh_eval_position(mesh, found.face, found.u, found.v))

@@ -44,6 +44,8 @@ def starting_state(system: System, model: Model, carried: int, time: float, fps:
 def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside.
 
+    That is what starts inside an obstacle, or bodies that start inside each other.
+
     Raises
     ------
     ValueError
@@ -56,7 +58,7 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     for doubt in (inside, start_far(model), *displaced, *overlapping):
         if doubt:
             warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)
-    return inside
+    return next(filter(None, (inside, *overlapping)), None)
 
 
 def start_inside(

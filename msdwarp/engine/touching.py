@@ -26,6 +26,7 @@ from ..kernels.touch import (
 from ..world import Touch
 from .effect import Effect
 from .nearby import Nearby
+from .nested import nested
 from .overrun import Overrun
 from .records import in_records
 from .rows import rows
@@ -213,7 +214,8 @@ class Touching(Effect):
 
     def overlapping(self) -> str | None:
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
-        return self._overlapping
+        kind, rule = self._touch.kind.numpy(), self._touch.rule.numpy()
+        return nested(self._model.system, self._surfaces, kind, rule) or self._overlapping
 
     def go_on_from(self, other: Effect) -> None:
         """Let points stick to what they stuck to in another model of the same bodies."""

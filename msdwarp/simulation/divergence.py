@@ -6,7 +6,7 @@ from ..bodies import System
 from .stepping import Trouble
 
 INSIDE_MATTERS = 1.0
-"""How long what started inside an obstacle explains why a run has diverged [s]."""
+"""How long what started inside an obstacle or a body explains why a run has diverged [s]."""
 
 
 class SimulationDiverged(RuntimeError):
@@ -63,7 +63,7 @@ def describe(
     needed
         How many would have been stable when the frame began; 0 where none are.
     inside
-        What is to be said about a particle that started inside an obstacle: that is then the cause.
+        What is to be said about what started inside an obstacle or a body: that is then the cause.
     gained
         The share of its scale by which energy has grown from nothing though substeps were refined; None if it is
         not for that.
