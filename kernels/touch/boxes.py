@@ -16,10 +16,11 @@ def forget_boxes():
     """Compose the kernel, over bodies, that makes the boxes around them hold nothing."""
 
     @kernel
-    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3)):
+    def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), widest: wp.array(dtype=float)):
         i = wp.tid()
         low[i] = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         high[i] = -low[i]
+        widest[i] = 0.0
 
     return forget
 
@@ -51,10 +52,12 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         # In and out, shape [body_count]:
         low: wp.array(dtype=wp.vec3),
         high: wp.array(dtype=wp.vec3),
+        widest: wp.array(dtype=float),  # side of a box around a facet, at most [m]
     ):
         part = piece[wp.tid() / wp.static(lanes)]
         least = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         most = -least
+        side = float(0.0)
         for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
             c = data.corner[t]
             a = wp.vec3(load(data.x, c[0]))
@@ -66,15 +69,18 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
             upper[t] = above
             least = wp.min(least, below)
             most = wp.max(most, above)
+            side = wp.max(side, wp.max(above - below))
         least = least_corner(least)
         most = -least_corner(-most)
+        side = -least_of(-side)
         body = part[0]
-        wider = bool(False)  # most extend nothing, as others have been there
+        wider = side > widest[body]  # most extend nothing, as others have been there
         for k in range(3):
             wider = wider or least[k] < low[body][k] or most[k] > high[body][k]
         if wider and wp.tid() % wp.static(lanes) == 0:
             wp.atomic_min(low, body, least)
             wp.atomic_max(high, body, most)
+            wp.atomic_max(widest, body, side)
 
     return write_boxes
 

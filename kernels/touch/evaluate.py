@@ -50,7 +50,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         v: wp.array(dtype=V),
         since: float,  # time since rows were found [s]
         skin: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # by how much further the others must be to be far off [m]
+        more: float,  # by how much further than the others what is far off may have moved, both together [m]
+        widest: wp.array(dtype=float),  # side of a box around a facet of each body, at most [m]
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         anew: bool,  # whether rows are found here
@@ -62,7 +63,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         i = first_of_part(wp.tid(), part)
         drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
         far = float(skin[0]) / (float(skin[0]) + more)
-        further = wp.vec3(more, more, more)
         while i < data.x.shape[0]:
             place = V()
             speed = V()
@@ -82,11 +82,14 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             moved = wp.length(wp.vec3(place - x_found) - drift)
             if anew:
                 store(data.x_found, i, place)
-            low = least[data.body_of[i]] - further
-            high = most[data.body_of[i]] + further
+            # Of a facet that is near, no corner counts as far.
+            body = data.body_of[i]
+            further = wp.vec3(1.0, 1.0, 1.0) * (more + widest[body])
+            low = least[body] - further
+            high = most[body] + further
             if not (wp.min(before, low) == low and wp.max(before, high) == high):
                 moved *= far
-            at = first_of(data, data.body_of[i])
+            at = first_of(data, body)
             if not (moved <= way[at]):
                 raise_to(way, at, moved)
             i = next_of_part(i, threads, parts)

@@ -73,12 +73,14 @@ class Nearby:
         The same on the device, whose lists are kept here.
     farthest
         How far off a facet may push a point [m].
+    thickest
+        How far off it may from outside a body [m].
     sided
         Whether points remember on which side of sheets they are, down to the `depth` of these.
     """
 
     def __init__(
-        self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float, sided: bool
+        self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float, thickest: float, sided: bool
     ) -> None:
         self._model, self._data, self._farthest, self._sided = model, data, farthest, sided
         self._around = max(farthest, float(data.depth.numpy().max()))
@@ -110,6 +112,9 @@ class Nearby:
         self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
+        self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
+        # What comes from afar may come so much nearer than it is looked for, and does not touch yet.
+        self._more = max(0.0, self._around - thickest)
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
         self._box()
         whose = wp.array(np.arange(bodies) // (bodies // model.worlds), dtype=int, device=device)
@@ -158,7 +163,8 @@ class Nearby:
         if lost is None:
             lost = compensation(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._farthest, *self._limits, anew]
+        inputs = [data, lost, x, v, self.now - self._found_at, self.skin, self._more, self._widest_facet]
+        inputs += [*self._limits, anew]
         self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
@@ -212,7 +218,7 @@ class Nearby:
 
     def _box(self) -> None:
         """Launch what finds the boxes around facets and bodies."""
-        device, boxes = self._model.device, self._boxes
+        device, boxes = self._model.device, [*self._boxes, self._widest_facet]
         wp.launch(forget_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
         kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)

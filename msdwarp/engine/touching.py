@@ -137,6 +137,7 @@ class Touching(Effect):
             setattr(data, name, wp.array(values, dtype=scalar, device=device))
         given = [one.thickness for one in rules if one.thickness is not None]
         own = [2.0 * float(one.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0 for one in by_row]
+        thickest = max(*own, *given, 0.0)
         reach = [max(wide, float(one.max(initial=0.0)), *given, 0.0) for wide, one in zip(own, depth, strict=True)]
         self._farthest = max(
             max(wide, float(one[surfaces.closed].max(initial=0.0)), *given, 0.0)
@@ -166,7 +167,7 @@ class Touching(Effect):
         self.data.unit = units[0]
         if model.in_worlds:
             data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)
-        self._nearby = Nearby(model, surfaces, data, self._farthest, self._sided)
+        self._nearby = Nearby(model, surfaces, data, self._farthest, thickest, self._sided)
         self._nearby.every = self.search_every
         self._flags, self._nowhere = self._nearby.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags

@@ -162,6 +162,41 @@ def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypat
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
+STIFF = {"mass": 0.1, "stiffness": 3000.0, "damping": 0.5}
+ROPE = chain(2, 1.0, **STIFF)
+TILE = sheet((2, 2), 1.0, **STIFF)  # its corners are far from what touches its middle
+FLYING = {
+    "ropes": (ROPE, ROPE.rotate(1.5, axis=(0, 0, 1))),
+    "grains": (grains(1, 0.0), grains(1, 0.0)),
+    "grain and tile": (grains(1, 0.0), TILE),
+    "rope and tile": (ROPE, TILE),
+    "boxes": (box((2, 2, 2), 0.5, **STIFF), box((3, 3, 3), 0.1, **STIFF).rotate(0.5, axis=(1, 2, 3))),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", FLYING)
+def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
+    # Where nothing is near, searches are rare. They meet after a dozen frames, at other times in these for each gap.
+    one, other = (body.translate(tuple(-body.position.mean(axis=0))) for body in FLYING[names])
+
+    def thrown(gap: float) -> np.ndarray:
+        system = one.with_velocity((0, 0, 1.5)) + other.with_velocity((0, 0, -1.5)).translate((0.004, 0.002, gap))
+        touch = Touch(thickness=0.02, restitution=0.9, stiffness=3000.0)
+        how = {"gravity": 0.0, "substeps": 150, "precision": "float64", "device": "cpu"}
+        simulation = Simulation(system, touch=touch, **how)
+        simulation.step(24)
+        frame = simulation.frame()
+        assert frame.velocity[: len(one.position), 2].mean() < 1.0  # it has been stopped, or thrown back
+        return np.concatenate(frame[1:])
+
+    gaps = 0.7 + 0.0063 * np.arange(5)
+    rare = [thrown(gap) for gap in gaps]
+    monkeypatch.setattr(nearby, "BETWEEN", (1,))
+    for gap, found in zip(gaps, rare, strict=True):
+        np.testing.assert_array_equal(found, thrown(gap))
+
+
 @wp.kernel
 def turn_around(length: wp.array(dtype=int), numbers: wp.array2d(dtype=int)):
     p = wp.tid()
