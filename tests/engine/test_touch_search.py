@@ -177,7 +177,7 @@ FLYING = {
 @pytest.mark.slow
 @pytest.mark.parametrize("names", FLYING)
 def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
-    # Where nothing is near, searches are rare. They meet after a dozen frames, at other times in these for each gap.
+    # Where nothing is near, searches are rare. They meet after a dozen frames, in each case at another time.
     one, other = (body.translate(tuple(-body.position.mean(axis=0))) for body in FLYING[names])
 
     def thrown(gap: float) -> np.ndarray:
