@@ -3,7 +3,7 @@
 Where nothing is begun, as while modules are imported, they end it at once. An exception there may come out as
 another one, or not at all, or with a crash: what is written in C has its own ways to fail half imported.
 Where something is begun they are noted, and acted upon between two frames. Everywhere else they raise an
-exception, but for what is imported late, which is let come to its end.
+exception, but for what is imported late and for h5py, which are let come to their end.
 """
 
 import _thread
@@ -18,7 +18,8 @@ from typing import Any, NoReturn
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
-"""Seconds until a signal that came during an import is heard again."""
+"""Seconds until a signal that came at a bad moment is heard again."""
+_IN_H5PY = os.path.join("h5py", "_hl", "")
 
 
 class Terminated(BaseException):
@@ -56,9 +57,10 @@ def leave(number: int, _: Any = None) -> NoReturn:
 def ask(number: int, frame: FrameType | None = None) -> None:
     """End the command by an exception, so that what it has begun is closed and what is half written removed.
 
-    What is being imported, PyVista for one, may not stand an exception: the signal is heard again a little later.
+    What is being imported, PyVista for one, may not stand an exception, nor may what h5py's C code calls back: the
+    signal is heard again a little later.
     """
-    if _is_importing(frame):
+    if _is_fragile(frame):
         _hear_again(number)
         return
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)
@@ -82,10 +84,10 @@ def _hear_again(number: int) -> None:
     later.start()
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    """Tell whether Python's machinery of imports is among what a frame was called by."""
+def _is_fragile(frame: FrameType | None) -> bool:
+    """Tell whether Python's machinery of imports, or h5py, is among what a frame was called by."""
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        if frame.f_code.co_filename.startswith("<frozen importlib") or _IN_H5PY in frame.f_code.co_filename:
             return True
         frame = frame.f_back
     return False

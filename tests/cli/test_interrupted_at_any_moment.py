@@ -112,6 +112,17 @@ def test_what_is_imported_late_is_let_come_to_its_end(tmp_path, monkeypatch, hea
     assert sys.modules.pop("heard_late").whole
 
 
+def test_what_h5py_calls_back_is_let_come_to_its_end(heard):
+    # Out of its C code an exception comes as a SystemError.
+    signal.signal(signal.SIGINT, signals.ask)
+    names = {"signal": signal}
+    called_back = "def iter_cb():\n    signal.raise_signal(signal.SIGINT)\n    return True\n"
+    exec(compile(called_back, str(Path("h5py", "_hl", "attrs.py")), "exec"), names)
+    assert names["iter_cb"]()
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(60)
+
+
 def test_what_python_lets_not_out_is_heard_again(monkeypatch, heard):
     class Deaf:
         def __del__(self):
