@@ -6,25 +6,6 @@ from .basis import kernel
 
 
 @kernel
-def find_inside(
-    mesh: wp.uint64,
-    points: wp.array(dtype=wp.vec3),  # in the units of the mesh, shape [point_count]
-    reach: float,
-    # Out:
-    inside: wp.array(dtype=wp.bool),  # shape [point_count]
-):
-    """Find whether the surface winds around each point.
-
-    The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
-    outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
-    winding numbers"); no point is further than `reach` from the surface.
-    """
-    i = wp.tid()
-    found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)
-    inside[i] = found.result and found.sign < 0.0
-
-
-@kernel
 def find_depths(
     mesh: wp.uint64,
     points: wp.array(dtype=wp.vec3),  # in the units of the mesh, shape [point_count]
@@ -32,9 +13,14 @@ def find_depths(
     # Out:
     depth: wp.array(dtype=float),  # shape [point_count]
 ):
-    """Find how far inside the surface each point is, 0 outside; inside as `find_inside` has it."""
+    """Find how deep each point is inside the surface, −1 where the surface does not wind around it.
+
+    The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
+    outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
+    winding numbers"); no point is further than `reach` from the surface.
+    """
     i = wp.tid()
     found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)
-    depth[i] = 0.0
+    depth[i] = -1.0
     if found.result and found.sign < 0.0:
         depth[i] = wp.length(points[i] - wp.mesh_eval_position(mesh, found.face, found.u, found.v))

@@ -243,7 +243,7 @@ def serve(line: Connection, kind: str, side: int, code: str, device: str) -> Non
             wp.synchronize_device(device)
             line.send(time.perf_counter() - start)
     except Exception as error:  # it is not installed, or does not run here
-        line.send(error if error.args else type(error).__name__)
+        line.send(f"{type(error).__name__}: {error}")
         os._exit(1)  # what failed on a GPU may hang on its way out
 
 
@@ -301,8 +301,8 @@ def ask(line: Connection) -> Any:
         answer = line.recv()
     except EOFError:
         raise RuntimeError("its process ended") from None
-    if isinstance(answer, Exception | str):
-        raise RuntimeError(str(answer).splitlines()[0][:150])
+    if isinstance(answer, str):
+        raise RuntimeError(answer.splitlines()[0][:150])
     return answer
 
 

@@ -36,7 +36,7 @@ def nested(
     np.maximum.at(high, body, x)
     by_body = np.argsort(body, kind="stable")
     begin = np.searchsorted(body[by_body], np.arange(bodies + 1))
-    vertices = (surfaces.weight[:, :, None] * x[surfaces.particle]).sum(axis=1)
+    vertices = np.einsum("vk,vkd->vd", surfaces.weight, x[surfaces.particle])
     owner = surfaces.body[surfaces.corner[:, 0]]
     deepest, worst = 0.0, (0, 0)
     for outer in np.flatnonzero(surfaces.closed):
@@ -70,7 +70,7 @@ def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDAr
 
 
 def _depths(vertices: NDArray, corner: NDArray, points: NDArray) -> NDArray[np.float64]:
-    """Return how deep points are inside a closed surface [m], 0 outside."""
+    """Return how deep points are inside a closed surface [m], less than 0 outside."""
     used, corner = np.unique(corner, return_inverse=True)
     origin = vertices[used].mean(axis=0)
     surface = wp.Mesh(

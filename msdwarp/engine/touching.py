@@ -139,10 +139,7 @@ class Touching(Effect):
         own = [2.0 * float(one.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0 for one in by_row]
         thickest = max(*own, *given, 0.0)
         reach = [max(wide, float(one.max(initial=0.0)), *given, 0.0) for wide, one in zip(own, depth, strict=True)]
-        self._farthest = max(
-            max(wide, float(one[surfaces.closed].max(initial=0.0)), *given, 0.0)
-            for wide, one in zip(own, depth, strict=True)
-        )
+        self._farthest = max(thickest, *(float(one[surfaces.closed].max(initial=0.0)) for one in depth))
         self.blocks = blocks_by_row(
             model, by_row, lambda mass, one: contact_blocks(mass, one, rules, kind, rule, density)
         )

@@ -200,7 +200,7 @@ def _filled(
     """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
     import warp as wp  # which no other shape needs
 
-    from ..kernels.filling import find_inside
+    from ..kernels.filling import find_depths
 
     centres = np.stack(np.broadcast_arrays(*cell_centres(shape, 1.0)), axis=-1)
     start_warp()
@@ -209,11 +209,11 @@ def _filled(
         indices=wp.array(triangles.ravel(), dtype=int, device="cpu"),
         support_winding_number=True,
     )
-    inside = wp.zeros(centres[..., 0].size, dtype=wp.bool, device="cpu")
+    depth = wp.zeros(centres[..., 0].size, dtype=float, device="cpu")
     where = wp.array(centres.reshape(-1, 3), dtype=wp.vec3, device="cpu")
     reach = 2.0 * float(np.linalg.norm(shape))
-    wp.launch(find_inside, len(inside), [surface.id, where, reach], [inside], device="cpu")
-    return inside.numpy().astype(bool).reshape(shape)
+    wp.launch(find_depths, len(depth), [surface.id, where, reach], [depth], device="cpu")
+    return (depth.numpy() >= 0).reshape(shape)
 
 
 def _subdivided(
