@@ -4,12 +4,29 @@ import os
 import subprocess
 import sys
 import threading
+import traceback
 
 import numpy as np
 import pytest
+import warp as wp
 
-from msdwarp import Simulation, chain
+from msdwarp import (
+    Ensemble,
+    Plane,
+    Probe,
+    Renderer,
+    Scene,
+    Simulation,
+    Trajectory,
+    TrajectoryWriter,
+    as_stiff_as,
+    box,
+    chain,
+    quiet,
+)
 from msdwarp.quiet import in_turn
+from msdwarp.simulation import Readback
+from msdwarp.studies.history import history
 
 HAMMER = """
 import sys, threading
@@ -98,6 +115,63 @@ def test_a_simulation_made_in_one_thread_is_stepped_in_another(plain_device):
     for simulation in (here, there):
         for one, other in zip(in_a_thread(simulation.frame), expected.frame(), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def is_taken():
+    """Tell whether it is this thread's turn, or that of the one that it draws for."""
+    free = not getattr(quiet._mine, "turn", False) and quiet._turn.acquire(blocking=False)
+    if free:
+        quiet._turn.release()
+    return not free
+
+
+@pytest.mark.slow
+def test_all_that_is_done_with_warp_is_done_in_turn(tmp_path, monkeypatch, plain_device):
+    outside = []
+
+    def watched(name, function):
+        def call(*arguments, **options):
+            if not is_taken():
+                outside.append((name, "".join(traceback.format_stack(limit=6))))
+            return function(*arguments, **options)
+
+        return call
+
+    for name in ("launch", "copy", "capture_begin", "zeros", "empty", "full"):
+        monkeypatch.setattr(wp, name, watched(name, getattr(wp, name)))
+    monkeypatch.setattr(wp.array, "numpy", watched("numpy", wp.array.numpy))
+
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).translate((0, 0, 0.2))
+    scene = Scene(system=body, colliders=[Plane()], probes={"top": Probe(slice(0, 3), "position")})
+    simulation = Simulation.of(scene, device=plain_device, contact_forces=True)
+    readback = Readback(simulation, contact_forces=True)
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", body, fps=60, contact_forces=True) as writer:
+        for _ in simulation.frames(0.05):
+            writer.write_pending(readback.take())
+    kept = simulation.checkpoint()
+    simulation.change(gravity=1.0)
+    simulation.change(velocity=(1, 0, 0))
+    simulation.change(stiffness=200.0)
+    simulation.step()
+    _ = simulation.measure(), simulation.contact_force(), simulation.snapshot(), simulation.rest_length
+    simulation.reset()
+    simulation.restore(*kept)
+    _ = repr(simulation), simulation.readings["top"]
+
+    ensemble = Ensemble(scene, 3, stiffness=[100.0, 200.0, 300.0], device=plain_device)
+    ensemble.run(0.05, observe={"top": Probe(slice(0, 3), "position"), "energy": "energy"})
+    _ = ensemble.system_of(1), ensemble.status, ensemble.diverged_at, ensemble.diverged_particle
+    ensemble.simulation_of(1, start=False).step()
+    as_stiff_as(body, body)
+
+    for backend in ("raster", "raycast"):
+        device = plain_device if backend == "raycast" else None
+        Renderer(scene, body.position[np.newaxis], resolution=(32, 32), backend=backend, device=device).image(
+            simulation.positions
+        )
+    with Trajectory(tmp_path / "a.vtkhdf") as trajectory:
+        list(history(trajectory, gravity=9.82))
+    assert not outside, "\n".join(outside[0])
 
 
 def test_turns_are_taken_one_after_the_other():
