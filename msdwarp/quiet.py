@@ -1,4 +1,4 @@
-"""Warp's messages: quiet unless somebody asks for them, with nothing lost that matters.
+"""Warp's messages, quiet unless somebody asks for them, with nothing lost that matters; threads' turns with Warp.
 
 Warp greets, and says of each module that it was loaded, on standard output. What it says there is governed by its
 own setting `warp.config.log_level`, which is turned down from its default as soon as both Warp and msdwarp are
@@ -9,12 +9,17 @@ Importing this does not import Warp, which takes longer than all else that a scr
 """
 
 import contextlib
+import functools
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class _Finder:
@@ -55,6 +60,8 @@ else:
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
 """What Warp's C++ says, whatever its settings, where there is no GPU: nothing that needs to be known."""
 _lock, _started = threading.Lock(), False
+_turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
+"""Held by the thread whose turn it is, and by the one that comes next; whether it is this thread's."""
 
 
 def verbose(on: bool = True) -> None:
@@ -80,6 +87,40 @@ def start_warp() -> None:
             with _without(_NO_DRIVER):
                 wp.init()
         _started = True
+
+
+def in_turn(function: Callable[P, T]) -> Callable[P, T]:
+    """Have threads take turns in functions that use Warp; what such a function calls is of the same turn.
+
+    While one thread records a graph, Warp takes what others launch on that device for a part of it. What makes,
+    compiles and loads kernels does not expect a second thread either: cached factories, and Warp's dictionaries.
+    """
+
+    @functools.wraps(function)
+    def taking_turns(*args: P.args, **kwargs: P.kwargs) -> T:
+        if getattr(_mine, "turn", False):
+            return function(*args, **kwargs)
+        try:
+            with _next:  # who has just had a turn comes behind who waits
+                _turn.acquire()
+            _mine.turn = True
+            return function(*args, **kwargs)
+        finally:
+            _mine.turn = False
+            with contextlib.suppress(RuntimeError):  # interrupted before it came
+                _turn.release()
+
+    return taking_turns
+
+
+def _forget_turns() -> None:
+    """Begin anew in a process that was forked, which has none of the other threads."""
+    global _turn, _next
+    _turn, _next = threading.RLock(), threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_turns)
 
 
 @contextlib.contextmanager

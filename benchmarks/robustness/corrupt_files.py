@@ -123,11 +123,11 @@ def _printable(text: str) -> bool:
     return text.replace("\n", "").isprintable()
 
 
-def case(k: int, seed: int, given: str | None, root: Path, sounds: list[Sound]) -> list[dict]:
+def case(k: int, seed: int, given: str | None, restarts: float, root: Path, sounds: list[Sound]) -> list[dict]:
     """Return what became of damaged file number k, by command."""
     chance = random.Random(f"{seed} {k}")
     way, sound = given or WAYS[k % len(WAYS)], sounds[k // len(WAYS) % len(sounds)]
-    file = "restart.h5" if chance.random() < 0.35 else "trajectory.vtkhdf"
+    file = "restart.h5" if chance.random() < 7 * restarts / (7 * restarts + 13) else "trajectory.vtkhdf"
     folder = root / f"case{k}"
     (folder / "run").mkdir(parents=True)
     for name, content in sound.files.items():
@@ -169,6 +169,7 @@ def main() -> None:
     own.add_argument("--seed", type=int, default=1, help="of chance; a file is the same again by seed and number")
     own.add_argument("--minutes", type=float, default=60.0, help="after which no other is begun")
     own.add_argument("--way", choices=WAYS, help="damage files in this way alone")
+    own.add_argument("--restarts", type=float, default=1.0, help="weight of restart files, beside 1")
     own.add_argument("--only", type=int, help="this file alone, by its number")
     options = arguments(__doc__ or "", own)
     path = options.folder / "corrupt_files.csv"
@@ -177,13 +178,16 @@ def main() -> None:
     else:
         count = 24 if options.quick else options.files
         numbers = range(count) if options.only is None else [options.only]
-        line, rows = machine("cpu"), campaign(numbers, options.seed, options.way, options.minutes)
+        how = options.seed, options.way, options.restarts, options.minutes
+        line, rows = machine("cpu"), campaign(numbers, *how)
         if options.only is None:
             write_csv(path, rows, line)
     report(line, rows)
 
 
-def campaign(numbers: range | list[int], seed: int, way: str | None, minutes: float) -> list[dict]:
+def campaign(
+    numbers: range | list[int], seed: int, way: str | None, restarts: float, minutes: float
+) -> list[dict]:
     """Return what became of damaged files of these numbers, by command."""
     import_all()
     probed_once()
@@ -196,7 +200,7 @@ def campaign(numbers: range | list[int], seed: int, way: str | None, minutes: fl
         for k in numbers:
             if time.monotonic() - began > 60 * minutes:
                 break
-            rows += case(k, seed, way, root, sounds)
+            rows += case(k, seed, way, restarts, root, sounds)
             if k % 50 == 49:
                 print(f"{k + 1} files in {time.monotonic() - began:.0f} s", flush=True)
     return rows
@@ -206,6 +210,8 @@ def report(line: str, rows: list[dict]) -> None:
     """Print how many outcomes there were of each class."""
     print(line)
     counted = Counter((row["way"], row["outcome"]) for row in rows)
+    kinds = Counter(kind for kind, _ in {(row["kind"], row["file"]) for row in rows})
+    print(", ".join(f"{count} of {kind}" for kind, count in kinds.items()))
     outcomes = sorted({row["outcome"] for row in rows})
     ways = [way for way in WAYS if any(row["way"] == way for row in rows)]
     lines = [[way, *(str(counted[way, one]) for one in outcomes)] for way in ways]

@@ -62,7 +62,7 @@ def damaged(sound: bytes, way: str, ranges: tuple[Ranges, Ranges], chance: rando
         del whole[_place(len(whole), ranges, chance) :]
     elif way == "page":
         start = _place(len(whole), ranges, chance) // PAGE * PAGE
-        whole[start : start + PAGE] = bytes(len(whole[start : start + PAGE]))
+        whole[start : start + PAGE] = chance.choice((b"\0", b"\xff")) * len(whole[start : start + PAGE])
     elif way == "noise":
         start = _place(len(whole), ranges, chance)
         size = min(chance.choice((4, 16, 256, PAGE)), len(whole) - start)

@@ -285,10 +285,16 @@ class Run:
             raise
 
     def _save(self, writer: TrajectoryWriter | None) -> None:
-        """Write the restart file, once the frames up to the present one are on the disk."""
+        """Write the restart file, once the frames up to the present one are on the disk.
+
+        Where a run that goes on differs from what was there, it waits until there are as many frames as before:
+        should it fail, the run ends.
+        """
         if writer is None or self.folder is None or not self._keeps or not self.options.restart:
             return
         writer.flush()
+        if writer.has_fewer:
+            return
         arrays, numbers = self.simulation.checkpoint()
         write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
 

@@ -17,6 +17,7 @@ from ..kernels.reductions import (
     take,
 )
 from ..kernels.reductions import measure as columns
+from ..quiet import in_turn
 from .model import Model
 from .state import State
 
@@ -59,6 +60,7 @@ class Measures(NamedTuple):
         return self.kinetic_energy + self.elastic_energy + self.gravitational_energy + self.effect_energy
 
 
+@in_turn
 def measure(
     model: Model, state: State, velocity: wp.array | None = None, x_lost: wp.array | None = None
 ) -> Measures:

@@ -10,6 +10,7 @@ from .. import checks
 from ..bodies import System, is_uniform, stored, uniform_like
 from ..kernels.basis import vector
 from ..kernels.effect import Piece
+from ..quiet import in_turn
 from ..world import (
     CONTACT_FORCE,
     TOUCH_FORCE,
@@ -72,6 +73,7 @@ class Model:
     worlds = 1
     """How many worlds there are of it."""
 
+    @in_turn
     def __init__(
         self,
         system: System,

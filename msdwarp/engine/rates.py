@@ -8,6 +8,7 @@ import warp as wp
 
 from ..bodies import LINEAR, System, is_uniform, stored
 from ..kernels.reductions import largest_rate
+from ..quiet import in_turn
 from .effect import Effect
 from .linearised import write_diagonal_blocks
 from .model import Model
@@ -34,6 +35,7 @@ class Rates(NamedTuple):
         return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
 
 
+@in_turn
 def rate_bounds(system: System, model: Model | None = None, state: State | None = None) -> Rates:
     """Return upper bounds of a system's rates, as it stands or, on a device, in the given state.
 

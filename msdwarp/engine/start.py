@@ -57,7 +57,7 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching | Straddling)]
     for doubt in (inside, start_far(model), *displaced, *overlapping):
         if doubt:
-            warnings.warn(doubt, checks.DoubtfulStart, stacklevel=3)
+            warnings.warn(doubt, checks.DoubtfulStart, stacklevel=4)
     return next(filter(None, (inside, *overlapping)), None)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..bodies import System
 from ..kernels.compensation import compensation
+from ..quiet import in_turn
 from .model import Model
 
 
@@ -51,6 +52,7 @@ class State:
         self.here, self.there = instants
 
     @classmethod
+    @in_turn
     def of(cls, system: System, model: Model, carried: int = 0) -> Self:
         """Upload the positions and velocities of a system."""
         model.check_range(system.position, "position")

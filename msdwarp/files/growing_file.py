@@ -28,11 +28,17 @@ class GrowingFile:
     HDF5 keeps no journal, so that order is all: a frame's data reach the file first, then the number of frames,
     then the frame's time; and nothing moves that a reader of earlier frames needs. Room on disk is reserved
     before HDF5 learns of a frame, as HDF5 does not recover from a disk that is full.
+
+    Where it goes on, frames that come again as they are there already are left as they are. From the first one on
+    that does not, others come in their place, once there is room for as many.
     """
 
     def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: About):
         self.path, self.force, self._layout_for, self._about = path, force, layout, about
         self.written = 0
+        """Frames that were written, or found to be there."""
+        self.frame_count = self.found = 0
+        """Frames in the file, and those that it was reopened with."""
         self._file: Any = None
 
     def append(
@@ -51,28 +57,35 @@ class GrowingFile:
         else:
             one()
         self.written += 1
+        self.frame_count = max(self.frame_count, self.written)
 
     def append_rows(self, rows: Rows) -> None:
         """Write what probes told in a frame that is not kept, and flush it."""
         if self._file is None:
             raise ValueError("readings come before the first frame, which must be kept")
         self._check_there()
+        if self._layout.holds_rows(rows):
+            self._layout.append_rows(rows)
+            return
+        self._drop_what_follows(rows)
         self._reserve(self._layout.growth_by(rows))
         self._layout.append_rows(rows)
         self._size = os.fstat(self._room).st_size
 
-    def reopen(self, system: System, kept: int, until: float) -> None:
-        """Open the file that is there, to go on behind so many of its frames, and readings up to a time [s]."""
+    def reopen(self, system: System, found: int, kept: int, until: float) -> None:
+        """Open the file of so many frames, to go on behind the first of them, and readings up to a time [s]."""
         _count_in_all(self.path)
         self._open(self.path)
         try:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
-            self._layout.truncate(kept, until)
+            self._layout.go_on_behind(kept, until)
+            self._layout.truncate(found)  # a killed writer may have begun another
         except BaseException:
             self.close()
             raise
         self.written, self._size = kept, os.fstat(self._room).st_size
+        self.frame_count = self.found = found
 
     def sync(self) -> None:
         """Have the system put on the disk what it was given."""
@@ -136,9 +149,22 @@ class GrowingFile:
         contact_force: NDArray | None,
     ) -> None:
         self._check_there()
+        what = self.written, frame, strain, substeps, broken_at, rows, contact_force
+        if self.written < self.frame_count and self._layout.holds(*what):
+            self._layout.append_rows(rows)
+            return
+        self._drop_what_follows(rows)
         self._reserve(self._layout.growth(self.written, rows))
-        self._layout.append(self.written, frame, strain, substeps, broken_at, rows, contact_force)
+        self._layout.append(*what)
         self._size = os.fstat(self._room).st_size
+
+    def _drop_what_follows(self, rows: Rows) -> None:
+        """Let the file end here, once there is room for as many frames as it has."""
+        if self.written < self.frame_count:
+            behind = range(self.written, self.frame_count)
+            self._reserve(sum(self._layout.growth(k, rows) for k in behind))
+            self._layout.truncate(self.written)
+            self.frame_count = self.written
 
     def _check_there(self) -> None:
         """Raise OSError unless the file is where it was, and as long."""

@@ -1,6 +1,8 @@
 """Names in the file of a trajectory, and how arrays are stored in it."""
 
+import json
 import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -51,6 +53,12 @@ def _sum(values: Any) -> int:
     return zlib.crc32(np.ascontiguousarray(values).data)
 
 
+def same(there: NDArray, values: Any) -> bool:
+    """Tell whether an array has these numbers, bit for bit, in its own precision."""
+    given = np.asarray(values, dtype=there.dtype)
+    return there.shape == given.shape and there.tobytes() == given.tobytes()
+
+
 def store_text(group: Any, name: str, text: str) -> None:
     """Store a text as one of a fixed length.
 
@@ -58,6 +66,20 @@ def store_text(group: Any, name: str, text: str) -> None:
     it never ends.
     """
     store(group, name, np.array(np.bytes_(text.encode())))
+
+
+def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes as they will be read; raise ValueError that names one that JSON cannot hold."""
+    result = {}
+    for name, value in attributes.items():
+        try:
+            result[str(name)] = json.loads(json.dumps(value))
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"attributes[{name!r}] is {value!r}; it must be a number, a text, a truth value, None, or a list "
+                "or mapping of those"
+            ) from error
+    return result
 
 
 def fault(file: Any) -> str | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Series
-from .names import OWN, READINGS, restored, store_text
+from .names import OWN, READINGS, restored, same, store_text
 from .sound import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
@@ -45,6 +45,8 @@ class ReadingTables:
         """How many numbers a row of each table has."""
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
+        self._at: dict[str, int] = {}
+        """Of each table, how many of its rows are told by now: what it has beyond them may be told again."""
 
     @classmethod
     def of(cls, file: Any) -> "ReadingTables | None":
@@ -59,6 +61,7 @@ class ReadingTables:
         tables = cls(columns)
         tables._tables = {every: group[f"by_{every}"] for every in tables.widths}
         tables._ends = group["ends"]
+        tables._at = {every: len(table) for every, table in tables._tables.items()}
         for item, width in [(tables._ends, len(EVERY))] + [
             (tables._tables[one], tables.widths[one]) for one in tables.widths
         ]:
@@ -84,22 +87,31 @@ class ReadingTables:
             size += (-(-len(values) // chunk) + 1) * chunk * self.widths[every] * 8
         return size
 
+    def holds(self, rows: Rows, k: int | None = None) -> bool:
+        """Tell whether rows come next, and are then those up to frame k."""
+        ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
+        told = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
+        return told and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
+
     def add(self, rows: Rows) -> None:
-        """Write rows behind the others."""
+        """Write rows behind those that are told, unless they are there."""
+        there = self.holds(rows)
         for every, values in rows.items():
-            table = self._tables[every]
-            before = len(table)
-            table.resize(before + len(values), axis=0)
-            table[before:] = values
+            table, at = self._tables[every], self._at[every]
+            self._at[every] = at + len(values)
+            if not there:
+                table.resize(at, axis=0)
+                table.resize(self._at[every], axis=0)
+                table[at:] = values
 
     def note(self, k: int) -> None:
-        """Note that the rows that are there now are those up to frame k."""
+        """Note that the rows that are told by now are those up to frame k."""
         if len(self._ends) <= k:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
-        self._ends[k] = [len(self._tables[every]) if every in self._tables else 0 for every in EVERY]
+        self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
-    def truncate(self, k: int, kept_until: float, until: float) -> None:
-        """Let the tables end at a time [s] at which a frame ended, the first k frames being kept up to another."""
+    def go_on_behind(self, k: int, kept_until: float, until: float) -> None:
+        """Go on at a time [s] at which a frame ended, the first k frames being kept up to another."""
         for column, (every, table) in self._columns():
             end = int(self._ends[k - 1, column]) if k else 0
             rounded = 1e-9 * until
@@ -110,7 +122,7 @@ class ReadingTables:
                         break
                 else:
                     raise ValueError(f"{table.file.filename} lacks readings by {every} up to {until:g} s")
-            table.resize(end, axis=0)
+            self._at[every] = end
 
     def _columns(self) -> Any:
         return ((EVERY.index(every), (every, table)) for every, table in self._tables.items())

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..disk import replacing
+from .names import restored, store
 
 FORMAT = 1
 """Version of what is in such a file."""
 _MARK = "msdwarp_restart_format"
-_CHUNK = 1 << 24
-"""Bytes that share a checksum, at most."""
 
 
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
@@ -56,9 +55,9 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
     image = io.BytesIO()
     with h5py.File(image, "w", libver=("v110", "v110")) as file:
         file.attrs[_MARK] = FORMAT
-        _store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
+        store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
         for k, values in enumerate(given.values()):  # whose names may have a slash
-            _store(file, f"arrays/{k}", values.ravel())
+            store(file, f"arrays/{k}", values.ravel())
     _replace(path, image.getbuffer())
 
 
@@ -83,9 +82,9 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
             file: Any = opened
             version = file.attrs.get(_MARK)
             if version == FORMAT:
-                description = json.loads(file["description"][()].tobytes())
+                description = json.loads(restored(file["description"]).tobytes())
                 shapes = description["shapes"].items()
-                arrays = {name: file[f"arrays/{k}"][()].reshape(shape) for k, (name, shape) in enumerate(shapes)}
+                arrays = {name: restored(file[f"arrays/{k}"]).reshape(to) for k, (name, to) in enumerate(shapes)}
                 return arrays, description["attributes"]
     except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
@@ -93,13 +92,6 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     if version is None:
         raise ValueError(f"{path} is no restart file: it is an HDF5 file of another kind")
     raise ValueError(f"{path} is a restart file of format {version}; this version of msdwarp reads {FORMAT}")
-
-
-def _store(file: Any, name: str, values: NDArray) -> None:
-    """Store an array with checksums; an empty one has nothing to check."""
-    rows = max(1, _CHUNK // values.itemsize)
-    checked = {"fletcher32": True, "chunks": (min(len(values), rows),)} if len(values) else {}
-    file.create_dataset(name, data=values, **checked)
 
 
 def _replace(path: Path, image: memoryview) -> None:

@@ -18,7 +18,6 @@ from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, 
 from .reading_tables import ReadingTables
 from .sound import too_large, unsound
 from .stored_system import read_system
-from .vtkhdf import read_times
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 """What reading a damaged file may raise."""
@@ -55,7 +54,7 @@ class Trajectory:
             self._cells = sum(int(restored(root[kind][COUNT])[0]) for kind in KINDS)
             whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
             self._check_size(root, "Steps/Values", min(whole, int(root["Steps"].attrs["NSteps"])))
-            self.times: NDArray[np.float64] = read_times(root)[:whole]
+            self.times: NDArray[np.float64] = _times(root)[:whole]
             """Time of each frame [s], shape [frame_count]."""
             self._check_sizes(root)
             self.fps = checks.positive("fps", own.attrs["fps"])
@@ -296,3 +295,13 @@ def _opened(path: Path) -> Any:
     except (AttributeError, KeyError, OSError, RuntimeError, TypeError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} cannot be read: {reason}") from error
+
+
+def _times(root: Any) -> NDArray[np.float64]:
+    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
+    values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
+    try:
+        times = values[:count]
+    except OSError:  # the array is longer already, but its last part not on disk
+        times = values[: len(values) - 1]
+    return times[: np.append(np.isnan(times), True).argmax()]

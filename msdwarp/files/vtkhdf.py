@@ -4,7 +4,7 @@ Files come as open h5py files, so that HDF5 is loaded only where one is opened.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -25,6 +25,7 @@ from .names import (
     STRAIN,
     SUBSTEPS,
     VELOCITY,
+    same,
     store,
     store_text,
 )
@@ -188,15 +189,15 @@ class Layout:
             raise ValueError(f"{group.file.filename} is a damaged trajectory: no rows can be added to its {name}")
         return item
 
-    def truncate(self, k: int, until: float) -> None:
-        """Let a file have its first k frames only; where the others were, the next ones will be written.
-
-        Readings stay up to the frame at `until` [s], whether it was kept or not.
-        """
-        # VTK's reader writes past its memory where there are more times than frames.
-        last = float(self._times[k - 1]) if k else 0.0
+    def go_on_behind(self, k: int, until: float) -> None:
+        """Go on behind the first k frames, and what probes told up to `until` [s], of frames not kept too."""
         if self._readings is not None:
-            self._readings.truncate(k, last, until)
+            self._readings.go_on_behind(k, float(self._times[k - 1]), until)
+
+    def truncate(self, k: int) -> None:
+        """Let a file have its first k frames only; where the others were, the next ones will be written."""
+        # VTK's reader writes past its memory where there are more times than frames.
+        last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
         if self._broken_at is not None and self._edges is not None:  # what broke behind them is whole again
             self._known = np.where(broken_before(self._known, last), self._known, np.float32(np.inf))
@@ -204,6 +205,31 @@ class Layout:
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k))
         self._file.flush()
+
+    def holds(
+        self,
+        k: int,
+        frame: tuple[float, NDArray, NDArray],
+        strain: NDArray | None,
+        substeps: int,
+        broken_at: NDArray | None,
+        rows: Rows,
+        contact_force: NDArray | None,
+    ) -> bool:
+        """Tell whether frame k is this one, bit for bit, and what probes told up to it."""
+        if self._times[k] != frame[0] or (self._substeps is not None and self._substeps[k] != substeps):
+            return False
+        if self._readings is not None and not self._readings.holds(rows, k):
+            return False
+        if self._broken_at is not None and broken_at is not None:
+            seen = np.where(broken_before(self._known, frame[0]), self._known, np.float32(np.inf))
+            if not same(seen, self._known_by(broken_at)):
+                return False
+        try:
+            pieces = self._pieces(k, frame, strain, contact_force)
+            return all(same(item[start : start + len(values)], values) for item, start, values in pieces)
+        except OSError:  # HDF5's, of what is damaged
+            return False
 
     def append(
         self,
@@ -217,7 +243,7 @@ class Layout:
     ) -> None:
         """Write frame k, behind the others, and what probes told up to it, and flush it."""
         if self._broken_at is not None and self._edges is not None and broken_at is not None:
-            known = np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
+            known = self._known_by(broken_at)
             if not np.array_equal(known, self._known):
                 self._known = known
                 self._broken_at[:] = self._broken_cells(known, self._edges)
@@ -235,18 +261,19 @@ class Layout:
             self._readings.add(rows)
             self._readings.note(k)
         for name, dataset in self._datasets.items():
-            count = self._per_frame[name]
-            _at_least(dataset, (k + 1) * count)
-            start = k * count
-            for values in self._parts(name, frame, strain, contact_force):
-                dataset[start : start + len(values)] = values
-                start += len(values)
+            _at_least(dataset, (k + 1) * self._per_frame[name])
+        for dataset, start, values in self._pieces(k, frame, strain, contact_force):
+            dataset[start : start + len(values)] = values
         # VTK's reader writes past its memory where there are more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
         self._times.resize(k + 1, axis=0)
         self._times[k] = frame[0]
         self._file.flush()
+
+    def holds_rows(self, rows: Rows) -> bool:
+        """Tell whether what probes told next is this."""
+        return self._readings is None or self._readings.holds(rows)
 
     def append_rows(self, rows: Rows) -> None:
         """Write what probes told in a frame that is not kept, and flush it."""
@@ -271,6 +298,10 @@ class Layout:
         before = np.full(len(self._cells["Vertices"]), np.inf)
         return np.concatenate([before, broken_at, edges.parted_at(broken_at)]).astype(np.float32)
 
+    def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
+        """Return when each connection broke [s], those that were broken from the start at 0."""
+        return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
+
     def _row_size(self, name: str) -> int:
         return self._dtype.itemsize * (1 if name == STRAIN else 3)
 
@@ -291,6 +322,20 @@ class Layout:
         if self._embedded is not None:
             result[n:, AXES[dim]] = self._embedded.points(values)
         return result
+
+    def _pieces(
+        self,
+        k: int,
+        frame: tuple[float, NDArray, NDArray],
+        strain: NDArray | None,
+        contact_force: NDArray | None,
+    ) -> Iterator[tuple[Any, int, NDArray]]:
+        """Yield the arrays of frame k, where in them its rows begin, and the rows."""
+        for name, dataset in self._datasets.items():
+            start = k * self._per_frame[name]
+            for values in self._parts(name, frame, strain, contact_force):
+                yield dataset, start, values
+                start += len(values)
 
     def _parts(
         self,
@@ -352,27 +397,3 @@ def _at_least(dataset: Any, rows: int) -> None:
     """Let an array have so many rows, if it has less."""
     if len(dataset) < rows:
         dataset.resize(rows, axis=0)
-
-
-def read_times(root: Any) -> NDArray[np.float64]:
-    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
-    values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
-    try:
-        times = values[:count]
-    except OSError:  # the array is longer already, but its last part not on disk
-        times = values[: len(values) - 1]
-    return times[: np.append(np.isnan(times), True).argmax()]
-
-
-def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they will be read; raise ValueError that names one that JSON cannot hold."""
-    result = {}
-    for name, value in attributes.items():
-        try:
-            result[str(name)] = json.loads(json.dumps(value))
-        except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"attributes[{name!r}] is {value!r}; it must be a number, a text, a truth value, None, or a list "
-                "or mapping of those"
-            ) from error
-    return result

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from .. import checks, disk
 from ..bodies import Frame, System
 from .growing_file import GrowingFile
+from .names import as_json
 from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import DAMPERS
 from .trajectory import Trajectory
-from .vtkhdf import Layout, Scene, as_json
+from .vtkhdf import Layout, Scene
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
@@ -85,8 +86,9 @@ class TrajectoryWriter:
     force
         Replace an existing file.
     behind
-        Continue the existing file after this many frames that were passed to `write`; later frames in it are
-        dropped. Its layout and attributes stay the same.
+        Continue the existing file after this many frames that were passed to `write`. Later frames in it stay as
+        long as the same ones are written again, and are dropped where another one is, once there is room on disk
+        for as many. Its layout and attributes stay the same.
 
     Raises
     ------
@@ -144,8 +146,8 @@ class TrajectoryWriter:
         self._file = GrowingFile(self.path, force, layout, about)
         if behind:
             kept = -(-behind // self._every)
-            _check_continuation(self.path, system, about[0], kept, readings)
-            self._file.reopen(system, kept, (behind - 1) / fps)
+            found = _check_continuation(self.path, system, about[0], kept, readings)
+            self._file.reopen(system, found, kept, (behind - 1) / fps)
         else:
             disk.writable_folder("path", self.path, self.path.parent)
         self._error: Exception | None = None
@@ -161,7 +163,12 @@ class TrajectoryWriter:
     @property
     def frame_count(self) -> int:
         """Frames in the file so far."""
-        return self._file.written
+        return self._file.frame_count
+
+    @property
+    def has_fewer(self) -> bool:
+        """Whether the file has fewer frames than when it was opened to be continued, as others came in between."""
+        return self.frame_count < self._file.found
 
     def write(
         self,
@@ -312,8 +319,8 @@ def _check_shape(name: str, values: NDArray, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
 
 
-def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> None:
-    """Raise ValueError unless the file holds so many frames of this system, and readings of these probes."""
+def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
+    """Return how many frames a file has; raise ValueError unless so many are of this system, with these probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(
@@ -326,6 +333,7 @@ def _check_continuation(path: Path, system: System, fps: float, kept: int, readi
             raise ValueError(f"{path} is of another system")
         if found.probes is not None and found.probes != ReadingTables(readings or {}).columns:
             raise ValueError(f"{path} has readings of other probes: {', '.join(found.probes)}")
+        return len(found)
 
 
 class _Arrived:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System, in_space
 from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS, lift
+from ..quiet import in_turn
 from ..world import Collider, Look, Scene
 from .atlas import atlas, plain
 from .collider_meshes import Mesh, meshes, walls
@@ -88,6 +89,7 @@ class Drawing:
     strain of connections, or None where they tell nothing.
     """
 
+    @in_turn
     def __init__(self, scene: Scene, colouring: str | Scale, device: str = "cpu") -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(colouring, Scale)
@@ -254,6 +256,7 @@ class Drawing:
         move_of = dict(zip(images, moves, strict=True))
         return texture, [move_of[key](uv) for key, uv in zip(keys, uvs, strict=True)]
 
+    @in_turn
     def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
         """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`.
 
@@ -272,6 +275,7 @@ class Drawing:
         for paint, one in self._painted:
             paint.apply(self._x, self._shares, one.colours)
 
+    @in_turn
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
         self.in_sight = slice(sum(len(one.points) for one in self.body), len(self.points))

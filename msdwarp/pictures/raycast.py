@@ -7,6 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.pictures import raycast
+from ..quiet import in_turn
 from .arrows import Arrows
 from .drawing import Drawing
 from .light import CORNERS, spread
@@ -27,6 +28,7 @@ they would overlap where bodies have moved past each other."""
 class RayCaster:
     """Draws a drawing by casting rays at it, on the device of the drawing."""
 
+    @in_turn
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self.drawing, device = drawing, drawing.device
         self._arrows = arrows
@@ -43,6 +45,7 @@ class RayCaster:
         self._on_gpu, self._size = on_gpu, (0, 0)
         self.look_from(stage.camera, (stage.width, stage.height))
 
+    @in_turn
     def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
         """Have the next pictures taken from another place, with another width and height; the lights stay."""
         look_from(self._view, camera, size)
@@ -58,11 +61,13 @@ class RayCaster:
         if self._on_gpu:
             self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
 
+    @in_turn
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
         self.refit()
         return self.shoot(shadows=shadows)
 
+    @in_turn
     def shoot(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stood when `refit` was called last."""
         self._view.shadows = int(shadows)
@@ -84,6 +89,7 @@ class RayCaster:
             wp.synchronize_stream(device)
         return self._host.numpy().astype(np.uint8)  # a copy
 
+    @in_turn
     def refit(self) -> None:
         """Have what is searched by rays be where the drawing is; every so often make its search tree anew.
 

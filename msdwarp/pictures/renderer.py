@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..quiet import start_warp
+from ..quiet import in_turn, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import Drawing, Scale
@@ -68,6 +68,7 @@ class Renderer:
         If OpenGL is requested but not available.
     """
 
+    @in_turn
     def __init__(
         self,
         scene: Scene,
@@ -137,6 +138,7 @@ class Renderer:
         """
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
+    @in_turn
     def bare(
         self,
         position: NDArray | wp.array | None,

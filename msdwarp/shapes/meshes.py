@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System
-from ..quiet import start_warp
+from ..quiet import in_turn, start_warp
 from .skin import SAMPLED, Skin, cell_centres, embedded, held
 
 _SAME = 1e-6
@@ -194,6 +194,7 @@ def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.int
             return first
 
 
+@in_turn
 def _filled(
     points: NDArray[np.float64], triangles: NDArray[np.intp], shape: NDArray[np.intp]
 ) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import resists
 from ..integrators import Integrator, UnstableStep
+from ..quiet import in_turn
 from ..world import Change, Collider, Gravity, Hand, Load, Touch, bound, check_loads, differ_in_values, with_touch
 from .pace import Pace
 from .present import Present
@@ -47,6 +48,7 @@ class Changing(Present):
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
 
+    @in_turn
     def change(
         self,
         *,

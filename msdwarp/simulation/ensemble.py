@@ -21,6 +21,7 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
+from ..quiet import in_turn
 from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene, Touch
 from .arguments import forced, frame_count
 from .changing import check_bears_touch
@@ -93,6 +94,7 @@ class Ensemble:
         If `substeps` is too small for the stability of a world.
     """
 
+    @in_turn
     def __init__(
         self,
         scene: Scene | System,
@@ -157,6 +159,7 @@ class Ensemble:
         self.model = EnsembleModel(self._base, self.worlds, self._rows, **around)
         self.reset()
 
+    @in_turn
     def reset(self) -> None:
         """Go back to the start."""
         self.frame_index = 0
@@ -221,6 +224,7 @@ class Ensemble:
         """Simulated time since the start [s]."""
         return self.frame_index / self.fps
 
+    @in_turn
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
         touching = self.model.touching
@@ -229,7 +233,7 @@ class Ensemble:
             self.frame_index += 1
             if touching is not None and not self._overrun_told and (doubt := touching.doubt()):
                 self._overrun_told = True
-                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=3)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
@@ -284,6 +288,7 @@ class Ensemble:
                 found[name] = rows[each % len(rows), 0]
         return found
 
+    @in_turn
     def frame(self) -> Frame:
         """Return current positions and velocities, shape [worlds, particle_count, d]."""
         model, v = self.model, self.velocity()
@@ -293,26 +298,31 @@ class Ensemble:
             velocity = velocity.astype(np.float64) - model.by_world(self.state.lost.v)
         return Frame(self.time, position, velocity)
 
+    @in_turn
     def velocity(self) -> wp.array:
         """Return the velocities at the same time as the positions [m/s], on the device."""
         return self._stepping.velocity()
 
     @property
+    @in_turn
     def status(self) -> NDArray[np.str_]:
         """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
         return np.array(STATUS)[self._stepping.watch.found()[0]]
 
     @property
+    @in_turn
     def diverged_at(self) -> NDArray[np.float64]:
         """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
         _, frame, _ = self._stepping.watch.found()
         return np.where(frame >= 0, frame / self.fps, np.nan)
 
     @property
+    @in_turn
     def diverged_particle(self) -> NDArray[np.int32]:
         """The first particle of each world that was no longer finite; −1 if there is none."""
         return self._stepping.watch.found()[2]
 
+    @in_turn
     def system_of(self, world: int, *, start: bool = False) -> System:
         """Return a world's system with its parameters, in its current or initial state."""
         world = self._number(world)
@@ -322,6 +332,7 @@ class Ensemble:
             fields |= {"position": now.position[world], "velocity": now.velocity[world]}
         return self._base.replace(**fields)
 
+    @in_turn
     def simulation_of(self, world: int, *, start: bool = True, **options: Any) -> Simulation:
         """Return a single world as a `Simulation`, in its current or initial state.
 
@@ -359,6 +370,7 @@ class Ensemble:
             raise ValueError(f"world is {world}; it must be below {self.worlds}, the number of worlds")
         return int(world)
 
+    @in_turn
     def explain(self, world: int) -> SimulationDiverged:
         """Return why a world diverged, as `Simulation` would report it: the substep, the particle, the connection.
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..engine import GroupMean, WorldEnergies
+from ..quiet import in_turn
 from ..world import FRAME, POSITION, VELOCITY, Probe
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ class Observation:
         self.values: list[NDArray] = []
         """Of each frame that was looked at, shape [worlds, ...]."""
 
+    @in_turn
     def look(self) -> None:
         """Read it once more."""
         self.values.append(np.asarray(self._read()))
@@ -73,6 +75,7 @@ class Observation:
         return ("world", "frame", *named[: values.ndim - 2]), values, {"units": self.unit} if self.unit else {}
 
 
+@in_turn
 def observations(ensemble: "Ensemble", observe: Mapping[str, Any]) -> list[Observation]:
     """Return what is to be observed; raise ValueError that names what cannot be."""
     found = []

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from ..bodies import Frame, System
 from ..engine import Measures, Model, State, measure
 from ..integrators import Integrator, StepChoice
+from ..quiet import in_turn
 from .readings import Readings
 from .stepping import Stepping
 
@@ -80,6 +81,7 @@ class Present:
         """Number of CPU threads; 1 on a GPU."""
         return self.stepping.dynamics.threads
 
+    @in_turn
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the current state."""
         return measure(self.model, self.state, self.stepping.velocity(), self.state.lost.x)
@@ -97,10 +99,12 @@ class Present:
         """
         return self.stepping.state.x
 
+    @in_turn
     def frame(self) -> Frame:
         """Return the current positions and velocities."""
         return self.stepping.frame(self.time)
 
+    @in_turn
     def contact_force(self) -> NDArray:
         """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
 
@@ -115,6 +119,7 @@ class Present:
         """
         return self.stepping.contact_force()
 
+    @in_turn
     def snapshot(self) -> System:
         """Return the system with its current positions, velocities and parameters."""
         _, position, velocity = self.frame()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
+from ..quiet import in_turn
 from .landing import RECORDING
 from .simulation import Simulation
 
@@ -39,6 +40,7 @@ class Readback:
         asked for.
     """
 
+    @in_turn
     def __init__(
         self, simulation: Simulation, *, strain: bool = True, contact_forces: bool = False, depth: int = 6
     ) -> None:
@@ -58,6 +60,12 @@ class Readback:
     def take(self) -> "Taken":
         """Return the present frame, which is on its way; wait while `depth` others have not been released."""
         room = self._free.get()
+        self._fill(room)
+        return Taken(self._simulation, room, self._free)
+
+    @in_turn
+    def _fill(self, room: "_Room") -> None:
+        """Have the present frame copied."""
         stepping = self._simulation.stepping  # anew each time: what changes a simulation replaces it
         state = stepping.state
         wp.copy(room.here["position"], state.x)
@@ -75,7 +83,6 @@ class Readback:
             stepping.felt.write_force(room.here["contact_force"])
         if self._stream is not None:
             room.send(self._stream)
-        return Taken(self._simulation, room, self._free)
 
     def _place_in(self, model: Model) -> wp.array | None:
         """Return, for each connection on the device, its number in the system; None where it is the same."""

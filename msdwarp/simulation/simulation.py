@@ -30,6 +30,7 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
+from ..quiet import in_turn
 from ..world import (
     Change,
     Collider,
@@ -126,6 +127,7 @@ class Simulation(Changing):
         If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
     """
 
+    @in_turn
     def __init__(
         self,
         system: System,
@@ -208,6 +210,7 @@ class Simulation(Changing):
     def __repr__(self) -> str:
         return headline(self, self._method, self._surroundings["colliders"])
 
+    @in_turn
     def reset(self) -> None:
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
@@ -243,6 +246,7 @@ class Simulation(Changing):
             return choose_forced(rates, self._method, self.fps, self._forced)
         return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
+    @in_turn
     def step(self, frames: int = 1) -> None:
         """Advance by one or more frames.
 
@@ -272,10 +276,10 @@ class Simulation(Changing):
                 self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
             if not self._overrun_told and (doubt := self.stepping.doubt()):
                 self._overrun_told = True
-                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=2)
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=3)
             if not self._rounding_told and self._pace is not None and self._pace.doubt:
                 self._rounding_told = True
-                warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=2)
+                warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=3)
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
@@ -336,6 +340,7 @@ class Simulation(Changing):
             self.step()
             yield self.frame()
 
+    @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return what `restore` needs to continue from this frame, bit for bit: arrays, and numbers and names."""
         arrays, numbers = checkpoint.saved(self.stepping)
@@ -347,6 +352,7 @@ class Simulation(Changing):
         own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.chosen]}
         return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
 
+    @in_turn
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
         """Go to a checkpoint of a simulation made with the same arguments.
 

@@ -28,6 +28,7 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
+from ..quiet import in_turn
 from ..world import FRAME, SUBSTEP, Hand, Load
 from .landing import RECORDING, Landing, to_host
 
@@ -338,6 +339,7 @@ class Stepping:
         self.felt.write_force(force)
         return to_host(force)
 
+    @in_turn
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that substeps have changed, but for positions and velocities."""
         changed = {}

@@ -16,6 +16,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import Touching
 from ..integrators import UnstableStep
+from ..quiet import in_turn
 from ..simulation import Ensemble, Simulation, frame_count
 from ..world import Scene
 from .workers import gpus_for
@@ -203,6 +204,19 @@ def _rows(scenes: list[Scene]) -> dict[str, NDArray[np.float64]]:
     return differing
 
 
+def _arrays_of(now: Any, compensated: bool) -> list[Any]:
+    """Return the arrays on the device that a state is."""
+    return [now.x, now.v, *now.carried, *((now.lost.x, now.lost.v) if compensated else ())]
+
+
+@in_turn
+def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
+    """Return what moves as it is now, shape [worlds, ...] each, and of each world what sticks to what."""
+    model = ensemble.model
+    moving = [model.by_world(array) for array in _arrays_of(ensemble.state.here, model.compensated)]
+    return moving, model.touching.checkpoints() if model.touching is not None else []
+
+
 def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
     """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
 
@@ -212,19 +226,16 @@ def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: di
     left = 1 if first.scene.probes else 0
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
-    here, model = ensemble.state.here, ensemble.model
-    arrays = [here.x, here.v, *here.carried, *((here.lost.x, here.lost.v) if model.compensated else ())]
-    moving = [model.by_world(array) for array in arrays]
-    sticking = model.touching.checkpoints() if model.touching is not None else []
+    moving, sticking = _reached(ensemble)
     running = ensemble.status == "running"
     seconds = (time.perf_counter() - began) / len(several)
-    how = {"integrator": ensemble.integrator, "substeps": ensemble.substeps, "route": model.route}
+    how = {"integrator": ensemble.integrator, "substeps": ensemble.substeps, "route": ensemble.model.route}
 
+    @in_turn
     def alone(world: int, asked: Asked) -> Simulation:
         simulation = Simulation.of(asked.scene, **(asked.options | how))
         now = simulation.state.here
-        own = [now.x, now.v, *now.carried, *((now.lost.x, now.lost.v) if model.compensated else ())]
-        for array, values in zip(own, moving, strict=True):
+        for array, values in zip(_arrays_of(now, ensemble.model.compensated), moving, strict=True):
             array.assign(values[world])
         for effect in simulation.model.effects:
             if isinstance(effect, Touching):

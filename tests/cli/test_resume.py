@@ -4,10 +4,12 @@ import shutil
 import subprocess
 import sys
 
+import h5py
 import pytest
 from runs import SCENE, UNDRAWN, assert_same_run
 
 from msdwarp import Trajectory
+from msdwarp.cli import run
 from msdwarp.integrators.catalogue import METHODS
 
 QUICK = [("leapfrog", "float32")]
@@ -162,6 +164,31 @@ def test_a_restart_file_does_not_say_where_a_log_appears(msdwarp, tmp_path):
     assert not (tmp_path / "elsewhere.csv").exists()
     assert msdwarp("resume", "out/cube", "--duration", "0.2", "--trust")[0] == 0
     assert (tmp_path / "elsewhere.csv").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("other", [False, True], ids=["the same frames again", "others"])
+def test_where_no_restart_file_can_be_written_no_frame_is_lost(msdwarp, own, monkeypatch, other):
+    def full(path, *_):
+        raise OSError(28, "No space left on device", str(path))
+
+    folder = own.parent / "out" / "own"
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
+    early = (folder / "restart.h5").read_bytes()
+    assert msdwarp("resume", str(folder), "--duration", "0.3")[0] == 0
+    (folder / "restart.h5").write_bytes(early)
+    if other:  # as they are on another device
+        with h5py.File(folder / "trajectory.vtkhdf", "r+") as file:
+            file["VTKHDF/Points"][-1] += 1e-6
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "write_restart", full)
+        code, _, err = msdwarp("resume", str(folder), "--duration", "0.4")
+    assert (code, "No space left on device" in err) == (1, True)
+    with Trajectory(folder / "trajectory.vtkhdf") as found:
+        assert len(found) >= 19
+    assert msdwarp("resume", str(folder), "--duration", "0.4")[0] == 0
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.4", "--out", "whole")[0] == 0
+    assert_same_run(folder, own.parent / "whole")
 
 
 @pytest.mark.slow

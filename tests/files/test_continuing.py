@@ -1,6 +1,9 @@
 """Writing goes on behind frames that are there, whatever the writer before left."""
 
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -160,3 +163,62 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(tmp_path):
     with pytest.raises(FileNotFoundError):
         TrajectoryWriter(tmp_path / "none.vtkhdf", system, fps=60, behind=2)
     assert path.read_bytes() == before
+
+
+GO_ON_FULL = """
+import resource, sys
+sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from trajectories import SYSTEMS, frames
+from msdwarp import TrajectoryWriter
+path, shift, room = Path(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
+resource.setrlimit(resource.RLIMIT_FSIZE, 2 * (path.stat().st_size + room,))
+try:
+    with TrajectoryWriter(path, SYSTEMS["box"], fps=60, behind=4) as writer:
+        for frame in list(frames(SYSTEMS["box"], 20_000))[4:]:
+            writer.write(frame._replace(position=frame.position + shift))
+except OSError as error:
+    sys.exit(str(error))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("shift", [0.0, 1.0], ids=["the same frames again", "others"])
+@pytest.mark.parametrize("room", [0, pytest.param(600_000, marks=pytest.mark.slow)])
+def test_on_a_full_disk_there_are_never_fewer_frames_than_before(tmp_path, compress, shift, room):
+    system = SYSTEMS["box"]
+    path = write(tmp_path / "a.vtkhdf", system, 12, compress=compress)
+    code = [sys.executable, "-c", GO_ON_FULL, Path(__file__).parents[1], path, str(shift), str(room)]
+    done = subprocess.run(code, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 1
+    with Trajectory(path) as found:
+        assert f"File too large; its first {len(found)} frames are kept" in done.stderr
+        assert len(found) > 12 if room else len(found) == 12
+        moved = np.array(
+            [(found.positions[k] != frame.position).any() for k, frame in enumerate(frames(system, 12))]
+        )
+        # Others come in their place where there is room for them all, and else none.
+        assert moved.tolist() == [shift > 0 and room > 0 and k >= 4 for k in range(12)]
+
+
+def test_frames_stay_until_others_come_in_their_place(tmp_path):
+    system = SYSTEMS["box"]
+    path, expected = write(tmp_path / "a.vtkhdf", system, 12), list(frames(system, 12))
+    go_on(path, system, [], 4)
+    go_on(path, system, expected[:7], 4)
+    assert_holds(path, expected)
+    with TrajectoryWriter(path, system, fps=60, behind=4) as writer:
+        writer.write(expected[4])
+        writer.flush()
+        assert (writer.frame_count, writer.has_fewer) == (12, False)
+        other = expected[5]._replace(position=expected[5].position + 1)
+        writer.write(other)
+        writer.flush()
+        assert (writer.frame_count, writer.has_fewer) == (6, True)
+        for frame in expected[6:]:
+            writer.write(frame)
+        writer.flush()
+        assert (writer.frame_count, writer.has_fewer) == (12, False)
+    assert_holds(path, [*expected[:5], other, *expected[6:]])

@@ -81,6 +81,30 @@ def test_a_damaged_file_is_refused_or_nothing_is_lost(path, step):
     assert refused > len(whole) / step / 3
 
 
+def test_a_lost_page_is_told_whatever_it_held(tmp_path):
+    # Sums modulo 65535, as HDF5's own checksums are, are the same for 0xFFFF as for 0.
+    path = tmp_path / "restart.h5"
+    for held, lost in ((0xFF, 0x00), (0x00, 0xFF)):
+        write_restart(path, {"partner": np.full(4096, held, dtype=np.uint8)}, {})
+        whole = path.read_bytes()
+        page = bytes([held]) * 4096
+        assert whole.count(page) == 1
+        path.write_bytes(whole.replace(page, bytes([lost]) * 4096))
+        with pytest.raises(ValueError, match=r"restart\.h5 is damaged: .*it is not what its checksum is of"):
+            read_restart(path)
+
+
+def test_a_file_of_an_earlier_version_opens(path):
+    arrays, _ = read_restart(path)
+    with h5py.File(path, "r+", libver=("v110", "v110")) as file:  # arrays in chunks, with HDF5's own checksums
+        for name in ("description", *(f"arrays/{k}" for k in range(len(arrays)))):
+            values = file[name][()].ravel()
+            checked = {"fletcher32": True, "chunks": (len(values),)} if len(values) else {}
+            del file[name]
+            file.create_dataset(name, data=values, **checked)
+    assert_whole(path)
+
+
 def test_a_short_or_foreign_file_is_refused_by_what_is_wrong(path):
     whole = path.read_bytes()
     for size in (100, len(whole) // 2, len(whole) - 1):

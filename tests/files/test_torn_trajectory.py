@@ -28,7 +28,8 @@ def record(path, frames: int = 8, *, compress: bool = False, **options) -> Simul
         for k in range(frames):
             if k:
                 simulation.step()
-            writer.write_pending(readback.take())
+            if k >= options.get("behind", 0):
+                writer.write_pending(readback.take())
     return simulation
 
 
@@ -57,17 +58,21 @@ def test_a_file_that_grows_says_it_so_far(tmp_path):
                 np.testing.assert_array_equal(found.broken_at, now.broken_at)
 
 
-def test_what_breaks_behind_the_frames_kept_is_whole_again(tmp_path):
+def test_what_breaks_behind_the_frames_kept_is_whole_again_where_another_comes(tmp_path):
     whole, path = tmp_path / "whole.vtkhdf", tmp_path / "a.vtkhdf"
     record(whole)
     record(path)
     with Trajectory(whole) as found:
-        system, broken_at, times = found.system, found.broken_at, found.times
-    with TrajectoryWriter(path, system, fps=600, behind=2):
-        pass
+        system, broken_at, times, other = found.system, found.broken_at, found.times, found[2]
+    record(path, 4, behind=2)
     with Trajectory(path) as found:
-        assert len(found) == 2
-        expected = np.where(broken_before(broken_at, times[1]), broken_at, np.inf)
+        assert len(found) == len(times)  # those were the same again
+        np.testing.assert_array_equal(found.broken_at, broken_at)
+    expected = np.where(broken_before(broken_at, times[1]), broken_at, np.inf)
+    with TrajectoryWriter(path, system, fps=600, behind=2) as writer:
+        writer.write(other._replace(position=other.position + 1), broken_at=expected)
+    with Trajectory(path) as found:
+        assert len(found) == 3
         np.testing.assert_array_equal(found.broken_at, expected)
         assert 0 < np.isfinite(expected).sum() < np.isfinite(broken_at).sum()
 

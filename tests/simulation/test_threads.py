@@ -1,0 +1,230 @@
+"""Several threads of Python: each makes, steps, reads and draws simulations of its own, or another one's."""
+
+import os
+import subprocess
+import sys
+import threading
+import traceback
+
+import numpy as np
+import pytest
+import warp as wp
+
+from msdwarp import (
+    Ensemble,
+    Plane,
+    Probe,
+    Renderer,
+    Scene,
+    Simulation,
+    Trajectory,
+    TrajectoryWriter,
+    as_stiff_as,
+    box,
+    chain,
+    quiet,
+)
+from msdwarp.quiet import in_turn
+from msdwarp.simulation import Readback
+from msdwarp.studies.history import history
+
+HAMMER = """
+import sys, threading
+import numpy as np
+from msdwarp import Plane, Simulation, box, chain
+from msdwarp.simulation import Readback
+
+cube = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).translate((0, 0, 0.2))
+rope = chain(5)
+device = sys.argv[1]
+
+def falling(threads="auto"):
+    simulation = Simulation(cube, colliders=[Plane()], device=device, threads=threads)
+    readback = Readback(simulation)
+    for _ in range(4):
+        simulation.step()
+        taken = readback.take()
+        strain = taken.arrived()[1].copy()
+        taken.release()
+    simulation.change(velocity=(1, 0, 0))
+    simulation.step(3)
+    return [*simulation.frame()[1:], strain]
+
+def shared():
+    return falling(threads=2 if device == "cpu" else "auto")
+
+def swinging():
+    simulation = Simulation(rope, device=device)
+    simulation.step(5)
+    return list(simulation.frame()[1:])
+
+kinds = [falling, shared, swinging, falling, shared, swinging, falling, swinging]
+together, found, errors = threading.Barrier(len(kinds)), {}, []
+
+def work(k):
+    try:
+        together.wait()
+        for n in range(int(sys.argv[2])):
+            found[k, n] = kinds[(k + n) % len(kinds)]()
+    except BaseException as error:
+        errors.append(error)
+        raise
+
+threads = [threading.Thread(target=work, args=(k,)) for k in range(len(kinds))]
+for one in threads:
+    one.start()
+for one in threads:
+    one.join()
+expected = {kind: kind() for kind in dict.fromkeys(kinds)}
+for (k, n), got in found.items():
+    for one, other in zip(got, expected[kinds[(k + n) % len(kinds)]], strict=True):
+        np.testing.assert_array_equal(one, other)
+sys.exit(len(errors))
+"""
+
+
+@pytest.mark.slow
+def test_eight_threads_at_a_time_get_what_one_gets_where_nothing_is_compiled(tmp_path, plain_device):
+    around = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+    code = [sys.executable, "-X", "faulthandler", "-c", HAMMER, plain_device, "2"]
+    done = subprocess.run(code, env=around, capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def in_a_thread(function):
+    """Return what a function returns in a thread of its own."""
+    found = []
+    thread = threading.Thread(target=lambda: found.append(function()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def test_a_simulation_made_in_one_thread_is_stepped_in_another(plain_device):
+    def made():
+        return Simulation(chain(5), device=plain_device)
+
+    here, there = made(), in_a_thread(made)
+    in_a_thread(lambda: here.step(2))
+    there.step(2)
+    for simulation in (here, there):
+        in_a_thread(simulation.step)
+        simulation.step()
+    expected = made()
+    expected.step(4)
+    for simulation in (here, there):
+        for one, other in zip(in_a_thread(simulation.frame), expected.frame(), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def is_taken():
+    """Tell whether it is this thread's turn, or that of the one that it draws for."""
+    free = not getattr(quiet._mine, "turn", False) and quiet._turn.acquire(blocking=False)
+    if free:
+        quiet._turn.release()
+    return not free
+
+
+@pytest.mark.slow
+def test_all_that_is_done_with_warp_is_done_in_turn(tmp_path, monkeypatch, plain_device):
+    outside = []
+
+    def watched(name, function):
+        def call(*arguments, **options):
+            if not is_taken():
+                outside.append((name, "".join(traceback.format_stack(limit=6))))
+            return function(*arguments, **options)
+
+        return call
+
+    for name in ("launch", "copy", "capture_begin", "zeros", "empty", "full"):
+        monkeypatch.setattr(wp, name, watched(name, getattr(wp, name)))
+    monkeypatch.setattr(wp.array, "numpy", watched("numpy", wp.array.numpy))
+
+    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).translate((0, 0, 0.2))
+    scene = Scene(system=body, colliders=[Plane()], probes={"top": Probe(slice(0, 3), "position")})
+    simulation = Simulation.of(scene, device=plain_device, contact_forces=True)
+    readback = Readback(simulation, contact_forces=True)
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", body, fps=60, contact_forces=True) as writer:
+        for _ in simulation.frames(0.05):
+            writer.write_pending(readback.take())
+    kept = simulation.checkpoint()
+    simulation.change(gravity=1.0)
+    simulation.change(velocity=(1, 0, 0))
+    simulation.change(stiffness=200.0)
+    simulation.step()
+    _ = simulation.measure(), simulation.contact_force(), simulation.snapshot(), simulation.rest_length
+    simulation.reset()
+    simulation.restore(*kept)
+    _ = repr(simulation), simulation.readings["top"]
+
+    ensemble = Ensemble(scene, 3, stiffness=[100.0, 200.0, 300.0], device=plain_device)
+    ensemble.run(0.05, observe={"top": Probe(slice(0, 3), "position"), "energy": "energy"})
+    _ = ensemble.system_of(1), ensemble.status, ensemble.diverged_at, ensemble.diverged_particle
+    ensemble.simulation_of(1, start=False).step()
+    as_stiff_as(body, body)
+
+    for backend in ("raster", "raycast"):
+        device = plain_device if backend == "raycast" else None
+        Renderer(scene, body.position[np.newaxis], resolution=(32, 32), backend=backend, device=device).image(
+            simulation.positions
+        )
+    with Trajectory(tmp_path / "a.vtkhdf") as trajectory:
+        list(history(trajectory, gravity=9.82))
+    assert not outside, "\n".join(outside[0])
+
+
+def test_turns_are_taken_one_after_the_other():
+    inside, seen, go_on = [], [], threading.Event()
+
+    @in_turn
+    def once(n):
+        inside.append(n)
+        seen.append(len(inside))
+        within(n)
+        go_on.wait(60)
+        inside.remove(n)
+
+    @in_turn
+    def within(n):  # who has the turn has it within, too
+        assert n in inside
+
+    threads = [threading.Thread(target=once, args=(n,)) for n in range(8)]
+    for one in threads:
+        one.start()
+    go_on.set()
+    for one in threads:
+        one.join()
+    assert seen == [1] * 8
+
+
+def test_after_an_error_others_have_their_turn():
+    @in_turn
+    def fails():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fails()
+    assert in_a_thread(in_turn(lambda: 1)) == 1
+
+
+def test_a_process_that_was_forked_meanwhile_has_turns_of_its_own():
+    if not hasattr(os, "fork"):
+        pytest.skip("needs fork")
+    code = """
+import os, signal, threading
+from msdwarp.quiet import in_turn
+inside, end = threading.Event(), threading.Event()
+other = threading.Thread(target=in_turn(lambda: (inside.set(), end.wait())))
+other.start()
+inside.wait()
+child = os.fork()
+if child == 0:
+    signal.alarm(60)  # a turn that never comes
+    in_turn(lambda: os._exit(7))()
+code = os.waitpid(child, 0)[1]
+end.set()
+raise SystemExit(os.waitstatus_to_exitcode(code))
+"""
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], timeout=600)
+    assert done.returncode == 7
