@@ -4,7 +4,7 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, Ledger, potential, rounding_energy, size, weight
+from .balance import Balance, Ledger, is_told_by_frames, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Effect, Steps
 from .ensemble_dynamics import EnsembleDynamics, EnsembleStepper
@@ -56,6 +56,7 @@ __all__ = [
     "cores",
     "doubt_start",
     "felt_by",
+    "is_told_by_frames",
     "measure",
     "potential",
     "rate_bounds",

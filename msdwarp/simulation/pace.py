@@ -185,7 +185,7 @@ class Pace:
             return stepping
         start = None
         while True:
-            now = stepping.balance() if fine else None
+            now = stepping.balance_of_frame() if fine else None
             if now is not None and self._is_well(stepping, now):
                 if start is not None:  # refined for what has risen by now: the next rise counts from here
                     self.least = max(self.least, now.energy - SLOW * self._allowed(now))

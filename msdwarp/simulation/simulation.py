@@ -233,7 +233,8 @@ class Simulation(Changing):
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
         how: Any = (Dynamics(model, threads=threads_for(model, self._threads)), state, self._method, choice)
-        self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks, time=self.time)
+        limits: Any = {"energy_limit": self._energy_limit, "paced": self._pace is not None}
+        self.stepping = Stepping(*how, **limits, blocks=self._blocks, time=self.time)
         if self._pace is not None:
             self._pace.begin(self.stepping, above)
 

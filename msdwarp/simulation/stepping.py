@@ -22,6 +22,7 @@ from ..engine import (
     Steps,
     Watch,
     felt_by,
+    is_told_by_frames,
     potential,
     sensors_of,
     size,
@@ -62,6 +63,8 @@ class Stepping:
         See `Simulation`.
     blocks
         See `Simulation`.
+    paced
+        Whether the balance is asked for behind frames.
     baseline
         What the energy is compared with; by default the present state's.
     time
@@ -88,11 +91,12 @@ class Stepping:
         *,
         energy_limit: float,
         blocks: Blocks,
+        paced: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
         self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
-        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
+        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks, "paced": paced}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
         own = self.integrator
@@ -118,7 +122,9 @@ class Stepping:
         self._sums: Any = None
         self._unrecorded = self._unsummed = 0
         """How often a frame, and a balance, are launched before they are recorded."""
-        self._ledger: Ledger | None = None
+        self._tells = paced and is_told_by_frames(dynamics)
+        """Whether frames tell their balance."""
+        self._ledger: Ledger | None = self._opened_ledger() if self._tells else None
         self.integrator.start(dynamics, state, self._work, choice.step)
 
     def with_choice(self, choice: StepChoice) -> Self:
@@ -255,7 +261,10 @@ class Stepping:
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
-        self.watch.look()
+        if self._tells and self._ledger is not None:
+            self._ledger.launch(self.watch.found)
+        else:
+            self.watch.look()
         if self._sensors is not None:
             self._sensors.launch(self.velocity() if self._sensors.moves else self.state.v)
 
@@ -268,17 +277,27 @@ class Stepping:
     def balance(self) -> Balance:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
-            self._ledger = Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
+            self._ledger = self._opened_ledger()
+        found = self.watch.found
         if self._unsummed:
             self._unsummed -= 1
-            self._ledger.launch()
-            return self._ledger.balance()
+            self._ledger.launch(found)
+            return self._ledger.balance(found.read())
         if self._sums is None:
             with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-                self._ledger.launch()
+                self._ledger.launch(found)
             self._sums = capture.graph
         wp.capture_launch(self._sums)
-        return self._ledger.balance()
+        return self._ledger.balance(found.read())
+
+    def _opened_ledger(self) -> Ledger:
+        return Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
+
+    def balance_of_frame(self) -> Balance:
+        """Return the balance of the frame just advanced by; on a GPU that of a small body costs nothing more."""
+        if self._tells and self._ledger is not None:
+            return self._ledger.balance(self.watch.told)
+        return self.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
         """Return what probes have told of the frame that was advanced by last, by their names.
