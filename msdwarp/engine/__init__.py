@@ -12,6 +12,7 @@ from .ensemble_model import EnsembleModel
 from .ensemble_sums import GroupMean, WorldEnergies, world_rates
 from .ensemble_watch import EnsembleWatch
 from .feeling import Felt, felt_by
+from .found import Found
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
@@ -38,6 +39,7 @@ __all__ = [
     "EnsembleStepper",
     "EnsembleWatch",
     "Felt",
+    "Found",
     "GroupMean",
     "Ledger",
     "Measures",

@@ -4,21 +4,14 @@ from typing import Any
 
 import warp as wp
 
-from ..kernels.reductions import LOOKING_BLOCK
+from ..kernels.reductions import LOOKING_BLOCK, columns
 
 MOST_BLOCKS = 512
 """Blocks of threads that look over a state on a GPU: some for each multiprocessor."""
 
 
 class Found:
-    """Numbers in float64 that a device writes where the host reads: nothing needs to be copied.
-
-    Parameters
-    ----------
-    device
-        Whose kernels write them.
-    count
-        How many there are.
+    """What is found about a state (`msdwarp.kernels.reductions.columns`): a device writes where the host reads.
 
     Attributes
     ----------
@@ -26,17 +19,23 @@ class Found:
         The array, as kernels write it.
     """
 
-    def __init__(self, device: Any, count: int) -> None:
-        self._device = device
+    def __init__(self, device: Any) -> None:
+        count, self._device = columns.COLUMNS, device
         self._here = self.there = wp.zeros(count, dtype=wp.float64, device="cpu", pinned=device.is_cuda)
         self._seen = self._here.numpy()
         if device.is_cuda:
             self.there = wp.array(ptr=self._here.ptr, dtype=wp.float64, shape=count, device=device)
+            self._written = wp.Event(device)
+
+    def mark(self) -> None:
+        """Have `read` wait for what has been launched by now."""
+        if self._device.is_cuda:
+            self._device.stream.record_event(self._written)
 
     def read(self) -> list[float]:
-        """Wait for what was launched, and return the numbers: as Python's, with which the host is faster."""
+        """Wait up to the mark, and return the numbers: as Python's, with which the host is faster."""
         if self._device.is_cuda:
-            wp.synchronize_stream(self._device.stream)
+            wp.synchronize_event(self._written)
         return self._seen.tolist()
 
 

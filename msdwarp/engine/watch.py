@@ -48,8 +48,8 @@ class Watch:
         self._energy_limit = energy_limit
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
-        self.found, self.told = Found(model.device, columns.COLUMNS), list[float]()
-        """Where what is launched writes by default, and what the host has read there."""
+        self.told = list[float]()
+        """What was read last of what has been found."""
         self._sweep = Sweep(model.device, model.particle_count, columns.LOOKED)
         self._work, self._most_work = model.work, 0.0
         # What loads have done is no sign of divergence.
@@ -63,17 +63,17 @@ class Watch:
         energy, scale = self.baseline
         self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
 
-    def look(self) -> None:
-        """Launch what finds out about the present state."""
+    def look(self, found: Found) -> None:
+        """Launch what finds out about the present state; it may be recorded."""
         model, state = self._model, self._state
         if self._work is not None and self._shares is not None:
             self._work.launch(state.x, state.v, self._shares)
         inputs = [model.inverse_mass, model.gravity, state.x, state.v, self._shares]
-        self._sweep.launch(look_over(model.dim, model.scalar), inputs, self.found.there)
+        self._sweep.launch(look_over(model.dim, model.scalar), inputs, found.there)
 
-    def finds_trouble(self) -> bool:
-        """Wait for what was launched last, and tell whether the state that it looked at has diverged."""
-        self.told = told = self.found.read()
+    def finds_trouble(self, found: Found) -> bool:
+        """Wait for what was found about a state, and tell whether it has diverged."""
+        self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self._most
         if self._work is not None:
             work = self._work.before + told[columns.WORK]

@@ -177,6 +177,7 @@ class Pace:
             If no number of substeps does; the state is then that after the last try.
         """
         if self.anew:
+            stepping.land()
             stepping = self._begun_anew(stepping, bound)
         usual, tried = self.refinement, list[float]()
         fine = stepping.advance(time, then)
