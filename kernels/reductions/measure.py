@@ -1,7 +1,6 @@
 """Measures of a state, in float64 whatever the precision of the simulation: sums, and the strain of everything.
 
-Every thread sums a share of its own, strided so that neighbours in memory are read together; the host adds the
-shares. The order of sums is fixed, so a measure of a state is the same each time.
+The order of sums is fixed, so a measure of a state is the same each time.
 """
 
 import functools
@@ -10,92 +9,9 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..forces import Law, damper_force
-
-KINETIC, POTENTIAL, MOMENTUM, ANGULAR_MOMENTUM = 0, 1, 2, 5
-"""Columns of what `sum_particles` gives: one [J], one [J], three [kg m/s] and three [kg m²/s]."""
-PARTICLE_COLUMNS = 8
-ELASTIC, DISSIPATED, STRAIN = 0, 1, 2
-"""Columns of what `sum_connections` gives: [J], [W] and a strain, which is the largest, not a sum."""
-CONNECTION_COLUMNS = 3
-
-
-@functools.cache
-def sum_particles(dim: int, scalar: type):
-    """Compose the kernel that sums over the particles that are not pinned."""
-    V = vector(dim, scalar)
-
-    @kernel
-    def sum_over_particles(
-        # Model:
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
-        gravity: V,  # [m/s²]
-        # State in:
-        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
-        # Out:
-        shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, PARTICLE_COLUMNS]
-    ):
-        share = wp.tid()
-        i = share
-        kinetic = wp.float64(0.0)
-        potential = wp.float64(0.0)
-        momenta = wp.vec3d()
-        turns = wp.vec3d()
-        while i < x.shape[0]:
-            w = wp.float64(inverse_mass[i])
-            if w > wp.float64(0.0):
-                mass = wp.float64(1.0) / w
-                position = wp.vec3d()
-                momentum = wp.vec3d()
-                fall = wp.float64(0.0)
-                for k in range(wp.static(dim)):
-                    position[k] = wp.float64(x[i][k])
-                    momentum[k] = mass * wp.float64(v[i][k])
-                    fall += wp.float64(gravity[k]) * position[k]
-                kinetic += wp.float64(0.5) * w * wp.dot(momentum, momentum)
-                potential -= mass * fall
-                momenta += momentum
-                turns += wp.cross(position, momentum)
-            i += shares.shape[0]
-        shares[share, wp.static(KINETIC)] = kinetic
-        shares[share, wp.static(POTENTIAL)] = potential
-        for k in range(3):
-            shares[share, wp.static(MOMENTUM) + k] = momenta[k]
-            shares[share, wp.static(ANGULAR_MOMENTUM) + k] = turns[k]
-
-    return sum_over_particles
-
-
-@functools.cache
-def sum_difference(dim: int, scalar: type):
-    """Compose the kernel that sums ½ m |v − u|² over the particles that are not pinned."""
-    V = vector(dim, scalar)
-
-    @kernel
-    def sum_differences(
-        # Model:
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
-        # State in:
-        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
-        u: wp.array(dtype=V),  # others [m/s], shape [particle_count]
-        # Out:
-        shares: wp.array2d(dtype=wp.float64),  # [J], shape [thread_count, 1]
-    ):
-        share = wp.tid()
-        i = share
-        total = wp.float64(0.0)
-        while i < v.shape[0]:
-            w = wp.float64(inverse_mass[i])
-            if w > wp.float64(0.0):
-                square = wp.float64(0.0)
-                for k in range(wp.static(dim)):
-                    apart = wp.float64(v[i][k]) - wp.float64(u[i][k])
-                    square += apart * apart
-                total += wp.float64(0.5) * square / w
-            i += shares.shape[0]
-        shares[share, 0] = total
-
-    return sum_differences
+from ..records import records
+from .columns import COLUMNS, NONE
+from .divergence import add_up, free_energies
 
 
 @functools.cache
@@ -116,31 +32,77 @@ def difference(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def sum_connections(dim: int, scalar: type, compensated: bool, law: Law, tears: bool = False):
-    """Compose the kernel that sums over the connections; with `compensated` true positions are x − x_lost.
+def sum_up(dim: int, scalar: type, compensated: bool, law: Law, tears: bool, chosen: bool):
+    """Compose the kernel that finds all that is asked of a state, in all of `columns`.
 
-    With `tears` true those that have neither stiffness nor damping are broken: their strain is nobody's.
+    With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
+    have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
     """
-    V, resistance = vector(dim, scalar), damper_force(wp.float64, law)
-    apart = difference(dim, scalar, compensated)
+    V, resistance, energies_of = vector(dim, scalar), damper_force(wp.float64, law), free_energies(dim, scalar)
+    apart, add_up_columns = difference(dim, scalar, compensated), add_up(COLUMNS)
+    load, Columns = records(dim, scalar).load, wp.types.vector(COLUMNS, wp.float64)
 
-    @kernel
-    def sum_over_connections(
+    def sum_up_state(
         # Model:
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        gravity: V,  # [m/s²]
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
         stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
         damping: wp.array(dtype=scalar),  # b in the units of the law, shape [connection_count]
+        counts: wp.array(dtype=wp.uint8),  # whether its strain does, shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
         x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        u: wp.array(dtype=V),  # velocities as the method has them [m/s], shape [particle_count]
+        v: wp.array(dtype=V),  # those at the instant of the positions [m/s], shape [particle_count]
+        work: wp.array(dtype=wp.float64),  # to be added up [J], shape [any]
+        # Between:
+        threads: int,  # how many there are
+        blocks: wp.array2d(dtype=wp.float64),  # what each has found, shape [COLUMNS, block_count]
+        done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [1]
         # Out:
-        shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, CONNECTION_COLUMNS]
+        found: wp.array(dtype=wp.float64),  # shape [COLUMNS]
     ):
-        share = wp.tid()
-        c = share
-        half = wp.float64(0.5)
+        i = wp.tid()
+        first = int(wp.static(NONE))
+        kinetic = wp.float64(0.0)
+        potential = wp.float64(0.0)
+        mean = wp.float64(0.0)
+        swing = wp.float64(0.0)
+        momenta = wp.vec3d()
+        turns = wp.vec3d()
+        while i < x.shape[0]:
+            x_i = load(x, i)
+            u_i = load(u, i)
+            if not (wp.isfinite(x_i) and wp.isfinite(u_i)):
+                first = wp.min(first, i)
+            moves, falls = energies_of(inverse_mass[i], gravity, x_i, u_i)
+            kinetic += moves
+            potential += falls
+            w = wp.float64(inverse_mass[i])
+            if w > wp.float64(0.0):
+                v_i = load(v, i)
+                mass = wp.float64(1.0) / w
+                position = wp.vec3d()
+                momentum = wp.vec3d()
+                square = wp.float64(0.0)
+                for k in range(wp.static(dim)):
+                    position[k] = wp.float64(x_i[k])
+                    momentum[k] = mass * wp.float64(v_i[k])
+                    ahead = wp.float64(v_i[k]) - wp.float64(u_i[k])
+                    square += ahead * ahead
+                mean += wp.float64(0.5) * w * wp.dot(momentum, momentum)
+                swing += wp.float64(0.5) * mass * square
+                momenta += momentum
+                turns += wp.cross(position, momentum)
+            i += threads
+        done_work = wp.float64(0.0)
+        i = wp.tid()
+        while i < work.shape[0]:
+            done_work += work[i]
+            i += threads
+        c = wp.tid()
         elastic = wp.float64(0.0)
         dissipated = wp.float64(0.0)
         strain = wp.float64(0.0)
@@ -154,20 +116,38 @@ def sum_connections(dim: int, scalar: type, compensated: bool, law: Law, tears: 
                 closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
             length = wp.length(dx)
             stretch = length - rest
-            elastic += half * wp.float64(stiffness[c]) * stretch * stretch
+            elastic += wp.float64(0.5) * wp.float64(stiffness[c]) * stretch * stretch
             if length > wp.float64(0.0):
                 rate = closing / length
                 dissipated += resistance(rate, wp.float64(damping[c])) * rate
             if wp.static(tears):
                 if stiffness[c] == scalar(0.0) and damping[c] == scalar(0.0):
                     stretch = wp.float64(0.0)
+            if wp.static(chosen):
+                if counts[c] == wp.uint8(0):
+                    stretch = wp.float64(0.0)
             strain = wp.max(strain, wp.abs(stretch) / rest)
-            c += shares.shape[0]
-        shares[share, wp.static(ELASTIC)] = elastic
-        shares[share, wp.static(DISSIPATED)] = dissipated
-        shares[share, wp.static(STRAIN)] = strain
+            c += threads
+        own = Columns(
+            -wp.float64(first),
+            strain,
+            kinetic,
+            potential,
+            done_work,
+            mean,
+            swing,
+            momenta[0],
+            momenta[1],
+            momenta[2],
+            turns[0],
+            turns[1],
+            turns[2],
+            elastic,
+            dissipated,
+        )
+        add_up_columns(own, blocks, done, found)
 
-    return sum_over_connections
+    return kernel(sum_up_state, grid_stride=False)
 
 
 @kernel
@@ -200,23 +180,6 @@ def put_in_order(
     """Write what connections have in another order."""
     c = wp.tid()
     result[place[c]] = values[c]
-
-
-@functools.cache
-def take(scalar: type):
-    """Compose the kernel that copies some numbers."""
-
-    @kernel
-    def take_each(
-        numbers: wp.array(dtype=scalar),
-        index: wp.array(dtype=int),  # which, shape [count]
-        # Out:
-        taken: wp.array(dtype=scalar),  # shape [count]
-    ):
-        k = wp.tid()
-        taken[k] = numbers[index[k]]
-
-    return take_each
 
 
 @functools.cache

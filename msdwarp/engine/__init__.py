@@ -4,7 +4,7 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, Ledger, potential, rounding_energy, size, weight
+from .balance import Balance, Ledger, is_told_by_frames, potential, rounding_energy, size, weight
 from .dynamics import Dynamics
 from .effect import Effect, Steps
 from .ensemble_dynamics import EnsembleDynamics, EnsembleStepper
@@ -12,6 +12,7 @@ from .ensemble_model import EnsembleModel
 from .ensemble_sums import GroupMean, WorldEnergies, world_rates
 from .ensemble_watch import EnsembleWatch
 from .feeling import Felt, felt_by
+from .found import Found
 from .linearised import add_linearised, write_diagonal_blocks
 from .measures import Measures, measure, write_in_order, write_strain
 from .model import Model
@@ -38,6 +39,7 @@ __all__ = [
     "EnsembleStepper",
     "EnsembleWatch",
     "Felt",
+    "Found",
     "GroupMean",
     "Ledger",
     "Measures",
@@ -56,6 +58,7 @@ __all__ = [
     "cores",
     "doubt_start",
     "felt_by",
+    "is_told_by_frames",
     "measure",
     "potential",
     "rate_bounds",

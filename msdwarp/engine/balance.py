@@ -6,11 +6,15 @@ import numpy as np
 
 from ..bodies import stored
 from ..kernels.integrators import kick
-from ..kernels.reductions import measure as columns
+from ..kernels.reductions import columns
 from .dynamics import Dynamics
+from .found import Found
 from .measures import Sums
 from .model import Model
 from .state import State
+
+FEW = 32**3
+"""Of fewer particles each frame tells: on a GPU that costs less than to launch anything after some frames."""
 
 
 class Balance(NamedTuple):
@@ -52,34 +56,37 @@ class Ledger:
         self._model, self._sums = dynamics.model, Sums(dynamics.model)
         self._mass = mass(self._model)
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
-        if self._model.work is not None:
-            self._shares = self._model.work.shares()
+        self._shares = None if self._model.work is None else self._model.work.shares()
 
-    def launch(self) -> None:
-        """Launch what `balance` reads; it may be recorded."""
+    def launch(self, found: Found) -> None:
+        """Launch what finds the present balance, and all that `Watch.look` finds; it may be recorded."""
         now = self._state.here
         if self._lag:
             seen = now.carried[0] if now.carried else now.v  # by dampers
             fields = {"lost": now.lost, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
             self._dynamics.launch(kick, h=self._lag, **fields)
-            self._sums.launch_difference(self._v, now.v)
-        self._sums.launch(now.x, self._v, now.lost.x)
-        if self._model.work is not None:
+        if self._model.work is not None and self._shares is not None:
             self._model.work.launch(now.x, now.v, self._shares)
+        self._sums.launch(now.x, now.v, self._v, now.lost.x, self._shares, found.there)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of what has diverged nothing is finite
-    def balance(self) -> Balance:
-        """Return the balance of the state that `launch` found."""
-        model = self._model
-        particles, connections, swing = self._sums.totals()
-        kinetic, elastic = float(particles[columns.KINETIC]), float(connections[columns.ELASTIC])
-        work = 0.0 if model.work is None else model.work.found(self._shares)
-        free = kinetic + float(particles[columns.POTENTIAL]) - work
+    def balance(self, told: list[float]) -> Balance:
+        """Return the balance of the present state, of what was found."""
+        model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
+        work = 0.0 if model.work is None else model.work.before + told[columns.WORK]
+        free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
         energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
-        momentum = particles[columns.MOMENTUM :][: model.dim]
-        together = 0.0 if model.pinned else 0.5 * float((momentum * momentum).sum()) / self._mass
+        together = 0.0
+        if not model.pinned:
+            momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]
+            together = 0.5 * sum(one * one for one in momentum) / self._mass
         inner = max(kinetic - together, 0.0) + elastic
-        return Balance(energy, swing, inner, kinetic, free, float(connections[columns.STRAIN]), work)
+        return Balance(energy, swing, inner, kinetic, free, told[columns.STRAIN], work)
+
+
+def is_told_by_frames(dynamics: Dynamics) -> bool:
+    """Tell whether frames had better find their balance themselves than have it found when it is asked for."""
+    model = dynamics.model
+    return model.device.is_cuda and model.particle_count < FEW and not dynamics.launches_before_forces
 
 
 def mass(model: Model) -> float:

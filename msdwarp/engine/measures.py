@@ -1,23 +1,15 @@
 """Measures: energies, momentum and strain of a state, summed on its device in float64."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.forces import leave_out_broken
-from ..kernels.reductions import (
-    fold,
-    put_in_order,
-    strain_each,
-    sum_connections,
-    sum_difference,
-    sum_particles,
-    take,
-)
-from ..kernels.reductions import measure as columns
+from ..kernels.reductions import columns, put_in_order, strain_each, sum_up
 from ..quiet import in_turn
+from .found import Sweep
 from .model import Model
 from .state import State
 
@@ -27,8 +19,6 @@ FEW_EACH = 8
 """What each sums of a small system: more threads would take longer to be added up than to sum."""
 ROWS = 64
 """Rows of sums that the host adds up."""
-WIDTHS = (columns.PARTICLE_COLUMNS, columns.CONNECTION_COLUMNS, 1)
-"""Columns of the sums over particles and connections, and of a difference of velocities."""
 
 
 class Measures(NamedTuple):
@@ -77,87 +67,53 @@ def measure(
     """
     v, sums = state.v if velocity is None else velocity, Sums(model)
     others = [one.energy_and_power(state.x, v) for one in model.effects]
-    sums.launch(state.x, v, x_lost)
-    particles, connections, _ = sums.totals()
+    there = wp.zeros(columns.COLUMNS, dtype=wp.float64, device=model.device)
+    sums.launch(state.x, v, v, x_lost, None, there)
+    found = np.asarray(there.numpy(), dtype=np.float64)
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
-        float(particles[columns.KINETIC]),
-        float(connections[columns.ELASTIC]),
-        float(particles[columns.POTENTIAL]),
-        float(connections[columns.DISSIPATED]) + sum(power for _, power in others),
-        particles[columns.MOMENTUM :][: model.dim],
-        particles[columns.ANGULAR_MOMENTUM :][turning],
-        float(connections[columns.STRAIN]),
+        float(found[columns.MEAN_KINETIC]),
+        float(found[columns.ELASTIC]),
+        float(found[columns.POTENTIAL]),
+        float(found[columns.DISSIPATED]) + sum(power for _, power in others),
+        found[columns.MOMENTUM :][: model.dim],
+        found[columns.ANGULAR_MOMENTUM :][turning],
+        float(found[columns.STRAIN]),
         sum(energy for energy, _ in others),
         0.0 if model.work is None else model.work.total(state.x, state.v),
     )
 
 
 class Sums:
-    """Sums over particles and connections, in the columns of `msdwarp.kernels.reductions.measure`.
-
-    Every thread sums a share of its own, and fewer threads sum these to a few rows, which come to the host at
-    once. The order of sums is fixed, so that a state has the same sums each time.
-    """
+    """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`."""
 
     def __init__(self, model: Model) -> None:
-        self._model, on_gpu = model, model.device.is_cuda
-        counts = (model.particle_count, model.connection_count, model.particle_count)
-        threads = [min(max(count // FEW_EACH, 1), MOST_THREADS) if on_gpu else 1 for count in counts]
-        self._shares = [self._zeros(n, width) for n, width in zip(threads, WIDTHS, strict=True)]
-        self._rows = self._zeros(ROWS if on_gpu else 1, sum(WIDTHS))
+        self._model = model
+        self._sweep = Sweep(model.device, max(model.particle_count, model.connection_count), columns.COLUMNS)
         # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
         between = None if model.lengths_change else model.system.between_neighbours
-        self._between = None
-        if between is not None:
-            chosen = np.flatnonzero(model.ordered(between)).astype(np.int32)
-            self._index = wp.array(chosen, dtype=int, device=model.device)
-            arrays = (model.connections, model.rest_length, model.stiffness, model.damping)
-            self._between = [wp.clone(one[self._index].contiguous()) for one in arrays]
-            self._strains = self._zeros(threads[1], columns.CONNECTION_COLUMNS)
-            self._strain_rows = self._zeros(self._rows.shape[0], columns.CONNECTION_COLUMNS)
+        self._what = model.system.damper.law, model.tearing is not None, between is not None
+        counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
+        self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
-    def _zeros(self, rows: int, columns: int) -> Any:
-        return wp.zeros((rows, columns), dtype=wp.float64, device=self._model.device)
+    def launch(
+        self,
+        x: wp.array,
+        u: wp.array,
+        v: wp.array,
+        x_lost: wp.array | None,
+        work: wp.array | None,
+        found: wp.array,
+    ) -> None:
+        """Launch the sums for particles at x that move at v, at u as the method has it; it may be recorded.
 
-    def launch(self, x: wp.array, v: wp.array, x_lost: wp.array | None = None) -> None:
-        """Launch the sums for particles at x that move at v; x_lost is what x lost by rounding."""
+        `x_lost` is what x has lost by rounding, and `work` has shares of what loads have done [J].
+        """
         model = self._model
         compensated = model.compensated and x_lost is not None
-        self._sum(0, sum_particles(model.dim, model.scalar), [model.inverse_mass, model.gravity, x, v])
-        constants = [model.connections, model.rest_length, model.stiffness, model.damping]
-        law, tears = model.system.damper.law, model.tearing is not None
-        kernel = sum_connections(model.dim, model.scalar, compensated, law, tears)
-        self._sum(1, kernel, [*constants, x, v, x_lost if compensated else x], largest=columns.STRAIN)
-        if self._between is not None:
-            if tears:  # what has broken since has no stiffness
-                for own, now in zip(self._between[2:], constants[2:], strict=True):
-                    wp.launch(take(model.scalar), len(own), [now, self._index], [own], device=model.device)
-            inputs = [*self._between, x, v, x_lost if compensated else x]
-            wp.launch(kernel, len(self._strains), inputs, [self._strains], device=model.device)
-            rows = self._strain_rows
-            wp.launch(fold, rows.shape, [self._strains, columns.STRAIN, 0], [rows], device=model.device)
-
-    def launch_difference(self, v: wp.array, u: wp.array) -> None:
-        """Launch the sum of ½ m |v − u|²."""
-        model = self._model
-        self._sum(2, sum_difference(model.dim, model.scalar), [model.inverse_mass, v, u])
-
-    def _sum(self, number: int, kernel: Any, inputs: list[Any], largest: int = -1) -> None:
-        """Launch sum `number`, of whose columns one may be the largest instead."""
-        shares, rows, device = self._shares[number], self._rows, self._model.device
-        wp.launch(kernel, shares.shape[0], inputs, [shares], device=device)
-        threads = (rows.shape[0], WIDTHS[number])
-        wp.launch(fold, threads, [shares, largest, sum(WIDTHS[:number])], [rows], device=device)
-
-    def totals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Return what was launched last: over particles, over connections (a largest strain), a difference."""
-        rows = self._rows.numpy()
-        sums = rows.sum(axis=0)
-        particles, connections = sums[: WIDTHS[0]], sums[WIDTHS[0] : -WIDTHS[2]]
-        strains = rows[:, WIDTHS[0] :] if self._between is None else self._strain_rows.numpy()
-        connections[columns.STRAIN] = strains[:, columns.STRAIN].max()
-        return particles, connections, float(sums[-1])
+        inputs = [model.inverse_mass, model.gravity, model.connections, model.rest_length, model.stiffness]
+        inputs += [model.damping, self._counts, x, x_lost if compensated else x, u, v, work]
+        self._sweep.launch(sum_up(model.dim, model.scalar, compensated, *self._what), inputs, found)
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:

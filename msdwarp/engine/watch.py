@@ -5,15 +5,13 @@ from typing import NamedTuple, Self
 import numpy as np
 import warp as wp
 
-from ..kernels.reductions import LOOKING_BLOCK, look_over, look_over_in_blocks
+from ..kernels.reductions import columns, look_over
 from .balance import rounding_energy, size, weight
 from .contact import Contact
+from .found import Found, Sweep
 from .measures import measure
 from .model import Model
 from .state import State, copy_vectors, moving
-
-MOST_BLOCKS = 512
-"""Blocks of threads that look over the particles on a GPU: some for each multiprocessor."""
 
 
 class Baseline(NamedTuple):
@@ -50,23 +48,12 @@ class Watch:
         self._energy_limit = energy_limit
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
-        if model.device.is_cuda:
-            blocks = min(-(-model.particle_count // LOOKING_BLOCK), MOST_BLOCKS)
-            self._blocks = wp.zeros((blocks, 3), dtype=wp.float64, device=model.device)
-            self._done = wp.zeros(1, dtype=int, device=model.device)
-            # The GPU writes where the host reads: nothing needs to be copied.
-            self._found = wp.zeros(3, dtype=wp.float64, device="cpu", pinned=True)
-            self._seen = self._found.numpy()
-            self._there = wp.array(ptr=self._found.ptr, dtype=wp.float64, shape=3, device=model.device)
-        else:
-            self._first = wp.empty(1, dtype=int, device=model.device)
-            self._energies = wp.zeros((1, 2), dtype=wp.float64, device=model.device)
+        self.told = list[float]()
+        """What was read last of what has been found."""
+        self._sweep = Sweep(model.device, model.particle_count, columns.LOOKED)
         self._work, self._most_work = model.work, 0.0
-        if self._work is not None:  # what loads have done is no sign of divergence
-            self._shares = self._work.shares()
-            self._found_work = self._shares
-            if model.device.is_cuda:
-                self._found_work = wp.empty_like(self._shares, device="cpu", pinned=True)
+        # What loads have done is no sign of divergence.
+        self._shares = None if self._work is None else self._work.shares()
         self.compare_with(baseline or Baseline.of(model, state))
 
     def compare_with(self, baseline: Baseline) -> None:
@@ -76,49 +63,34 @@ class Watch:
         energy, scale = self.baseline
         self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
 
-    def look(self) -> None:
-        """Launch what finds out about the present state."""
+    def look(self, found: Found) -> None:
+        """Launch what finds out about the present state; it may be recorded."""
         model, state = self._model, self._state
-        inputs = [model.inverse_mass, model.gravity, state.x, state.v]
-        if model.device.is_cuda:
-            threads, inputs = LOOKING_BLOCK * len(self._blocks), [*inputs, self._blocks, self._done]
-            kernel = look_over_in_blocks(model.dim, model.scalar)
-            wp.launch(kernel, threads, inputs, [self._there], device=model.device, block_dim=LOOKING_BLOCK)
-        else:
-            self._first.fill_(model.particle_count)
-            kernel, outputs = look_over(model.dim, model.scalar), [self._first, self._energies]
-            wp.launch(kernel, 1, inputs, outputs, device=model.device)
-        if self._work is not None:
+        if self._work is not None and self._shares is not None:
             self._work.launch(state.x, state.v, self._shares)
-            if model.device.is_cuda:
-                wp.copy(self._found_work, self._shares)
+        inputs = [model.inverse_mass, model.gravity, state.x, state.v, self._shares]
+        self._sweep.launch(look_over(model.dim, model.scalar), inputs, found.there)
 
-    def finds_trouble(self) -> bool:
-        """Tell whether the state last looked at has diverged."""
-        kinetic, potential, first = self._look_up()
-        self.energy = kinetic + potential
-        most = self._most
+    def finds_trouble(self, found: Found) -> bool:
+        """Wait for what was found about a state, and tell whether it has diverged."""
+        self.told = told = found.read()
+        self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self._most
         if self._work is not None:
-            work = self._work.found(self._found_work)
+            work = self._work.before + told[columns.WORK]
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
             most += self._most_work  # work is known to first order in the step only, also what has come back
-        return first < self._model.particle_count or not self.energy <= most
+        return self._first < self._model.particle_count or not self.energy <= most
 
-    def _look_up(self) -> tuple[float, float, int]:
-        """Wait for what was launched last: kinetic and potential energy [J], the first particle not finite."""
-        if self._model.device.is_cuda:
-            wp.synchronize_stream(self._model.device.stream)
-            kinetic, potential, first = self._seen
-            return float(kinetic), float(potential), int(first)
-        kinetic, potential = self._energies.numpy()[0]
-        return float(kinetic), float(potential), int(self._first.numpy()[0])
+    @property
+    def _first(self) -> int:
+        """The first particle that is not finite; some number beyond all where every one is."""
+        return -int(self.told[columns.FIRST])
 
     def culprit(self) -> int:
-        """Return the first particle that is not finite, else the fastest."""
-        _, _, first = self._look_up()
-        if first < self._model.particle_count:
-            return first
+        """Return the first particle that is not finite, else the fastest, of the state last told of."""
+        if self._first < self._model.particle_count:
+            return self._first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
 
 

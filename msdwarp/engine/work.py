@@ -100,10 +100,6 @@ class Work(Effect):
         """Return what has been done so far on particles that now are at x and move at v [J]."""
         shares = self.shares()
         self.launch(x, v, shares)
-        return self.found(shares)
-
-    def found(self, shares: wp.array) -> float:
-        """Return what has been done, of the sums that were launched [J]."""
         return self.before + float(shares.numpy().sum())
 
     @property

@@ -1,12 +1,25 @@
 """What is said when a run cannot go on: where, when and why."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bodies import System
-from .stepping import Trouble
 
 INSIDE_MATTERS = 1.0
 """How long what started inside an obstacle or a body explains why a run has diverged [s]."""
+
+
+class Trouble(NamedTuple):
+    """What was found out about a frame that went wrong."""
+
+    position: NDArray
+    """Positions after the last substep that went well [m], shape [particle_count, d]."""
+    substep: int
+    """The substep that went wrong, from 1."""
+    particle: int
+    """The first particle concerned."""
 
 
 class SimulationDiverged(RuntimeError):

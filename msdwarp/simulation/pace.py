@@ -177,6 +177,7 @@ class Pace:
             If no number of substeps does; the state is then that after the last try.
         """
         if self.anew:
+            stepping.land()
             stepping = self._begun_anew(stepping, bound)
         usual, tried = self.refinement, list[float]()
         fine = stepping.advance(time, then)
@@ -185,7 +186,7 @@ class Pace:
             return stepping
         start = None
         while True:
-            now = stepping.balance() if fine else None
+            now = stepping.balance_of_frame() if fine else None
             if now is not None and self._is_well(stepping, now):
                 if start is not None:  # refined for what has risen by now: the next rise counts from here
                     self.least = max(self.least, now.energy - SLOW * self._allowed(now))

@@ -236,7 +236,8 @@ class Simulation(Changing):
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
         how: Any = (Dynamics(model, threads=threads_for(model, self._threads)), state, self._method, choice)
-        self.stepping = Stepping(*how, energy_limit=self._energy_limit, blocks=self._blocks, time=self.time)
+        limits: Any = {"energy_limit": self._energy_limit, "paced": self._pace is not None}
+        self.stepping = Stepping(*how, **limits, blocks=self._blocks, time=self.time)
         if self._pace is not None:
             self._pace.begin(self.stepping, above)
 
@@ -263,23 +264,32 @@ class Simulation(Changing):
         DoubtfulEnergy
             Once per run, if the energy has risen by rounding errors (automatic substeps only).
         """
-        for left in reversed(range(checks.count("frames", frames, 1))):
-            while self._due and self._due[0].is_due(self.frame_index, self.fps):
-                self._change_as_due()
-            if self._refresh:
-                self._choose_anew()
-            self._advance((self.frame_index + 1) / self.fps if left else None)
-            if self.substeps != self.chosen[-1][1]:
-                self.chosen.append((self.time, self.substeps))
-            self.frame_index += 1
-            if self.readings:
-                self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-            if not self._overrun_told and (doubt := self.stepping.doubt()):
-                self._overrun_told = True
-                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=3)
-            if not self._rounding_told and self._pace is not None and self._pace.doubt:
-                self._rounding_told = True
-                warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=3)
+        count = checks.count("frames", frames, 1)
+        try:
+            for left in reversed(range(count)):
+                self._step(left > 0)
+        finally:  # where anything was raised another frame may be on its way
+            self.stepping.land()
+
+    def _step(self, goes_on: bool) -> None:
+        """Advance by a frame; `goes_on` tells whether another one follows at once."""
+        while self._due and self._due[0].is_due(self.frame_index, self.fps):
+            self._change_as_due()
+        if self._refresh:
+            self._choose_anew()
+        comes_between = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        self._advance((self.frame_index + 1) / self.fps if goes_on and not comes_between else None)
+        if self.substeps != self.chosen[-1][1]:
+            self.chosen.append((self.time, self.substeps))
+        self.frame_index += 1
+        if self.readings:
+            self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
+        if not self._overrun_told and (doubt := self.stepping.doubt()):
+            self._overrun_told = True
+            warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=4)
+        if not self._rounding_told and self._pace is not None and self._pace.doubt:
+            self._rounding_told = True
+            warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=4)
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -22,6 +22,7 @@ from ..engine import (
     Steps,
     Watch,
     felt_by,
+    is_told_by_frames,
     potential,
     sensors_of,
     size,
@@ -30,18 +31,9 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from ..quiet import in_turn
 from ..world import FRAME, SUBSTEP, Hand, Load
+from .divergence import Trouble
 from .landing import RECORDING, Landing, to_host
-
-
-class Trouble(NamedTuple):
-    """What was found out about a frame that went wrong."""
-
-    position: NDArray
-    """Positions after the last substep that went well [m], shape [particle_count, d]."""
-    substep: int
-    """The substep that went wrong, from 1."""
-    particle: int
-    """The first particle concerned."""
+from .track import Track, Tracks, tells_all
 
 
 class Stepping:
@@ -63,6 +55,8 @@ class Stepping:
         See `Simulation`.
     blocks
         See `Simulation`.
+    paced
+        Whether the balance is asked for behind frames.
     baseline
         What the energy is compared with; by default the present state's.
     time
@@ -70,12 +64,10 @@ class Stepping:
 
     Attributes
     ----------
-    model, state, dynamics, stepper, watch, backup
+    model, state, dynamics, stepper, watch
         The parts of `msdwarp.engine` that it is made of.
     integrator
         The method as it is best used with these substeps.
-    graph
-        A frame as it was recorded with the first one; None before.
     felt
         What contacts have pushed particles with in the last frame; None where nobody asks for it.
     """
@@ -89,11 +81,12 @@ class Stepping:
         *,
         energy_limit: float,
         blocks: Blocks,
+        paced: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
         self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
-        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
+        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks, "paced": paced}
         self.integrator = method.fitted(choice.rates, choice.step)
         self._time = self._begun = time
         own = self.integrator
@@ -101,7 +94,7 @@ class Stepping:
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self._landing = Landing()
-        self.backup = Backup(state)
+        self._tracks = Tracks(state)
         self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
         self.felt = felt_by(self.model, 1.0 / choice.fps)
@@ -115,12 +108,31 @@ class Stepping:
             behind_each=None if self._by_substep is None else self._look_behind,
             blocks=blocks,
         )
-        self.graph: Any = None
         self._sums: Any = None
         self._unrecorded = self._unsummed = 0
         """How often a frame, and a balance, are launched before they are recorded."""
-        self._ledger: Ledger | None = None
+        small = is_told_by_frames(dynamics)
+        self._tells = paced and small
+        """Whether frames tell their balance."""
+        self._runs_ahead = small and tells_all(self.model, self.felt, self._sensors, self._by_substep)
+        """Whether a frame can be judged while the next one is under way."""
+        self._open_ledger = partial(Ledger, dynamics, state, self.integrator.lag * choice.step)
+        self._ledger = self._open_ledger() if self._tells else None
         self.integrator.start(dynamics, state, self._work, choice.step)
+
+    @property
+    def backup(self) -> Backup:
+        """The state where the frame began that was advanced by last."""
+        return self._tracks.now.backup
+
+    @property
+    def graph(self) -> Any:
+        """A frame as it was recorded with the first one; None before."""
+        return self._tracks.first.graph
+
+    def _forget_graphs(self) -> None:
+        self._sums = None
+        self._tracks.forget_graphs()
 
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
@@ -136,7 +148,7 @@ class Stepping:
         with self._between():
             self.model.fall(gravity)
             self.dynamics.world.gravity = self.model.gravity
-        self.graph, self._sums = None, None
+        self._forget_graphs()
         # Recording costs more than a launch: it is for what comes again before the next change.
         self._unrecorded, self._unsummed = 1, 4
         # All that energies are compared with is as much higher as the present one.
@@ -191,41 +203,63 @@ class Stepping:
     def advance(self, time: float, then: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well.
 
-        Where another one follows at once, at `then` [s], the host prepares that while the device is at work. Where
+        Where another one follows at once, at `then` [s], the host prepares that while the device is at work, and
+        launches it if it can: what the present frame tells is read, and judged, while the device goes on. Where
         the caller comes in between, what functions of time read may change first: then there is none.
         """
-        self._take_frame(time)
+        if not self._tracks.go_on():
+            self._take_frame(time, self._tracks.now)
+        fps, track = self.choice.fps, self._tracks.now
+        self._begun, self._time = time, (round(time * fps) + 1) / fps
         if then is not None:
             self.dynamics.prepare(then)
-        fine = not self.watch.finds_trouble()
+            if self._runs_ahead and not self._unrecorded:
+                self._run_ahead(then)
+        fine = not self.watch.finds_trouble(track.found)
         while self._is_void():
             self.go_back()
-            self._take_frame(time)
-            fine = not self.watch.finds_trouble()
+            self._take_frame(time, track)
+            fine = not self.watch.finds_trouble(track.found)
         return fine
 
-    def _take_frame(self, time: float) -> None:
+    def _run_ahead(self, then: float) -> None:
+        """Launch the frame behind the present one, which is not judged yet."""
+        track = self._tracks.other()
+        try:
+            self._take_frame(then, track)
+        except Exception:  # that is its own affair: it is raised when it begins, if it ever does
+            return
+        self._tracks.ahead = track
+
+    def land(self) -> None:
+        """Undo a frame that was launched ahead: the state is that where the one before it ends."""
+        if self._tracks.ahead is not None:
+            self._tracks.ahead.backup.restore()
+            self._tracks.ahead = None
+            self.dynamics.hold(self._time)
+
+    def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]."""
         shares = self.dynamics.shares
-        if self.graph is None and (shares is not None or not self._unrecorded):
-            self.graph = self._recorded_frame()
+        if track.graph is None and (shares is not None or not self._unrecorded):
+            track.graph = self._recorded_frame(track)
         self.dynamics.begin_frame(time)
-        if self.graph is None:
+        if track.graph is None:
             self._unrecorded -= 1
-            self._launch_frame()
+            self._launch_frame(track)
         elif shares is not None:
-            self.graph.replay()
+            track.graph.replay()
         else:
-            wp.capture_launch(self.graph)
-        fps = self.choice.fps
-        self._begun, self._time = time, (round(time * fps) + 1) / fps
+            wp.capture_launch(track.graph)
+        track.found.mark()
 
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
         void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
         for effect in self.model.effects:
             if effect.is_stale:
-                self.graph, self._sums, effect.is_stale = None, None, False
+                self._forget_graphs()
+                effect.is_stale = False
         return any(void)
 
     def begin_anew(self) -> None:
@@ -234,29 +268,33 @@ class Stepping:
 
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
+        self._tracks.ahead = None
         self.backup.restore()
         self._time = self._begun
         self.dynamics.hold(self._time)
 
-    def _recorded_frame(self) -> Any:
+    def _recorded_frame(self, track: Track) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
         shares = self.dynamics.shares
         with RECORDING:
             if shares is not None:
-                return shares.record(self._launch_frame)
+                return shares.record(partial(self._launch_frame, track))
             with wp.ScopedCapture(device=self.model.device) as capture:
-                self._launch_frame()
+                self._launch_frame(track)
         return capture.graph
 
-    def _launch_frame(self) -> None:
+    def _launch_frame(self, track: Track) -> None:
         """Launch the substeps of a frame, and what looks at the state behind them."""
-        self.backup.save()
+        track.backup.save()
         if self.felt is not None:
             self.felt.begin()
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
-        self.watch.look()
+        if self._tells and self._ledger is not None:
+            self._ledger.launch(track.found)
+        else:
+            self.watch.look(track.found)
         if self._sensors is not None:
             self._sensors.launch(self.velocity() if self._sensors.moves else self.state.v)
 
@@ -269,17 +307,25 @@ class Stepping:
     def balance(self) -> Balance:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
-            self._ledger = Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
+            self._ledger = self._open_ledger()
+        found = self._tracks.first.found
         if self._unsummed:
             self._unsummed -= 1
-            self._ledger.launch()
-            return self._ledger.balance()
-        if self._sums is None:
-            with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
-                self._ledger.launch()
-            self._sums = capture.graph
-        wp.capture_launch(self._sums)
-        return self._ledger.balance()
+            self._ledger.launch(found)
+        else:
+            if self._sums is None:
+                with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
+                    self._ledger.launch(found)
+                self._sums = capture.graph
+            wp.capture_launch(self._sums)
+        found.mark()
+        return self._ledger.balance(found.read())
+
+    def balance_of_frame(self) -> Balance:
+        """Return the balance of the frame just advanced by; on a GPU that of a small body costs nothing more."""
+        if self._tells and self._ledger is not None:
+            return self._ledger.balance(self.watch.told)
+        return self.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
         """Return what probes have told of the frame that was advanced by last, by their names.
@@ -302,12 +348,13 @@ class Stepping:
         """
         self.go_back()
         self.dynamics.begin_frame(self._begun)
-        good, substep = to_host(self.state.x), 0
+        good, substep, found = to_host(self.state.x), 0, self._tracks.now.found
         while True:
             substep += 1
             self.stepper.take(1, substep - 1)
-            self.watch.look()
-            if self.watch.finds_trouble() or substep == self.choice.substeps:
+            self.watch.look(found)
+            found.mark()
+            if self.watch.finds_trouble(found) or substep == self.choice.substeps:
                 break
             good = to_host(self.state.x)
         particle = self.watch.culprit()

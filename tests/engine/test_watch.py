@@ -20,6 +20,7 @@ from msdwarp import (
     box,
     stability_limit,
 )
+from msdwarp.engine import Found
 
 OPTIONS = {"device": "cpu", "precision": "float64"}
 every_integrator = pytest.mark.parametrize(
@@ -278,10 +279,11 @@ def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
     position, velocity = rng.normal(size=(2, count, 3))
     system = System(position=position, mass=mass, velocity=velocity)
     simulation = Simulation(system, device="cuda:0", gravity=9.82, substeps=1)
-    watch, state = simulation.stepping.watch, simulation.stepping.state
+    watch, state, found = simulation.stepping.watch, simulation.stepping.state, Found(simulation.model.device)
     for _ in range(2):  # what the first leaves behind is what the second begins with
-        watch.look()
-        assert not watch.finds_trouble()
+        watch.look(found)
+        found.mark()
+        assert not watch.finds_trouble(found)
         kinetic = 0.5 * mass @ (state.v.numpy().astype(np.float64) ** 2).sum(axis=1)
         potential = 9.82 * mass @ state.x.numpy()[:, 2].astype(np.float64)
         # Each mass is the inverse of one that was rounded to float32; sums are in float64.
@@ -289,6 +291,7 @@ def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
     x = state.x.numpy()
     x[count // 2 :, 1] = np.nan
     state.x.assign(x)
-    watch.look()
-    assert watch.finds_trouble()
+    watch.look(found)
+    found.mark()
+    assert watch.finds_trouble(found)
     assert watch.culprit() == count // 2

@@ -1,0 +1,68 @@
+"""Tracks: what a frame keeps and tells, so that the next one can be launched before it is judged."""
+
+from typing import Any
+
+from ..engine import Backup, Effect, Found, Model, State
+
+_ASKED = ("energy", "energy_and_power", "is_void", "doubt")
+"""What the host asks effects about the present state, or the frame that was advanced by last."""
+
+
+class Track:
+    """What a frame keeps and tells. Of two that follow each other closely each has a track of its own.
+
+    Attributes
+    ----------
+    backup
+        The state where the frame began.
+    found
+        What is told of the state where it ends.
+    graph
+        The frame as it was recorded; None before.
+    """
+
+    def __init__(self, state: State) -> None:
+        self.backup, self.found = Backup(state), Found(state.model.device)
+        self.graph: Any = None
+
+
+class Tracks:
+    """The tracks of a run, two at most.
+
+    Attributes
+    ----------
+    first
+        That of every frame before which none was launched ahead.
+    now
+        That of the frame that was advanced by last.
+    ahead
+        That of the frame behind it, which has been launched already; None where none has.
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state, self._second = state, list[Track]()
+        self.first = self.now = Track(state)
+        self.ahead: Track | None = None
+
+    def go_on(self) -> bool:
+        """Go on to the next frame; return whether it has been launched already."""
+        launched = self.ahead is not None
+        self.now, self.ahead = self.ahead or self.first, None
+        return launched
+
+    def other(self) -> Track:
+        """Return the track for a frame behind the present one."""
+        if not self._second:
+            self._second.append(Track(self._state))
+        return self._second[0] if self.now is self.first else self.first
+
+    def forget_graphs(self) -> None:
+        """Have frames recorded anew."""
+        for track in (self.first, *self._second):
+            track.graph = None
+
+
+def tells_all(model: Model, *looks: Any) -> bool:
+    """Tell whether frames are judged by what they tell alone: no effect, and none of `looks`, is asked more."""
+    asked = (getattr(type(one), name) is not getattr(Effect, name) for one in model.effects for name in _ASKED)
+    return not any(asked) and all(one is None for one in looks)
