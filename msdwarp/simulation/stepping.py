@@ -144,11 +144,8 @@ class Stepping:
         scale += max(0.0, weight(self.model) - heavy) * size(self.state)
         self.watch.compare_with(Baseline(energy + added, scale))
 
-    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> float:
-        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays.
-
-        Return the energy that they have got [J].
-        """
+    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
         if self.model.work is not None:
             self.model.work.settle(self.state.x, self.state.v)
         with self._between():
@@ -158,7 +155,6 @@ class Stepping:
         added = 0.5 * float(mass @ (velocity[chosen] ** 2 - before**2).sum(axis=1))
         energy, scale = self.watch.baseline
         self.watch.compare_with(Baseline(energy + added, scale + max(0.0, added)))
-        return added
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Go on with other values of the same loads, in place of each key what stands for it."""
