@@ -304,6 +304,10 @@ class Pace:
         if choice.substeps == stepping.choice.substeps:
             stepping.choice = choice
             return stepping
+        if stepping.at_start:  # nothing has happened yet
+            stepping = stepping.with_choice(choice)
+            self.begin(stepping)
+            return stepping
         before = stepping.balance().energy
         stepping = stepping.with_choice(choice)
         other = stepping.balance().energy - before

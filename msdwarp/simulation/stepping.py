@@ -123,11 +123,17 @@ class Stepping:
 
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
-        from_to = self.choice.step, choice.step
-        wp.copy(self.state.v, self.integrator.hand_over(self.dynamics, self.state, self._work, *from_to))
+        now = self.dynamics, self.state, self._work, self.choice.step
+        v = self.integrator.velocity(*now) if self.at_start else self.integrator.hand_over(*now, choice.step)
+        wp.copy(self.state.v, v)
         baseline = self.watch.baseline
         how = self._how | {"baseline": baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choice=choice, **how)
+
+    @property
+    def at_start(self) -> bool:
+        """Whether velocities are as they were given, and not yet those of substeps of some length."""
+        return self._time == 0.0
 
     def fall(self, gravity: ArrayLike) -> None:
         """Go on under another constant gravity [m/s²]: only what was recorded with the old one is made anew."""
