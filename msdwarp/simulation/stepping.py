@@ -116,6 +116,7 @@ class Stepping:
         )
         self.graph: Any = None
         self._sums: Any = None
+        self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
         """How often a frame, and a balance, are launched before they are recorded."""
         self._ledger: Ledger | None = None
@@ -141,7 +142,6 @@ class Stepping:
         with self._between():
             self.model.fall(gravity)
             self.dynamics.world.gravity = self.model.gravity
-        self.graph, self._sums = None, None
         # Recording costs more than a launch: it is for what comes again before the next change.
         self._unrecorded, self._unsummed = 1, 4
         # All that energies are compared with is as much higher as the present one.
@@ -207,6 +207,7 @@ class Stepping:
 
     def _take_frame(self, time: float) -> None:
         """Launch the frame that begins at `time` [s]."""
+        self._forget_stale()
         shares = self.dynamics.shares
         if self.graph is None and (shares is not None or not self._unrecorded):
             self.graph = self._recorded_frame()
@@ -221,12 +222,15 @@ class Stepping:
         fps = self.choice.fps
         self._begun, self._time = time, (round(time * fps) + 1) / fps
 
+    def _forget_stale(self) -> None:
+        """Forget what was recorded with arrays, numbers or kernels that have been replaced since."""
+        if self._generation != self.model.generation:
+            self.graph = self._sums = None
+            self._generation = self.model.generation
+
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
         void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
-        for effect in self.model.effects:
-            if effect.is_stale:
-                self.graph, self._sums, effect.is_stale = None, None, False
         return any(void)
 
     def begin_anew(self) -> None:
@@ -271,6 +275,7 @@ class Stepping:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
             self._ledger = Ledger(self.dynamics, self.state, self.integrator.lag * self.choice.step)
+        self._forget_stale()
         if self._unsummed:
             self._unsummed -= 1
             self._ledger.launch()
