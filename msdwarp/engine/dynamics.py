@@ -122,6 +122,7 @@ class Dynamics:
     def begin(self, steps: Steps) -> None:
         """Prepare for frames of these substeps."""
         self._steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
+        self.model.generation += 1  # tables are other ones
         if self.composition.timed:
             self.world.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
         for effect in self.model.effects:

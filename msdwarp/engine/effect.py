@@ -66,8 +66,6 @@ class Effect:
 
     search_every: int = 8
     """Substeps from one `search` to the next."""
-    is_stale: bool = False
-    """Whether what is launched, or an array of it, is another one: what has been recorded must be so anew."""
 
     shared_points: int = 0
     """Points of it that threads of the CPU share, each about as much work as a connection."""

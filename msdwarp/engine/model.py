@@ -72,6 +72,8 @@ class Model:
     """Whether there are many worlds of it: it is an `EnsembleModel` then."""
     worlds = 1
     """How many worlds there are of it."""
+    generation = 0
+    """Rises when what launches take becomes another array, number or kernel: what was recorded before is void."""
 
     @in_turn
     def __init__(
@@ -146,6 +148,7 @@ class Model:
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
+        self.generation += 1
 
     @property
     def stride(self) -> int:

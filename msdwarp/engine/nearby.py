@@ -181,10 +181,10 @@ class Nearby:
             wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [data, threads], device=device)
         self._found_at = self.now
 
-    def make_room(self, x: wp.array, v: wp.array) -> bool:
-        """List the facets near each point, and make room for all; tell whether there was not."""
+    def make_room(self, x: wp.array, v: wp.array) -> None:
+        """List the facets near each point, and make room for all."""
         self._place_anew(x, v, None, self.unread)
-        return self._find_rows_with_room()
+        self._find_rows_with_room()
 
     def _place_anew(self, x: wp.array, v: wp.array, lost: Any, moved: wp.array) -> None:
         """Launch what puts vertices and the boxes around facets and bodies where particles at x are."""
@@ -193,18 +193,15 @@ class Nearby:
         self._tree.refit()
         self._bodies.refit()
 
-    def _find_rows_with_room(self) -> bool:
-        """List the facets near each point until there is room for all; tell whether there was not."""
-        made = 0
+    def _find_rows_with_room(self) -> None:
+        """List the facets near each point until there is room for all."""
         while True:
             self.flags.zero_()
             self._find_rows()
             found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
             if not self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BESIDE])):
                 break
-            made += 1
         self.flags.zero_()
-        return made > 0
 
     def _find_rows(self) -> None:
         """Launch what lists the facets near each point, by the boxes that there are."""
@@ -225,14 +222,11 @@ class Nearby:
         threads = lanes * len(self._piece)
         wp.launch(kernel, threads, [self._data, self._piece], outputs, device=device)
 
-    def judge(self, flags: NDArray[Any], substeps: int) -> tuple[bool, bool]:
-        """Choose how often to search, by the flags of a frame.
-
-        Return whether the frame must be repeated, and whether what is launched from now on is another.
-        """
+    def judge(self, flags: NDArray[Any], substeps: int) -> bool:
+        """Choose how often to search, by the flags of a frame; return whether the frame must be repeated."""
         moved, way, longest, beside = (float(flags[k]) for k in (MOVED, WAY, LONGEST_ROW, MOST_BESIDE))
         if not moved < FARTHEST_WAY * self._farthest * self.every:
-            return False, False  # it flies apart, which the watch sees
+            return False  # it flies apart, which the watch sees
         held, before = moved <= 0.5 * self._skin_now, self.every
         # `way` is that of all substeps between two searches, `moved` lacks the last one.
         per_substep = max(way / self.every, moved / max(min(self.every, substeps) - 1, 1), 1e-30)
@@ -251,8 +245,10 @@ class Nearby:
             self._skin_now = wanted
             self.skin.fill_(wanted)
         overflown = longest > self._data.row.shape[1] or beside > self._data.beside.shape[1]
-        stale = self._make_room(int(longest), int(beside))
-        return not held or overflown, stale or self.every != before
+        self._make_room(int(longest), int(beside))
+        if self.every != before:
+            self._model.generation += 1  # it launches more searches in a frame, or fewer
+        return not held or overflown
 
     def _make_room(self, longest: int, beside: int) -> bool:
         """Make room for more than the longest row, and the most bodies beside one; tell whether there was not.
@@ -278,6 +274,7 @@ class Nearby:
         data.beside = wp.zeros((bodies, beside), dtype=int, device=device)
         data.length.zero_()
         data.beside_count.zero_()
+        self._model.generation += 1
 
 
 def room_for(many: int) -> int:

@@ -228,6 +228,7 @@ class Straddling(Effect):
         for name in KEPT:
             getattr(self._facets, name).assign(arrays[f"straddle.{name}"])
         self._sunk = "straddle.allowed" in arrays
+        self._model.generation += 1  # it launches other kernels
         if self._sunk:
             self._facets.allowed.assign(arrays["straddle.allowed"])
             self._facets.outwards = float(arrays["straddle.outwards"][0])

@@ -233,7 +233,7 @@ class Touching(Effect):
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """Make room for the facets near each point: what is searched between frames is not searched again."""
-        self.is_stale = self._nearby.make_room(x, v) or self.is_stale
+        self._nearby.make_room(x, v)
 
     def search(self, x: wp.array, v: wp.array, lost: Any, within: bool) -> None:
         """Launch what lists the facets near each point."""
@@ -297,8 +297,8 @@ class Touching(Effect):
         if self._found is self._flags:
             self._flags.zero_()
             self._touch.overrun.zero_()
-        void, stale = self._nearby.judge(flags, self.steps.substeps)
-        self.search_every, self.is_stale = self._nearby.every, self.is_stale or stale
+        void = self._nearby.judge(flags, self.steps.substeps)
+        self.search_every = self._nearby.every
         return void
 
     def doubt(self) -> str | None:
@@ -326,6 +326,7 @@ class Touching(Effect):
         else:
             self._touch.seen.zero_()
         self._sunk = "touch.allowed" in arrays
+        self._model.generation += 1  # it launches other kernels
         if self._sunk:
             self._touch.allowed.assign(arrays["touch.allowed"])
             self._touch.outwards = float(arrays["touch.outwards"][0])

@@ -74,8 +74,8 @@ class TouchingWorlds(Touching):
         flags = flags[~self.frozen & (flags[:, MOVED] < FARTHEST_WAY * self._farthest * self._nearby.every)]
         if not len(flags):
             return False
-        void, stale = self._nearby.judge(flags.max(axis=0), self.steps.substeps)
-        self.search_every, self.is_stale = self._nearby.every, self.is_stale or stale
+        void = self._nearby.judge(flags.max(axis=0), self.steps.substeps)
+        self.search_every = self._nearby.every
         return void
 
     def doubt(self) -> str | None:

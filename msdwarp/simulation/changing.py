@@ -140,12 +140,11 @@ class Changing(Present):
     def _fall(self, gravity: Any) -> None:
         """Go on under another constant gravity."""
         self.model.check_range(checks.gravity("gravity", gravity, self.model.dim), "gravity")
-        before = self.stepping.balance() if self._pace is not None else None
+        before = self._energy()
         self.stepping.fall(gravity)
         self._surroundings = self._surroundings | {"gravity": gravity}
-        if self._pace is not None and before is not None:
-            # Beside the potential, the energy that a method conserves is another one by a share of the step.
-            self._pace.fall(self.stepping, self.stepping.balance().energy - before.energy)
+        if self._pace is not None:
+            self._pace.fall(self.stepping, self._energy() - before)
 
     def _throw(self, change: Change) -> None:
         """Go on with other velocities."""
@@ -154,7 +153,9 @@ class Changing(Present):
         velocity = change.velocities(self.system, before, held)
         self.model.check_range(velocity, "velocity")
         chosen = change.particles(self.system) & ~held
-        added = self.stepping.throw(velocity, chosen)
+        energy = self._energy()
+        self.stepping.throw(velocity, chosen)
+        added = self._energy() - energy
         if resists(self.model):  # forces that depend on speed may be steeper now
             try:
                 self._choose_anew()
@@ -162,7 +163,15 @@ class Changing(Present):
                 self.stepping.throw(before.astype(np.float64), chosen)
                 raise
         if self._pace is not None:
-            self._pace.throw(added)
+            self._pace.bring_in(self.stepping, added)
+
+    def _energy(self) -> float:
+        """Return the energy that the method conserves [J], where it is watched.
+
+        Where velocities lag, other velocities or forces change it by more than what physics has: by a share of
+        the step.
+        """
+        return 0.0 if self._pace is None else self.stepping.balance().energy
 
     def _replace_loads(self, given: tuple[Load, ...]) -> None:
         """Go on with other loads: in place where they differ in values alone."""
@@ -178,15 +187,18 @@ class Changing(Present):
         else:
             check_loads(after, self.system)
             pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
-            above = 0.0 if pulled is None else pulled.above(self.stepping)
+            above, energy = 0.0 if pulled is None else pulled.above(self.stepping), self._energy()
             try:
                 self.stepping.exchange(others)
+                added = self._energy() - energy
                 self._choose_anew()
             except (UnstableStep, ValueError):  # what some effects have taken, all give back
                 self.stepping.exchange({new: old for old, new in others.items()})
                 raise
             if pulled is not None:  # what the springs of a hand store jumps as it moves
                 pulled.begin(self.stepping, above)
+            elif self._pace is not None:
+                self._pace.bring_in(self.stepping, added)
             self._surroundings = self._surroundings | {"loads": tuple(after)}
         self._acting = given
 

@@ -358,7 +358,10 @@ class Ensemble:
             "precision": self.model.precision,
             "route": self.model.route,
         }
-        return Simulation(self.system_of(world, start=start), **(own | options))
+        alone = Simulation(self.system_of(world, start=start), **(own | options))
+        if not start and self.model.touching is not None:
+            alone._stick(self.model.touching.checkpoints()[world])
+        return alone
 
     def _of_rows(self, name: str, world: int) -> NDArray[np.float64]:
         rows = self._rows[name]

@@ -67,6 +67,7 @@ class EnsembleStepping:
         self._stepper = EnsembleStepper(self._dynamics, self.state, take_substep, threads)
         self.threads = self._stepper.threads
         self._graph: Any = None
+        self._generation = model.generation
         own.start(self._dynamics, self.state, self._work, step)
 
     def advance(self) -> None:
@@ -82,7 +83,8 @@ class EnsembleStepping:
 
     def _take_frame(self) -> None:
         """Launch a frame."""
-        if self._graph is None:
+        if self._graph is None or self._generation != self._model.generation:
+            self._generation = self._model.generation
             with RECORDING, wp.ScopedCapture(device=self._model.device) as capture:
                 self.watch.begin()
                 self._stepper.take(self.choice.substeps)
@@ -97,9 +99,6 @@ class EnsembleStepping:
         if self._model.device.is_cuda:
             wp.synchronize_stream(self._model.device.stream)
         void = [effect.is_void() for effect in self._model.effects]  # each of them is asked
-        for effect in self._model.effects:
-            if effect.is_stale:
-                self._graph, effect.is_stale = None, False
         return any(void)
 
     def velocity(self) -> wp.array:

@@ -136,15 +136,16 @@ class Pace:
 
     def fall(self, stepping: Stepping, added: float) -> None:
         """Go on under another gravity, which has added so much to the energy [J]."""
-        self.throw(added)
+        self.bring_in(stepping, added)
         self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
 
-    def throw(self, added: float) -> None:
-        """Go on with other velocities, which have added so much to the energy [J]: places are as before."""
+    def bring_in(self, stepping: Stepping, added: float) -> None:
+        """Go on after a change that has added so much to the energy watched [J]: places are as before."""
         self.least, self.floor, self.low, self.high = (
             one + added for one in (self.least, self.floor, self.low, self.high)
         )
         self.interval, self.since = 1, 0
+        self._see(stepping.balance())
 
     def above(self, stepping: Stepping) -> float:
         """Return by how much the present energy is above the least [J]."""
@@ -303,6 +304,10 @@ class Pace:
         """Return what goes on with another choice; the energy that it conserves is another one."""
         if choice.substeps == stepping.choice.substeps:
             stepping.choice = choice
+            return stepping
+        if stepping.at_start:  # nothing has happened yet
+            stepping = stepping.with_choice(choice)
+            self.begin(stepping)
             return stepping
         before = stepping.balance().energy
         stepping = stepping.with_choice(choice)

@@ -15,6 +15,7 @@ from ..engine import (
     Dynamics,
     Model,
     Rates,
+    Touching,
     check_blocks,
     doubt_start,
     rate_bounds,
@@ -330,6 +331,15 @@ class Simulation(Changing):
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
+
+    def _stick(self, arrays: Mapping[str, NDArray]) -> None:
+        """Begin with bodies that stick to each other as `Touching.checkpoint` says, where they may touch."""
+        for effect in self.model.effects:
+            if isinstance(effect, Touching):
+                effect.restore(arrays)
+        self.stepping.begin_anew()
+        if self._pace is not None:
+            self._pace.begin(self.stepping)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.

@@ -109,6 +109,7 @@ class Stepping:
             blocks=blocks,
         )
         self._sums: Any = None
+        self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
         """How often a frame, and a balance, are launched before they are recorded."""
         small = is_told_by_frames(dynamics)
@@ -136,11 +137,17 @@ class Stepping:
 
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
-        from_to = self.choice.step, choice.step
-        wp.copy(self.state.v, self.integrator.hand_over(self.dynamics, self.state, self._work, *from_to))
+        now = self.dynamics, self.state, self._work, self.choice.step
+        v = self.integrator.velocity(*now) if self.at_start else self.integrator.hand_over(*now, choice.step)
+        wp.copy(self.state.v, v)
         baseline = self.watch.baseline
         how = self._how | {"baseline": baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choice=choice, **how)
+
+    @property
+    def at_start(self) -> bool:
+        """Whether velocities are as they were given, and not yet those of substeps of some length."""
+        return self._time == 0.0
 
     def fall(self, gravity: ArrayLike) -> None:
         """Go on under another constant gravity [m/s²]: only what was recorded with the old one is made anew."""
@@ -148,7 +155,6 @@ class Stepping:
         with self._between():
             self.model.fall(gravity)
             self.dynamics.world.gravity = self.model.gravity
-        self._forget_graphs()
         # Recording costs more than a launch: it is for what comes again before the next change.
         self._unrecorded, self._unsummed = 1, 4
         # All that energies are compared with is as much higher as the present one.
@@ -157,11 +163,8 @@ class Stepping:
         scale += max(0.0, weight(self.model) - heavy) * size(self.state)
         self.watch.compare_with(Baseline(energy + added, scale))
 
-    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> float:
-        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays.
-
-        Return the energy that they have got [J].
-        """
+    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
         if self.model.work is not None:
             self.model.work.settle(self.state.x, self.state.v)
         with self._between():
@@ -171,7 +174,6 @@ class Stepping:
         added = 0.5 * float(mass @ (velocity[chosen] ** 2 - before**2).sum(axis=1))
         energy, scale = self.watch.baseline
         self.watch.compare_with(Baseline(energy + added, scale + max(0.0, added)))
-        return added
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Go on with other values of the same loads, in place of each key what stands for it."""
@@ -240,6 +242,7 @@ class Stepping:
 
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]."""
+        self._forget_stale()
         shares = self.dynamics.shares
         if track.graph is None and (shares is not None or not self._unrecorded):
             track.graph = self._recorded_frame(track)
@@ -253,13 +256,15 @@ class Stepping:
             wp.capture_launch(track.graph)
         track.found.mark()
 
+    def _forget_stale(self) -> None:
+        """Forget what was recorded with arrays, numbers or kernels that have been replaced since."""
+        if self._generation != self.model.generation:
+            self._forget_graphs()
+            self._generation = self.model.generation
+
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
         void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
-        for effect in self.model.effects:
-            if effect.is_stale:
-                self._forget_graphs()
-                effect.is_stale = False
         return any(void)
 
     def begin_anew(self) -> None:
@@ -308,6 +313,7 @@ class Stepping:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
             self._ledger = self._open_ledger()
+        self._forget_stale()
         found = self._tracks.first.found
         if self._unsummed:
             self._unsummed -= 1

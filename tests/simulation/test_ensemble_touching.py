@@ -115,6 +115,35 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_the_simulation_of_a_world_on_its_way_knows_what_sticks(plain_device, precision):
+    # The upper die slides on the lower one: friction holds by springs that are stretched.
+    system = two_dice().with_velocity(np.repeat([[0.0, 0.0, 0.0], [1.0, 0.0, -1.0]], 27, axis=0))
+    ensemble = Ensemble(system, 2, **around(plain_device, precision=precision))
+    ensemble.step(16)
+    assert ensemble.model.touching is not None
+    partner = ensemble.model.touching.checkpoints()[1]["touch.partner"]
+    assert (partner >= 0).any(), "nothing sticks: the test is of nothing"
+    alone = ensemble.simulation_of(1, start=False)
+    for _ in range(3):
+        ensemble.step()
+        alone.step()
+    np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[1])
+    np.testing.assert_array_equal(alone.frame().velocity, ensemble.frame().velocity[1])
+
+
+@pytest.mark.slow
+def test_the_simulation_of_a_world_on_its_way_may_have_other_options(plain_device):
+    ensemble = Ensemble(two_dice(), 2, **around(plain_device))
+    ensemble.step(16)
+    for options in ({"precision": "float64"}, {"touch": (), "loads": ()}, {"substeps": "auto"}):
+        alone = ensemble.simulation_of(0, start=False, **options)
+        now = alone.frame().position
+        np.testing.assert_allclose(now, ensemble.frame().position[0], rtol=0, atol=1e-7)  # rounding of 0.4 m
+        alone.step(2)
+
+
+@pytest.mark.slow
 def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_device, monkeypatch):
     from msdwarp.engine import nearby
 

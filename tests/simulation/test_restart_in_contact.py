@@ -5,8 +5,11 @@ import pickle
 
 import numpy as np
 import pytest
+import warp as wp
 
-from msdwarp import Simulation, System, Touch, ball, box, sheet
+from msdwarp import Ensemble, Plane, Scene, Simulation, System, Touch, ball, box, sheet
+from msdwarp.engine import Touching
+from msdwarp.engine.nearby import Nearby
 
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.ContactOverrun")  # the ball comes at 8 m/s
 
@@ -55,3 +58,71 @@ def test_a_simulation_says_that_it_has_no_copy():
     for refused in (copy.copy, copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match="use checkpoint and restore"):
             refused(simulation)
+
+
+def sheets(apart: float) -> Scene:
+    """Return two sheets so far over each other [m], above a floor: they touch at 0.14 m."""
+    sheet_of_cloth = sheet((12, 12), spacing=0.05, mass=0.001, stiffness=50.0, damping=0.02)
+    two = sheet_of_cloth + sheet_of_cloth.translate((0.01, 0.0, apart))
+    return Scene(system=two, colliders=[Plane()], touch=Touch(thickness=0.14, between="bodies"))
+
+
+def nearby_in(model) -> Nearby:
+    return next(one for one in model.effects if isinstance(one, Touching))._nearby
+
+
+def marked(nearby: Nearby) -> list[wp.array]:
+    """Return the lists of what is near what, each filled with what no list holds."""
+    data = nearby._data
+    rows = [data.row, data.whose, data.away, data.beside]
+    for one in rows:
+        one.fill_(-777)
+    return rows
+
+
+def untouched(rows: list[wp.array]) -> bool:
+    return all((one.numpy() == -777).all() for one in rows)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_nothing_recorded_writes_into_lists_that_were_replaced(threads):
+    # On a GPU that memory may be another's by then.
+    simulation = Simulation.of(sheets(0.15), device="cpu", threads=threads)
+    simulation.step(2)
+    nearby = nearby_in(simulation.model)
+    old = marked(nearby)
+    nearby._give_room(64, 2)
+    simulation.stepping.balance()
+    assert nearby._data.length.numpy().any(), "nothing is listed: the test is of nothing"
+    assert untouched(old)
+    simulation.step()
+    assert untouched(old)
+
+
+def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced():
+    ensemble = Ensemble(sheets(0.15), 2, device="cpu")
+    ensemble.step(2)
+    nearby = nearby_in(ensemble.model)
+    old = marked(nearby)
+    nearby._give_room(64, 4)
+    ensemble.step()
+    assert nearby._data.length.numpy().any(), "nothing is listed: the test is of nothing"
+    assert untouched(old)
+
+
+@pytest.mark.slow
+def test_a_change_behind_a_restart_does_not_write_into_lists_that_were_replaced(monkeypatch):
+    run = Simulation.of(sheets(0.2), device="cpu")
+    run.step(20)
+    restored, old, give_room = Simulation.of(sheets(0.2), device="cpu"), list[list[wp.array]](), Nearby._give_room
+
+    def give_room_and_note(nearby, room, beside):
+        if nearby._data.row is not None and nearby._data.row.size:
+            old.append(marked(nearby))
+        give_room(nearby, room, beside)
+
+    monkeypatch.setattr(Nearby, "_give_room", give_room_and_note)
+    restored.restore(*run.checkpoint())
+    assert old, "nothing was replaced: the test is of nothing"
+    restored.change(stiffness=60.0)
+    assert all(map(untouched, old))
