@@ -36,6 +36,8 @@ SLOW = 0.25
 """A frame with a smaller share of what is allowed is not what has let energy rise too far: those before it are."""
 LONGEST_INTERVAL = 64
 """Frames from one look to the next, at most. A look costs as much as a few substeps."""
+OFTEN = 8
+"""Frames from one look to the next up to which each frame on a GPU tells its balance."""
 LARGE_STRAIN = 0.3
 """Beyond it the limit of small motions says little, and every frame is looked at."""
 PATIENCE = 60
@@ -181,6 +183,8 @@ class Pace:
             stepping.land()
             stepping = self._begun_anew(stepping, bound)
         usual, tried = self.refinement, list[float]()
+        # Where looks are rare, only frames that are to be looked at by count tell: this one, or the one behind it.
+        stepping.telling = self.interval < OFTEN or self.since + 2 >= self.interval
         fine = stepping.advance(time, then)
         self.since += 1
         if fine and not self._is_due(stepping):

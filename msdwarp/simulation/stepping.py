@@ -113,8 +113,8 @@ class Stepping:
         self._unrecorded = self._unsummed = 0
         """How often a frame, and a balance, are launched before they are recorded."""
         small = is_told_by_frames(dynamics)
-        self._tells = paced and small
-        """Whether frames tell their balance."""
+        self._tells, self.telling = paced and small, True
+        """Whether frames can tell their balance; whether the next ones do, else it is summed when asked for."""
         self._runs_ahead = small and tells_all(self.model, self.felt, self._sensors, self._by_substep)
         """Whether a frame can be judged while the next one is under way."""
         self._open_ledger = partial(Ledger, dynamics, state, self.integrator.lag * choice.step)
@@ -129,7 +129,7 @@ class Stepping:
     @property
     def graph(self) -> Any:
         """A frame as it was recorded with the first one; None before."""
-        return self._tracks.first.graph
+        return next(iter(self._tracks.first.graphs.values()), None)
 
     def _forget_graphs(self) -> None:
         self._sums = None
@@ -243,17 +243,18 @@ class Stepping:
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]."""
         self._forget_stale()
-        shares = self.dynamics.shares
-        if track.graph is None and (shares is not None or not self._unrecorded):
-            track.graph = self._recorded_frame(track)
+        shares, graphs = self.dynamics.shares, track.graphs
+        tells = track.tells = self._tells and self.telling
+        if tells not in graphs and (shares is not None or not self._unrecorded):
+            graphs[tells] = self._recorded_frame(track)
         self.dynamics.begin_frame(time)
-        if track.graph is None:
+        if tells not in graphs:
             self._unrecorded -= 1
             self._launch_frame(track)
         elif shares is not None:
-            track.graph.replay()
+            graphs[tells].replay()
         else:
-            wp.capture_launch(track.graph)
+            wp.capture_launch(graphs[tells])
         track.found.mark()
 
     def _forget_stale(self) -> None:
@@ -296,7 +297,7 @@ class Stepping:
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
-        if self._tells and self._ledger is not None:
+        if track.tells and self._ledger is not None:
             self._ledger.launch(track.found)
         else:
             self.watch.look(track.found)
@@ -328,9 +329,10 @@ class Stepping:
         return self._ledger.balance(found.read())
 
     def balance_of_frame(self) -> Balance:
-        """Return the balance of the frame just advanced by; on a GPU that of a small body costs nothing more."""
-        if self._tells and self._ledger is not None:
+        """Return the balance of the frame just advanced by: as that tells it, or summed now."""
+        if self._tracks.now.tells and self._ledger is not None:
             return self._ledger.balance(self.watch.told)
+        self.land()
         return self.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
@@ -339,9 +341,7 @@ class Stepping:
         A row for each reading, so many seconds apart that the last one is where the frame ends.
         """
         found = {}
-        for sensors in (self._sensors, self._by_substep):
-            if sensors is None:
-                continue
+        for sensors in filter(None, (self._sensors, self._by_substep)):
             if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
                 wp.synchronize_stream(self.model.device.stream)
             found |= sensors.read()
@@ -395,7 +395,4 @@ class Stepping:
     @in_turn
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that substeps have changed, but for positions and velocities."""
-        changed = {}
-        for effect in self.model.effects:
-            changed |= effect.changed_fields()
-        return changed
+        return {name: array for effect in self.model.effects for name, array in effect.changed_fields().items()}

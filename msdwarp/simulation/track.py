@@ -17,13 +17,16 @@ class Track:
         The state where the frame began.
     found
         What is told of the state where it ends.
-    graph
-        The frame as it was recorded; None before.
+    graphs
+        The frame as it was recorded, by whether it tells its balance.
+    tells
+        Whether the frame that was launched last tells its balance.
     """
 
     def __init__(self, state: State) -> None:
         self.backup, self.found = Backup(state), Found(state.model.device)
-        self.graph: Any = None
+        self.graphs: dict[bool, Any] = {}
+        self.tells = False
 
 
 class Tracks:
@@ -59,7 +62,7 @@ class Tracks:
     def forget_graphs(self) -> None:
         """Have frames recorded anew."""
         for track in (self.first, *self._second):
-            track.graph = None
+            track.graphs.clear()
 
 
 def tells_all(model: Model, *looks: Any) -> bool:

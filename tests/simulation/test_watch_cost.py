@@ -121,6 +121,16 @@ def test_what_frames_tell_decides_as_what_is_asked_for(monkeypatch):
     assert told.checkpoint()[1] == asked.checkpoint()[1]
 
 
+def test_a_body_that_is_rarely_looked_at_rarely_tells(as_on_a_gpu):
+    simulation = Simulation(box((3, 3, 3), 0.1, damping=1.0), device="cpu", **WATCHED)
+    simulation.step(130)  # it is at rest: the intervals between looks have grown to 64 frames
+    told = []
+    for _ in range(64):
+        simulation.step()
+        told.append(simulation.stepping.telling)
+    assert 1 <= sum(told) <= 2  # the frame that is looked at, and the one before it
+
+
 # Frames that are launched before the one before them is judged
 
 
