@@ -89,8 +89,8 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
     force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
 
-    Where anything has `sunk` into an obstacle before the run, it is led out at a steady pace and gets no speed
-    from that: put onto the surface at once it would strain its connections by the way.
+    Where by rule "coulomb" anything has `sunk` into an obstacle before the run, it is led out at a steady pace
+    and gets no speed from that: put onto the surface at once it would strain its connections by the way.
     """
     V, Surface = vector(dim, scalar), surface(scalar, needed)
     coulomb, sunk = rule == "coulomb", needed.sunk

@@ -13,7 +13,7 @@ from ..kernels.basis import vector
 from ..kernels.contact import KINDS, Needed, fixed_contact, moving_contact
 from ..kernels.contact import Contact as ContactPiece
 from ..world import Capsule, Collider, Cone, Motion, Plane, poses
-from .depths import describe, start_depths, touching
+from .depths import describe, start_depths, touching, ways_out
 from .effect import Effect
 from .in_frames import InFrames, Tables
 
@@ -60,7 +60,9 @@ class Contact(Effect):
         self._moves = any(collider.motion is not None for collider in colliders)
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
-        self._deepest = _deepest(model, colliders)
+        inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
+        self._deepest = inside if self.leads_out else 0.0
+        self._put_out = _put_out(model, colliders) if inside > self._deepest else None
         compose = moving_contact if self._moves else fixed_contact
         self.piece = ContactPiece(
             *compose(
@@ -108,10 +110,15 @@ class Contact(Effect):
         """Whether all obstacles are planes, which no way is swept for."""
         return all(isinstance(one, Plane) for one in self._colliders)
 
-    @property
-    def led_out_at(self) -> float:
-        """How fast what started inside an obstacle is led out [m/s]; 0 where nothing did."""
-        return self._deepest / LED_OUT_IN
+    def brings_in(self, model: "Model") -> NDArray[np.float64]:
+        """Return how much energy what started inside an obstacle gets in each row of a model [J], about."""
+        mass = model.row_of("mass")
+        moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / LED_OUT_IN) ** 2
+        if self._put_out is None:
+            return moving
+        i, j = model.system.connections.T
+        stretch = np.linalg.norm(self._put_out[j] - self._put_out[i], axis=1) - model.system.rest_length
+        return 0.5 * model.row_of("stiffness") @ stretch**2
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the poses of a frame of so many substeps of `dt` seconds."""
@@ -183,6 +190,16 @@ def _deepest(model: "Model", colliders: Sequence[Collider]) -> float:
     places = model.system.position[np.isfinite(model.mass)]
     deepest = float(start_depths(places, colliders).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
+
+
+def _put_out(model: "Model", colliders: Sequence[Collider]) -> NDArray[np.float64]:
+    """Return where particles are once those that start in obstacles have been put onto their surfaces [m]."""
+    position, free = np.array(model.system.position), np.isfinite(model.mass)
+    for collider in colliders:
+        inside = free & (start_depths(position, [collider])[0] > 0)
+        if inside.any():
+            position[inside] += ways_out(position[inside], collider)
+    return position
 
 
 def _with_a_past(poses: NDArray) -> NDArray:

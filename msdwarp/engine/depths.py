@@ -51,6 +51,15 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
     return depths
 
 
+def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
+    """Return the nearest way out of an obstacle from each place inside [m]; 0 where sides are as near."""
+    depth = start_depths(position, [collider])[0]
+    step = 1e-6 * max(1.0, float(np.abs(position).max()))
+    steps = step * np.eye(position.shape[1])
+    rise = [start_depths(position + e, [collider])[0] - start_depths(position - e, [collider])[0] for e in steps]
+    return -depth[:, None] * np.stack(rise, axis=1) / (2 * step)
+
+
 def touching(system: System) -> float:
     """Return the depth up to which a particle of a system only touches an obstacle [m]."""
     lengths = stored(system.rest_length)

@@ -102,8 +102,9 @@ def baselines(dynamics: EnsembleDynamics, state: State) -> tuple[NDArray[np.floa
     stiffness = _each(model.row_of("stiffness").sum(axis=1), model.worlds)
     rounding = ROUNDED * stiffness * _each(off, model.worlds) ** 2
     scale = kinetic + elastic + weight * _each(np.where(size > 0, size, 1.0), model.worlds) + rounding
-    leads = max((one.led_out_at for one in model.effects if isinstance(one, Contact)), default=0.0)
-    scale += _each(free, model.worlds) * leads**2
+    for one in model.effects:
+        if isinstance(one, Contact):
+            scale += _each(one.brings_in(model), model.worlds)
     energy = kinetic + elastic + gravitational
     if model.touching is not None:
         energy += model.touching.energies(state.x, state.v)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System, pieces, stored
 from ..world import Collider
-from .contact import LED_OUT_IN
-from .depths import start_depths, touching
+from .contact import LED_OUT_IN, Contact
+from .depths import start_depths, touching, ways_out
 from .driving import Driving
 from .model import Model
 from .state import State
@@ -51,8 +51,10 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     ValueError
         If a whole body starts so within an obstacle that leading it out would tear it.
     """
-    check_swallowed(model.system, colliders, model.driven)
-    inside = start_inside(model.system, colliders, model.driven)
+    led_out = all(one.leads_out for one in model.effects if isinstance(one, Contact))
+    if led_out:
+        check_swallowed(model.system, colliders, model.driven)
+    inside = start_inside(model.system, colliders, model.driven, led_out=led_out)
     displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
     overlapping = [effect.overlapping() for effect in model.effects if isinstance(effect, Touching | Straddling)]
     for doubt in (inside, start_far(model), *displaced, *overlapping):
@@ -62,11 +64,16 @@ def doubt_start(model: Model, colliders: Sequence[Collider]) -> str | None:
 
 
 def start_inside(
-    system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
+    system: System,
+    colliders: Sequence[Collider],
+    driven: NDArray[np.bool_] | None = None,
+    *,
+    led_out: bool = True,
 ) -> str | None:
     """Return words about the particle that starts deepest in an obstacle; None if none does but by touching it.
 
-    Pinned particles may lie anywhere: they stay there, as do driven ones where they are put.
+    Pinned particles may lie anywhere: they stay there, as do driven ones where they are put. By rule "report" what
+    starts inside is not `led_out`.
     """
     free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not free.any():
@@ -81,11 +88,11 @@ def start_inside(
     count = int((depths.max(axis=0) > allowed).sum())
     others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
     tears = ", which may strain its connections" if system.connection_count else ""
+    way = f"moved out the shortest way within {LED_OUT_IN} s" if led_out else "put onto the surface at once"
     return (
         f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
-        f"{type(colliders[k]).__name__}{others}: if it does not move out by itself, it is moved out the "
-        f"shortest way within {LED_OUT_IN} s{tears}; move the body or the obstacle apart, or pin what is meant to "
-        "be inside"
+        f"{type(colliders[k]).__name__}{others}: if it does not move out by itself, it is {way}"
+        f"{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
     )
 
 
@@ -110,7 +117,7 @@ def check_swallowed(
         (inner,) = np.nonzero(swallowed[piece[i]] & free[i] & free[j])
         if not len(inner):
             continue
-        place = system.position + _ways_out(system.position, collider)
+        place = system.position + ways_out(system.position, collider)
         apart = np.linalg.norm(place[i[inner]] - place[j[inner]], axis=1)
         now = np.linalg.norm(system.position[i[inner]] - system.position[j[inner]], axis=1)
         worst = int(np.argmax(apart - TORN * now))
@@ -121,15 +128,6 @@ def check_swallowed(
                 f"the nearest ways out of particles {ends[0]} and {ends[1]} lead {apart[worst]:.3g} m apart, "
                 "which would tear it; it must start outside, or near one side of it, or be pinned"
             )
-
-
-def _ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
-    """Return the nearest way out of an obstacle from each place inside [m]; 0 where sides are as near."""
-    depth = start_depths(position, [collider])[0]
-    step = 1e-6 * max(1.0, float(np.abs(position).max()))
-    steps = step * np.eye(position.shape[1])
-    rise = [start_depths(position + e, [collider])[0] - start_depths(position - e, [collider])[0] for e in steps]
-    return -depth[:, None] * np.stack(rise, axis=1) / (2 * step)
 
 
 def start_far(model: Model) -> str | None:

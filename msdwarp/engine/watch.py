@@ -27,9 +27,8 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start = measure(model, state)
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # What starts in an obstacle and is led out drags along what it is connected to.
-        leads = max((one.led_out_at for one in model.effects if isinstance(one, Contact)), default=0.0)
-        scale += float(model.mass[np.isfinite(model.mass)].sum()) * leads**2
+        # What starts in an obstacle drags along what it is connected to.
+        scale += sum(float(one.brings_in(model)[0]) for one in model.effects if isinstance(one, Contact))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 

@@ -186,8 +186,9 @@ def test_particle_below_and_moving_down_is_led_onto_the_plane(contact):
         gravity=0.0,
         contact=contact,
     )
-    # 2 m in half a second, at a steady pace, whatever the step; no speed comes from that. Exact in binary.
-    for height in (-1.5, -1.0, -0.5, 0.0, 0.0):
+    # 2 m in half a second, at a steady pace, whatever the step; by "report" at once. No speed comes from that.
+    # Exact in binary.
+    for height in (0.0, 0.0) if contact == "report" else (-1.5, -1.0, -0.5, 0.0, 0.0):
         simulation.step()
         assert simulation.frame().position[0, 2] == height
         assert simulation.frame().velocity[0, 2] == 0.0
