@@ -29,7 +29,9 @@ start_warp()
 GPU_ROUTES = routes.ROUTES if wp.is_cuda_available() else ()
 """By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
-pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
+pytest.register_assert_rewrite(
+    "collisions", "courses", "pages", "runs", "stencils", "surfaces", "tangles", "trajectories"
+)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
