@@ -27,7 +27,12 @@ SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tow
 
 
 def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
-    """Show a scene as it is simulated, until the window is closed or Ctrl-C.
+    """Show a scene as it is simulated, until the window is closed or Ctrl-C."""
+    _run(view_of(origin, scene, options))
+
+
+def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
+    """Return a view of a scene as it is simulated.
 
     Raises
     ------
@@ -46,7 +51,7 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
         return _running(other, scene, options)
 
     how: Any = {"paused": options.paused, "renderer": options.renderer}
-    _run(View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how))
+    return View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how)
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
