@@ -4,6 +4,8 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -285,3 +287,35 @@ def colour(name: str, colour: str) -> tuple[float, float, float]:
         raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
     red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
+
+
+def free_memory() -> int | None:
+    """Return how many bytes this process can still have; None where the system does not tell."""
+    found = []
+    with suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        found.append(1024 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1]))
+    with suppress(OSError, ValueError):  # that of a container
+        most, taken = (int((Path("/sys/fs/cgroup") / f"memory.{name}").read_text()) for name in ("max", "current"))
+        stat = dict(line.split() for line in (Path("/sys/fs/cgroup") / "memory.stat").read_text().splitlines())
+        found.append(most - taken + int(stat.get("inactive_file", 0)))
+    return min(found, default=None)
+
+
+def fits(given: str, what: str, size: float) -> None:
+    """Raise ValueError if what is made of something given does not fit into memory.
+
+    Parameters
+    ----------
+    given
+        What was given: "size is 3".
+    what
+        What is made, in words.
+    size
+        How many bytes it takes at least.
+    """
+    if size < 1e8:  # asking would take longer than making it
+        return
+    there = free_memory()
+    if there is not None and size > there:
+        raise ValueError(f"{given}; {what} take {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are free")

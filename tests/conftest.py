@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -29,7 +30,9 @@ start_warp()
 GPU_ROUTES = routes.ROUTES if wp.is_cuda_available() else ()
 """By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
-pytest.register_assert_rewrite("collisions", "courses", "runs", "stencils", "surfaces", "tangles", "trajectories")
+pytest.register_assert_rewrite(
+    "collisions", "courses", "pages", "runs", "stencils", "surfaces", "tangles", "trajectories"
+)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -183,6 +186,7 @@ def msdwarp(tmp_path, monkeypatch, capsys):
     # The command has handlers of its own to the end of its process, which here goes on with other tests.
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
     yield run
     for number, handler in before.items():
         signal.signal(number, handler)

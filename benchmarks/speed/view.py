@@ -96,7 +96,7 @@ class Client(threading.Thread):
         self._least, self.pictures, self.bytes, self.arrived = least, 0, 0, threading.Event()
         name = f"viser-v{viser.__version__}"
         address = page.address.replace("http", "ws")
-        self._socket = connect(address, subprotocols=[name], max_size=None)
+        self._socket = connect(address, subprotocols=[name], origin=page.address, max_size=None)
         zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
         camera = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1e3, 720, 1280, zero, (0.0, 0.0, 1.0))
         self._socket.send(msgspec.msgpack.encode(camera.as_serializable_dict()))

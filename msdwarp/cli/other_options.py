@@ -25,6 +25,8 @@ class ViewOptions:
         Address to serve the page at. With the default only this machine can open it.
     port
         Port of the page. Default: 8080, or the next free one.
+    allow_origin
+        Origins of other pages that may control this one, such as https://lab.example; may be repeated.
     paused
         Start paused, at the first frame.
     device
@@ -49,6 +51,7 @@ class ViewOptions:
     window: Annotated[bool, Parameter(negative=())] = False
     host: str = "127.0.0.1"
     port: Whole | None = None
+    allow_origin: Annotated[tuple[str, ...], Parameter(negative=())] = ()
     paused: Annotated[bool, Parameter(negative=())] = False
     device: str | None = None
     precision: PrecisionName | None = None

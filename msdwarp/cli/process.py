@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,7 +13,7 @@ from cyclopts import App, CycloptsError
 from .. import quiet
 from .blame import told_by_line
 from .misunderstood import misunderstood
-from .printable import printable_lines
+from .printable import printable, printable_lines
 from .signals import ALL, Interrupted, Terminated, ask, at_once, heard, noted
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     """
     for number in heard(*ALL):
         signal.signal(number, ask)
+    warnings.formatwarning = _in_a_line
     try:
         command()
     except BrokenPipeError:  # whoever read the output has read enough
@@ -52,6 +54,11 @@ def finish(command: Callable[[], Any]) -> NoReturn:
         print("terminated", file=sys.stderr)
         sys.exit(128 + termination.args[0])
     sys.exit(0)
+
+
+def _in_a_line(message: Warning | str, *where: Any) -> str:
+    """Return a warning as the command says it: where in our sources it was given tells nobody anything."""
+    return f"warning: {printable(str(message))}\n"
 
 
 def _explains_itself(error: Exception) -> bool:

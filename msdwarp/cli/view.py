@@ -1,11 +1,14 @@
 """Viewing a scene as it is simulated, or a trajectory, in a window or a browser."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from .. import checks
 from ..files import Trajectory
 from ..live import Browser, Played, Running, Screen, Source, View, screen_for, within_reach
 from ..pictures import no_display
@@ -17,12 +20,19 @@ from .provenance import about
 from .run import simulation_by, used
 from .scene_files import Origin, find_scene
 
+_SIMULATED = 64
+"""Bytes that a connection takes as a simulation is made, beside those of its system; particles included."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
 
 
 def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
-    """Show a scene as it is simulated, until the window is closed or Ctrl-C.
+    """Show a scene as it is simulated, until the window is closed or Ctrl-C."""
+    _run(view_of(origin, scene, options))
+
+
+def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
+    """Return a view of a scene as it is simulated.
 
     Raises
     ------
@@ -34,10 +44,14 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
 
     def rebuilt(**parameters: Any) -> Source:
         other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
-        return _running(other, other.scene(), options)
+        with _limited():  # of the host: a GPU's driver says so itself
+            scene = other.scene()
+        count = scene.system.connection_count
+        checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
+        return _running(other, scene, options)
 
     how: Any = {"paused": options.paused, "renderer": options.renderer}
-    _run(View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how))
+    return View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how)
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
@@ -78,7 +92,7 @@ def _screen(options: ViewOptions) -> Screen:
     if options.window and why is not None:
         raise ValueError(f"{why}; use --browser")
     page = options.browser or why is not None
-    return screen_for(page, options.host, options.port)
+    return screen_for(page, options.host, options.port, options.allow_origin)
 
 
 def _run(view: View) -> None:
@@ -94,7 +108,33 @@ def _run(view: View) -> None:
 def _tell(page: Browser) -> None:
     """Say where a page is, and who can open it."""
     print(f"{page.address}  (Ctrl-C stops)", flush=True)
-    if page.host in ("127.0.0.1", "localhost"):
+    if "token" not in page.address:
         print(f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True)
     else:
-        print("anyone who can reach this address can see and control it", flush=True)
+        print("anyone who has this address can see and control it", flush=True)
+
+
+@contextmanager
+def _limited() -> Iterator[None]:
+    """Have what asks for more memory than is free fail with MemoryError, where Linux would end the process.
+
+    The limit is one of the whole process.
+    """
+    there = checks.free_memory()
+    try:
+        import resource
+
+        now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    except (ImportError, OSError, ValueError):  # Windows and macOS, which have no such limit
+        yield
+        return
+    least = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]
+    if there is not None:
+        least.append(now + there)
+    try:
+        if least:
+            resource.setrlimit(resource.RLIMIT_AS, (min(least), hard))
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))

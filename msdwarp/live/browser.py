@@ -4,6 +4,7 @@ import io
 import logging
 import math
 import socket
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ import numpy as np
 from .. import checks
 from ..bodies import in_space
 from ..pictures import VIEW_ANGLE, Stage
+from .access import EVERYWHERE, Access
+from .guard import guarded
 from .images import Images, Links
 from .panel import Panel
 from .patches import LEVELS, Patch, compact, levels, patches, scale_colours
@@ -34,6 +37,8 @@ SIZE = (1280, 720)
 """Width and height that the camera is placed for."""
 WORTH = 10_000
 """Vertices from which on an image is smaller than what it shows."""
+MOST_WAITING = 20
+"""Commands that wait for the view, from which on messages wait at their senders."""
 LATE, OFTEN = 1.0, 3
 """So late [s] so often in a row, and a link does not keep up."""
 MISSING = "the page needs viser: pip install 'msdwarp[view]'"
@@ -48,16 +53,18 @@ class Browser:
         The address that the page is served at; 127.0.0.1 is seen from this machine alone.
     port
         The port; by default 8080, or the next that is free.
+    allow_origin
+        Origins of other pages that may control this one, such as "https://lab.example".
 
     Raises
     ------
     ValueError
-        If viser is not installed, or the port is taken or out of range.
+        If viser is not installed or cannot be guarded, the port is taken or out of range, or an origin is none.
     """
 
     takes_images = True
 
-    def __init__(self, host: str = HOST, port: int | None = None) -> None:
+    def __init__(self, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()) -> None:
         try:
             import viser
         except ImportError as error:
@@ -67,6 +74,10 @@ class Browser:
         if port is not None and _is_taken(host, port):
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
 
+        self._access = Access(host, allow_origin)
+        self._waiting: Callable[[], int] = lambda: 0
+        self._server: Any = None
+
         # Who sends garbage is hung up on, which is no news to whoever runs this.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
@@ -75,8 +86,13 @@ class Browser:
                 """Refuse: viser would make the page public."""
                 return None
 
-        with redirect_stdout(io.StringIO()):  # it prints addresses whatever it is told
-            self._server = Server(host=host, port=PORT if port is None else port, label="msdwarp", verbose=False)
+        try:
+            # It prints addresses whatever it is told.
+            with guarded(self._access, lambda: self._waiting() >= MOST_WAITING), redirect_stdout(io.StringIO()):
+                self._server = Server(host, PORT if port is None else port, label="msdwarp", verbose=False)
+        except ValueError:
+            self.close()
+            raise
         wake_from_any_thread(self._server)  # the view's thread is not the one that sends
         self.host, self.port = host, self._server.get_port()
         self._panel = Panel(self._server)
@@ -89,8 +105,10 @@ class Browser:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
-        return f"http://{self.host}:{self.port}"
+        """Where the page is, with the token that it needs."""
+        name = socket.gethostname() if self.host in EVERYWHERE else self.host
+        address = f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
+        return address if self._access.token is None else f"{address}/?token={self._access.token}"
 
     @property
     def watched(self) -> bool:
@@ -99,7 +117,7 @@ class Browser:
 
     def open(self, view: "View") -> None:
         """Begin."""
-        self._view = view
+        self._view, self._waiting = view, lambda: view.waiting
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(217, 96, 59))
         self._server.scene.set_up_direction("+z")
         self._panel.open(view)
@@ -297,8 +315,9 @@ class Browser:
 
     def close(self) -> None:
         """End: the page is gone. It may be called again."""
-        with redirect_stdout(io.StringIO()):
-            self._server.stop()
+        if self._server is not None:
+            with redirect_stdout(io.StringIO()):
+                self._server.stop()
 
 
 def _is_taken(host: str, port: int) -> bool:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,12 @@ SLOWEST, FASTEST = 1 / 64, 64.0
 """Bounds of the speed of playing, over real time."""
 SENDS = ("auto", "triangles", "images")
 """What a page can be sent."""
+
+
+def said_of(error: BaseException) -> str:
+    """Return what an error says, with its kind where it does not say what was wrong with what was asked for."""
+    explains = isinstance(error, ValueError | OSError | SimulationDiverged)
+    return str(error) if explains and str(error) else f"{type(error).__name__}: {error}"
 
 
 class Commands:
@@ -73,9 +80,13 @@ class Commands:
     def _say(self, text: str) -> None:
         """Show a text for a while."""
 
-    def _diverged(self, error: SimulationDiverged) -> None:
+    def _failed(self, error: BaseException) -> None:
+        """Pause: a frame could not be simulated."""
+        if not isinstance(error, SimulationDiverged):
+            with suppress(Exception):  # it may be what failed
+                self._end_recording()
         self._pause(True)
-        self._say(f"{error} — press r to restart")
+        self._say(f"{said_of(error)} — press r to restart")
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
@@ -110,20 +121,27 @@ class Commands:
         if not 1 <= number <= len(names):
             raise ValueError(f"there is no scene {number}; there are {len(names)} scenes")
         name = names[number - 1]
-        other = self.scenes[name]()
-        ended = self._end_recording()
-        self._begin(other)
-        self._stage()
+        ended = self._change_to(self.scenes[name]())
         self._say(f"{name}{ended}")
 
     def _parameters(self, **parameters: Any) -> None:
         if self._rebuild is None:
             raise ValueError("this scene was not built by a function: it has no parameters")
-        other = self._rebuild(**parameters)
-        ended = self._end_recording()
-        self._begin(other)
-        self._stage()
+        ended = self._change_to(self._rebuild(**parameters))
         self._say(", ".join(f"{name} = {value}" for name, value in parameters.items()) + ended)
+
+    def _change_to(self, other: Source) -> str:
+        """Show another source, or if that fails the one before from where it is; return what to say besides."""
+        before, hand = self.source, self.hand
+        try:
+            self._begin(other)
+            self._stage()
+        except Exception:
+            self._begin(before)
+            self.hand = hand
+            self._stage()
+            raise
+        return self._end_recording()
 
     def _done(self, deed: str, **values: Any) -> None:
         """Do something to the simulation by hand."""

@@ -104,8 +104,12 @@ class Images:
         self._frame, self._moved, self._fits = self._frame + 1, time.perf_counter(), False
 
     def send(self, links: list[tuple[int, Any, Link]]) -> None:
-        """Draw for each client that has its last image, and would see another one now."""
-        for k, client, link in links:
+        """Draw for each client that has its last image, and would see another one now.
+
+        Who was drawn for longest ago comes first: there may be time for one only.
+        """
+        turn = {k: place for place, k in enumerate(self._sent)}
+        for k, client, link in sorted(links, key=lambda one: turn.get(one[0], -1)):
             if link.busy or time.perf_counter() < self._free_at:
                 continue
             self._send(k, client, link)
@@ -131,6 +135,7 @@ class Images:
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=QUALITY)
         client.flush()
         link.ask()
+        self._sent.pop(k, None)  # to have it last
         self._sent[k] = self._frame, pose, wanted, now if moves else since
         took = time.perf_counter() - now
         if moves:  # the time goes with the pixels

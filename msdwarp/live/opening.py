@@ -1,6 +1,7 @@
 """Opening: `view`, which shows a scene, a simulation or a trajectory."""
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +24,7 @@ def view(
     block: bool = True,
     host: str = HOST,
     port: int | None = None,
+    allow_origin: Sequence[str] = (),
     paused: bool = False,
 ) -> View:
     """Show a scene or simulation live, or play a trajectory, in a window or a browser.
@@ -38,9 +40,12 @@ def view(
         Wait until the window is closed, or Ctrl-C. Otherwise return at once; `View.close` ends the view. A window
         always waits.
     host
-        Network address of the page; by default only this machine can open it.
+        Network address of the page; by default only this machine can open it. Otherwise the address that is
+        printed has a token, without which nobody can.
     port
         Port of the page; by default 8080 or the next free one.
+    allow_origin
+        Origins of other pages that may control this one, such as that of a proxy, "https://lab.example".
     paused
         Start paused.
 
@@ -53,14 +58,14 @@ def view(
     Raises
     ------
     ValueError
-        If `shown` is invalid, viser is not installed, or the port is in use.
+        If `shown` or an origin is invalid, viser is not installed, or the port is in use.
     """
     source = _source_of(shown)
     if browser is None:
         browser = no_display() is not None
     if not browser and not block:
         raise ValueError("block is False; a window must be waited for: add browser=True")
-    screen = screen_for(browser, host, port)
+    screen = screen_for(browser, host, port, allow_origin)
     if isinstance(screen, Browser):
         print(screen.address)
     opened = View(source, [screen], paused=paused)
@@ -72,10 +77,12 @@ def view(
     return opened
 
 
-def screen_for(browser: bool, host: str = HOST, port: int | None = None) -> Screen:
+def screen_for(
+    browser: bool, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()
+) -> Screen:
     """Return a page or a window."""
     if browser:
-        return Browser(host, port)
+        return Browser(host, port, allow_origin)
     return Window()
 
 

@@ -34,7 +34,7 @@ CURVES = tuple((name, ENERGIES[name]) for name in ("kinetic", "elastic", "sum"))
 class Panel:
     """What a page has beside the picture.
 
-    Callbacks come from viser's threads, and only post what was asked for.
+    Callbacks come in viser's thread, and only post what was asked for.
     """
 
     def __init__(self, server: Any) -> None:
@@ -50,15 +50,15 @@ class Panel:
         self._status = gui.add_markdown("")
         play: Any = gui.add_button_group("play", ("pause / continue", "one frame", "restart"))
         asks = dict(zip(play.options, ("space", "right", "r"), strict=True))
-        play.on_click(lambda event: view.press(asks[play.value]))
+        play.on_click(_asked(lambda: view.press(asks.get(play.value, ""))))
         self._speed = gui.add_dropdown("speed (1 is real time)", SPEEDS, initial_value="1")
-        self._speed.on_update(self._if_asked(lambda: view.post("pace", value=_number(self._speed.value))))
+        self._speed.on_update(self._if_asked(self._speed, lambda value: view.post("pace", value=_number(value))))
         self._colour = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
-        self._colour.on_update(self._if_asked(lambda: view.post("colour", value=self._colour.value)))
+        self._colour.on_update(self._if_asked(self._colour, lambda value: view.post("colour", value=value)))
         self._wires = gui.add_checkbox("connections", initial_value=False)
-        self._wires.on_update(self._if_asked(lambda: view.press("w")))
+        self._wires.on_update(self._if_asked(self._wires, lambda value: view.press("w")))
         self._sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
-        self._sends.on_update(self._if_asked(lambda: view.post("send", value=self._sends.value)))
+        self._sends.on_update(self._if_asked(self._sends, lambda value: view.post("send", value=value)))
         self._legend = gui.add_html("", visible=False)
         self._open_keys()
 
@@ -69,10 +69,10 @@ class Panel:
             for key in several:
                 hotkey = HOTKEYS.get(name, name.upper())
                 command = gui.add_command(key.says, hotkey=hotkey, modifier="shift" if key.shift else None)
-                command.on_trigger(lambda event, name=name, shift=key.shift: view.press(name, shift=shift))
+                command.on_trigger(_asked(lambda name=name, shift=key.shift: view.press(name, shift=shift)))
         for k, name in zip(SCENES, view.scenes, strict=False):
             command = gui.add_command(f"scene {name}", hotkey=k)
-            command.on_trigger(lambda event, k=k: view.press(k))
+            command.on_trigger(_asked(lambda k=k: view.press(k)))
 
     def stage(self) -> None:
         """Build what belongs to the scene, where it is another one."""
@@ -85,7 +85,7 @@ class Panel:
         self._parts, self._sliders, self._contacts, self._time = [], {}, {}, None
         if view.source.frame_count is not None:
             slider = gui.add_slider("frame", 0, max(view.source.frame_count - 1, 1), 1, 0)
-            slider.on_update(self._if_asked(lambda: view.post("seek", k=slider.value)))
+            slider.on_update(self._if_asked(slider, lambda value: view.post("seek", k=value)))
             self._time = slider
             self._parts.append(slider)
         if view.source.handling is not None:
@@ -107,7 +107,7 @@ class Panel:
             with folder:
                 for k, name in enumerate(view.scenes, 1):
                     button = gui.add_button(f"{k}  {name}" if k < 10 else name)
-                    button.on_click(lambda event, k=k: view.post("scene", number=k))
+                    button.on_click(_asked(lambda k=k: view.post("scene", number=k)))
         keys = gui.add_folder("keys", expand_by_default=False)
         self._parts.append(keys)
         with keys:
@@ -126,7 +126,7 @@ class Panel:
                 slider = gui.add_slider(f"{name.replace('_', ' ')} ×", *ends, 0.01, 1.0)
                 self._sliders[name] = slider
                 slider.on_update(
-                    self._if_asked(lambda n=name, s=slider: view.post("scale", name=n, factor=float(s.value)))
+                    self._if_asked(slider, lambda value, n=name: view.post("scale", name=n, factor=float(value)))
                 )
             if not callable(handling.gravity):
                 size = float(np.linalg.norm(handling.gravity))
@@ -136,22 +136,22 @@ class Panel:
                     unit[-1] = -1.0
                 gravity = gui.add_slider("gravity [m/s²]", 0.0, max(20.0, 2 * size), 0.01, size)
                 gravity.on_update(
-                    self._if_asked(lambda: view.post("gravity", value=(gravity.value * unit).tolist()))
+                    self._if_asked(gravity, lambda value: view.post("gravity", value=(value * unit).tolist()))
                 )
             if handling.winds:
                 wind = gui.add_vector3("wind [m/s]", tuple(map(float, handling.winds[0].velocity)), step=0.1)
-                wind.on_update(self._if_asked(lambda: view.post("wind", velocity=list(wind.value))))
+                wind.on_update(self._if_asked(wind, lambda value: view.post("wind", velocity=list(value))))
             self._stage_contact()
             freeze = gui.add_button("freeze shape (f)")
-            freeze.on_click(lambda event: view.press("f"))
+            freeze.on_click(_asked(lambda: view.press("f")))
             pin = gui.add_button("pin pulled particles (p)")
-            pin.on_click(lambda event: view.press("p"))
+            pin.on_click(_asked(lambda: view.press("p")))
             record = gui.add_button("record: start / stop")
-            record.on_click(lambda event: view.post("record"))
+            record.on_click(_asked(lambda: view.post("record")))
             film = gui.add_button("film of the last recording")
-            film.on_click(lambda event: view.post("film"))
+            film.on_click(_asked(lambda: view.post("film")))
             shot = gui.add_button("save picture")
-            shot.on_click(lambda event: view.post("screenshot"))
+            shot.on_click(_asked(lambda: view.post("screenshot")))
 
     def _stage_contact(self) -> None:
         """Build the sliders of friction and restitution, with obstacles and between bodies."""
@@ -167,7 +167,7 @@ class Panel:
                 f"{name}, {side}", least, most, 0.01, min(max(value, least), most)
             )
             asked = partial(view.post, "contact", side=side, name=name)
-            slider.on_update(self._if_asked(lambda s=slider, a=asked: a(value=float(s.value))))
+            slider.on_update(self._if_asked(slider, lambda value, a=asked: a(value=float(value))))
             self._contacts[side, name] = slider
 
     def _stage_scene(self) -> None:
@@ -186,7 +186,7 @@ class Panel:
             }
             build = gui.add_button("rebuild")
             build.on_click(
-                lambda event: view.post("parameters", **{name: field.value for name, field in fields.items()})
+                _asked(lambda: view.post("parameters", **{name: field.value for name, field in fields.items()}))
             )
 
     def tell(self) -> None:
@@ -246,14 +246,31 @@ class Panel:
         self._shown[id(widget)] = value, now
 
     @staticmethod
-    def _if_asked(call: Any) -> Any:
-        """Return a callback that heeds people, and not what the program itself sets."""
+    def _if_asked(widget: Any, call: Any) -> Any:
+        """Return a callback that is called with what a person has set, if a widget can show that."""
 
-        def called(event: Any) -> None:
-            if event.client_id is not None:
-                call()
+        async def called(event: Any) -> None:
+            if event.client_id is not None and _is_shown(widget):
+                call(widget.value)
 
         return called
+
+
+def _asked(call: Any) -> Any:
+    """Return a callback that calls; asynchronous, so that what is asked waits for the view in its order."""
+
+    async def called(event: Any) -> None:
+        call()
+
+    return called
+
+
+def _is_shown(widget: Any) -> bool:
+    """Tell whether a widget's value, which a client has set, is one that it can show."""
+    options, least, most = (getattr(widget, name, None) for name in ("options", "min", "max"))
+    if options is not None:
+        return widget.value in options
+    return isinstance(widget.value, bool | tuple) or (least is not None and least <= widget.value <= most)
 
 
 def _number(text: str) -> float:

@@ -8,9 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from .. import checks
-from ..integrators import UnstableStep
 from ..simulation import SimulationDiverged
-from .commands import COMMANDS, Commands
+from .commands import COMMANDS, Commands, said_of
 from .grip import Pull
 from .keys import KEYS, SCENES, listed
 from .shown import Shown
@@ -181,6 +180,11 @@ class View(Commands):
         """Request a command, one of `COMMANDS`, with its values. It may be called from any thread."""
         self._wanted.put((command, values))
 
+    @property
+    def waiting(self) -> int:
+        """The number of commands that were requested, and are not done yet."""
+        return self._wanted.qsize()
+
     def press(self, key: str, *, shift: bool = False) -> bool:
         """Request the action of a key, from any thread; return whether the key has one."""
         if key in SCENES and not shift:
@@ -192,19 +196,16 @@ class View(Commands):
         return bool(several)
 
     def _obey(self) -> None:
-        """Do what was asked for."""
-        while True:
-            try:
-                command, values = self._wanted.get_nowait()
-            except queue.Empty:
-                return
+        """Do what was asked for until now: frames have their turn before what comes meanwhile."""
+        for _ in range(self.waiting):
+            command, values = self._wanted.get_nowait()
             try:
                 checks.one_of("command", command, COMMANDS)
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
-                self._diverged(error)
-            except (UnstableStep, ValueError, TypeError, OSError) as error:
-                self._say(str(error))
+                self._failed(error)
+            except (Exception, SystemExit) as error:  # of a scene's script too: what a page asks for ends nothing
+                self._say(said_of(error))
 
     def _advance(self) -> bool:
         """Simulate the frames that are due; return whether there were any."""
@@ -220,8 +221,8 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except SimulationDiverged as error:
-            self._diverged(error)
+        except Exception as error:  # such as of a disk that is full
+            self._failed(error)
         self._taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
             self._start_clock()

@@ -40,7 +40,7 @@ MOST_TUBES = 6000
 FULL_STRAIN = 0.2
 """The strain at the ends of its scale where neither a look nor a run says what it is."""
 ROUND, MOST_JOINTS = 8, 2000
-"""Sides of the tubes of ropes, and the most of their particles where balls join these."""
+"""Sides of the tubes of ropes, and the most particles where balls of 42 corners join these, else of 12."""
 
 
 class Scale(NamedTuple):
@@ -95,7 +95,8 @@ class Drawing:
         self.by_value = isinstance(colouring, Scale)
         """Whether the body takes the colours of values, which it is given as it follows the particles."""
         bare = system.surface is None
-        self.shows_strain = colouring == "strain" or (bare and not scene.looks and not self.by_value)
+        plain = not scene.looks and not look.says_colour
+        self.shows_strain = colouring == "strain" or (bare and plain and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self._paints: dict[Part, Paint] = {}
@@ -221,10 +222,10 @@ class Drawing:
             self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
         few = system.particle_count <= MOST_BALLS
         if not (look.particles or (look.particles is None and few)):
-            return [tubes]
+            return [tubes, *self._bends(ends, rest_length, TUBE * unit)]
         dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
-        fine = system.particle_count <= LARGE_BALLS
-        return [tubes, Balls(particles, BALL * unit, dark, self.device, fine=fine)]
+        halvings = 2 if system.particle_count <= LARGE_BALLS else 1
+        return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings=halvings)]
 
     def _ropes(self, system: System, look: Look, connections: NDArray, finish: Finish) -> list[BodyPart]:
         """Return connections as round tubes in the colour of a look, with balls where they meet."""
@@ -232,9 +233,20 @@ class Drawing:
         broken_at = _broken_at(system, connections)
         tubes = Tubes(ends, TUBE * unit, finish, self.device, sides=ROUND, broken_at=broken_at)
         joints = np.unique(ends)
-        if look.particles is False or (look.particles is None and len(joints) > MOST_JOINTS):
-            return [tubes]
-        return [tubes, Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device)]
+        halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
+        radius = (BALL if look.particles else TUBE) * unit
+        return [tubes, Balls(joints, radius, finish, self.device, halvings=halvings)]
+
+    def _bends(self, ends: NDArray, rest_length: NDArray, radius: float) -> list[BodyPart]:
+        """Return balls where two connections meet, in the colour of one of them: between more, no gap is seen."""
+        particle, first, count = np.unique(ends, return_index=True, return_counts=True)
+        bends, along = particle[count == 2], first[count == 2] // 2
+        if not len(bends):
+            return []
+        balls = Balls(bends, radius, Finish(np.ones(3)), self.device, halvings=0, along=ends[along])
+        if self.shows_strain:
+            self._paints[balls] = StrainPaint(balls, rest_length[along], self._full_strain, self.device)
+        return [balls]
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
         """Return what a part looks like, which does not shine where colours tell something."""

@@ -13,6 +13,8 @@ from ..kernels.pictures import drawing
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
 
+NO_CONNECTIONS = np.zeros((0, 2), np.int32)
+
 
 class Finish(NamedTuple):
     """What a part looks like, as long as its colours tell nothing."""
@@ -160,21 +162,33 @@ class Tubes:
 
 
 class Balls:
-    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
+    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3].
+
+    Those that have the colours of connections have one each, `along`, shape [any, 2].
+    """
 
     moves = True
     closed = True
 
     def __init__(
-        self, particles: NDArray, radius: float, finish: Finish, device: str, *, fine: bool = False
+        self,
+        particles: NDArray,
+        radius: float,
+        finish: Finish,
+        device: str,
+        *,
+        halvings: int = 1,
+        along: NDArray = NO_CONNECTIONS,
     ) -> None:
-        directions, triangles = round_solid(2 if fine else 1)
+        directions, triangles = round_solid(halvings)
         n, count = len(directions), len(particles)
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((n * count, 2)), finish
         if finish.colour.ndim > 1:
             self.finish = finish._replace(colour=np.repeat(finish.colour, n, axis=0))
         self.radius = radius
+        self.corners = n
+        self.connections = wp.array(along, dtype=wp.vec2i, device=device)
         self._particles = wp.array(particles, dtype=int, device=device)
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
@@ -219,9 +233,9 @@ class Paint(Protocol):
 
 
 class StrainPaint:
-    """Colours of tubes by the strain of their connections, from blue (shorter than at rest) to red (longer)."""
+    """Colours of tubes or balls by the strain of their connections, from blue (shorter than at rest) to red."""
 
-    def __init__(self, tubes: Tubes, rest_length: NDArray, full_strain: float, device: str) -> None:
+    def __init__(self, tubes: Tubes | Balls, rest_length: NDArray, full_strain: float, device: str) -> None:
         self._tubes = tubes
         self._rest_length = wp.array(rest_length, dtype=float, device=device)
         self._full_strain = full_strain

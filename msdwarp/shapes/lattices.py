@@ -1,5 +1,6 @@
 """Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
@@ -11,6 +12,7 @@ from ..bodies import Material, Surface, System
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_shares,
+    check_memory,
     count_pieces,
     first_loose,
     grid_surface,
@@ -151,12 +153,13 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
     return tuple(checks.positive(f"spacing[{k}]", one) for k, one in enumerate(each))
 
 
-def _check_shape(shape: Sequence[int], axes: int) -> None:
-    """Check the number of particles along each axis."""
+def _check_shape(shape: Sequence[int], axes: int, neighbours: int) -> None:
+    """Check the number of particles along each axis, and that there is memory for them and their connections."""
     if not isinstance(shape, Sequence) or len(shape) != axes:
         raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
     for k, n in enumerate(shape):
         checks.count(f"shape[{k}]", n, 2)
+    check_memory("shape", shape, math.prod(shape), axes, neighbours)
 
 
 def chain(
@@ -194,6 +197,7 @@ def chain(
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
+    check_memory("count", count, count, dim, 2)
     return _lattice((count,), spacing, False, dim, None, _stuff(material, mass, stiffness, damping, area=area))
 
 
@@ -242,7 +246,7 @@ def sheet(
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
-    _check_shape(shape, 2)
+    _check_shape(shape, 2, neighbours)
     stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
     return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff, bending=bending)
 
@@ -282,7 +286,7 @@ def box(
         If an argument is out of range.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
-    _check_shape(shape, 3)
+    _check_shape(shape, 3, neighbours)
     stuff = _stuff(material, mass, stiffness, damping)
     return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), stuff)
 

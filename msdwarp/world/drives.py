@@ -17,7 +17,7 @@ from .motion import Motion, pose
 class Drive(Load):
     """Moves particles along a given path; their connections feel the position and velocity.
 
-    A drive without motion is a pin. `at(t, release=...)` releases particles with their current velocity.
+    A drive without motion is a pin that `at(t, release=...)` releases; particles go on with their velocity then.
 
     Parameters
     ----------
@@ -25,14 +25,14 @@ class Drive(Load):
         The particles that it moves; see `Load`. No particle can be in two drives.
     motion
         A function of time that returns a displacement from the start, or a displacement and a rotation, as for a
-        collider (see `Motion`). The velocity is computed by differences.
+        collider (see `Motion`). The velocity is computed by differences. None: they stay where they start.
     about
         Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
 
     Raises
     ------
     ValueError
-        If `motion` is not a function, or `about` is not a point.
+        If `motion` is neither a function nor None, or `about` is not a point.
     """
 
     on: Any = None
@@ -41,14 +41,15 @@ class Drive(Load):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not callable(self.motion):
-            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time")
+        if self.motion is not None and not callable(self.motion):
+            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time, or None")
         if self.about is not None:
             object.__setattr__(self, "about", checks.point("about", self.about))
 
     def __repr__(self) -> str:
         on = "" if self.on is None else f"{self.on!r}, " if isinstance(self.on, str) else "particles, "
-        return f"Drive({on}{getattr(self.motion, '__name__', type(self.motion).__name__)})"
+        how = "at rest" if self.motion is None else getattr(self.motion, "__name__", type(self.motion).__name__)
+        return f"Drive({on}{how})"
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -65,7 +66,11 @@ class Drive(Load):
         else:
             mass = system.mass[held]
             centre = np.average(start, axis=0, weights=mass if np.isfinite(mass).all() else None)
-        return Driven(self.on, self.motion, self.about, held, start, centre)
+
+        def at_rest(time: Any) -> NDArray[np.float64]:
+            return np.zeros(system.dim)
+
+        return Driven(self.on, self.motion or at_rest, self.about, held, start, centre)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ class Look:
     Parameters
     ----------
     colour
-        Colour of the body, "#rrggbb". A surface with a texture ignores it.
+        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
+        surface have it if this or `gloss` is not the default; else they are coloured by their strain.
     inside
         Colour of the fracture surfaces of a torn solid, "#rrggbb". None: the colour of the body.
     texture
@@ -92,6 +93,11 @@ class Look:
         checks.one_of("particles", self.particles, (None, False, True))
         if self.tube is not None:
             checks.positive("tube", self.tube)
+
+    @property
+    def says_colour(self) -> bool:
+        """Whether it says, unlike a plain look, what colour connections have."""
+        return (self.colour, self.gloss) != (Look.colour, Look.gloss)
 
     def of_the_picture(self) -> list[str]:
         """Return the names of what it says, unlike a plain look, that is not a body's but the whole picture's."""

@@ -1,7 +1,8 @@
 """Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from .loads import Load, check_loads
 from .look import Look
 from .probes import Probe, checked_probes
 from .schedule import Change
-from .touch import Touch, with_touch
+from .touch import Ruled, Touch, with_touch
 
 Observed = Callable[[NDArray, NDArray], NDArray]
 """What is told of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
@@ -84,8 +85,8 @@ class Scene:
             ("schedule", Change, "at(1.0, mass=2.0)"),
         )
         for name, kind, example in kinds:
-            several = checks.sequence(name, getattr(self, name), kind, example)
-            object.__setattr__(self, name, several)
+            if not isinstance(getattr(self, name), Ruled):  # of the scene that this one is made of
+                object.__setattr__(self, name, checks.sequence(name, getattr(self, name), kind, example))
         object.__setattr__(self, "loads", with_touch(self.loads, self.touch))
         dim = self.system.dim
         for k, one in enumerate(self.colliders):
@@ -142,6 +143,21 @@ class Scene:
         if self.probes:
             lines.append(f"probes: {', '.join(f'{name} {one!r}' for name, one in self.probes.items())}")
         return "\n  ".join(lines)
+
+    def replace(self, **changes: Any) -> Self:
+        """Return this scene with some fields changed, which are checked as those of a new one.
+
+        Raises
+        ------
+        TypeError
+            If a scene has no such field.
+        ValueError
+            As the class does.
+        """
+        for name in changes:
+            if name not in vars(self):
+                raise TypeError(f"Scene.replace() got an unexpected keyword argument {name!r}")
+        return replace(self, **changes)
 
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
         """Return the quantities of `observe` for one world; arguments have shape [particle_count, d].

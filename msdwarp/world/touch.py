@@ -115,13 +115,17 @@ def restitution_of(damping_ratio: float) -> float:
     return math.exp(-z * t) * abs(math.cosh(w * t) - z / w * math.sinh(w * t))
 
 
-def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> tuple[Load, ...]:
+class Ruled(tuple[Load, ...]):
+    """Loads that `with_touch` returned: a `Touch` among them was said by touch."""
+
+
+def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> Ruled:
     """Return loads with what says how bodies touch behind them, in place of what said it before.
 
     Parameters
     ----------
     loads
-        Loads; a `Touch` among them is left out where `touch` says anything, be it nothing: ().
+        Loads; a `Touch` among them is left out where `touch` says anything, be it nothing: (), or said it before.
     touch
         How bodies touch.
 
@@ -133,10 +137,10 @@ def with_touch(loads: Sequence[Load], touch: Touch | Sequence[Touch] | None) -> 
     for k, one in enumerate(loads):
         if type(one) is Load:
             raise ValueError(f"loads[{k}] is a Load, which does nothing; it must be one such as Force((0, 0, 1))")
-        if touch is None and isinstance(one, Touch):
+        if touch is None and isinstance(one, Touch) and not isinstance(loads, Ruled):
             raise ValueError(
                 f"loads[{k}] is a Touch; how bodies touch must be said by touch, such as touch=Touch()"
             )
     given = () if touch is None else (touch,) if isinstance(touch, Touch) else touch
     rules = checks.sequence("touch", given, Touch, "Touch(friction=0.5)")
-    return (*(one for one in loads if not isinstance(one, Touch)), *rules)
+    return Ruled((*(one for one in loads if not isinstance(one, Touch)), *rules))

@@ -14,9 +14,10 @@ import pytest
 pytest.importorskip("viser")
 
 import msdwarp as msd
+from msdwarp import checks
 from msdwarp.cli.rerun import rerun
 from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.cli.view import SHELF, ViewOptions, _like, _running
+from msdwarp.cli.view import SHELF, ViewOptions, _like, _limited, _running, view_of
 from msdwarp.live import View
 
 WAITS = 300.0
@@ -136,3 +137,27 @@ def test_a_simulation_can_be_viewed_from_python():
         msd.view(3, browser=True)
     with pytest.raises(ValueError, match="block"):
         msd.view(simulation, browser=False, block=False)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no such limit")
+def test_what_builds_a_scene_may_not_take_more_memory_than_is_free(monkeypatch):
+    monkeypatch.setattr(checks, "free_memory", lambda: 1 << 28)
+    with _limited(), pytest.raises(MemoryError, match=r"2\.00 GiB"):
+        np.zeros(1 << 28)
+    assert len(np.zeros(1 << 28)) == 1 << 28  # of which no page is touched
+
+
+@pytest.mark.slow
+def test_what_does_not_fit_is_refused_by_the_view_that_is_asked_for_it():
+    origin = find_scene("cube")._replace(parameters={"size": 3})
+    view = view_of(origin, origin.scene(), ViewOptions(browser=True, device="cpu"))
+    before = view.source
+    for size, word in ((1500, "GB of memory"), (-1, "size is -1"), (10**9, "GB of memory")):
+        view.post("parameters", size=size)
+        view._obey()
+        assert word in view.notice
+        assert view.source is before
+    view._step()
+    assert view.source.index == 1
+    for screen in view.screens:
+        screen.close()

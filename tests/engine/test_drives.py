@@ -49,8 +49,10 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
     common = {"integrator": method, "precision": precision, "substeps": 20, "device": device}
     pinned = Simulation(body().pin([0, 5]), **common)
     driven = Simulation(body(), loads=[Drive([0, 5], lambda t: ((0, 0, 0 * t), (0, 0, 0 * t)))], **common)
-    for simulation in (pinned, driven):
+    without = Simulation(body(), loads=[Drive([0, 5])], **common)
+    for simulation in (pinned, driven, without):
         simulation.step(4)
+    np.testing.assert_array_equal(without.frame().position, driven.frame().position)
     if device == "cpu":
         np.testing.assert_array_equal(driven.frame().position, pinned.frame().position)
         np.testing.assert_array_equal(driven.frame().velocity, pinned.frame().velocity)
@@ -259,8 +261,8 @@ def test_one_too_fast_for_the_step_is_refused(device):
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match=r"motion is None; it must be a function of time"):
-        Drive("hand")
+    with pytest.raises(ValueError, match=r"motion is 3; it must be a function of time, or None"):
+        Drive("hand", 3)
     with pytest.raises(ValueError, match=r"about is 'here'|about must be"):
         Drive("hand", lambda t: t, about="here")
     system = chain(3).named("rope")
@@ -280,3 +282,15 @@ def test_a_motion_that_fails_on_the_way_is_named(device):
     with pytest.raises(ValueError, match=r"loads\[0\] has no place at 0.04.* s: "):
         simulation.step(5)
     assert simulation.frame_index == 2
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_drive_without_motion_holds_until_it_is_released(dim):
+    rope = chain(3, 0.5, dim=dim).named("rope")
+    drive = Drive([0])
+    assert "at rest" in repr(drive)
+    simulation = Simulation(rope, loads=[drive], schedule=[at(0.1, release=[0])], gravity=9.82, device="cpu")
+    simulation.step(6)
+    assert (simulation.frame().position[0] == rope.position[0].astype(np.float32)).all()
+    simulation.step(6)
+    assert simulation.frame().position[0, -1] < rope.position[0, -1]

@@ -88,6 +88,16 @@ def test_one_image_is_on_the_way_at_a_time():
     assert len(other.images) == 1
 
 
+def test_each_client_has_its_turn_where_drawing_takes_its_share_of_the_time():
+    images, _, client = drawn()
+    clients = [client, *(Client(at()) for _ in range(2))]
+    for _ in range(6):  # an image each time: then the processor is left to the simulation for a while
+        images.follow()
+        images._free_at = 0.0
+        images.send([(k, one, Wire()) for k, one in enumerate(clients)])
+    assert [len(one.images) for one in clients] == [2, 2, 2]
+
+
 def at():
     """Return the camera of pictures."""
     return Stage(SCENE, CUBE.position[np.newaxis], (320, 180)).camera

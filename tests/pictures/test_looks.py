@@ -120,7 +120,7 @@ def test_ropes_are_as_thick_as_their_look_says():
         return [(type(part), part.radius) for part in parts if not isinstance(part, SurfacePart)]
 
     assert rope(tube=0.02) == [(Tubes, 0.02), (Balls, 0.02)]
-    assert rope(tube=0.02, particles=False) == [(Tubes, 0.02)]
+    assert rope(tube=0.02, particles=False) == [(Tubes, 0.02), (Balls, 0.02)]  # which close its bends
     (_, tube), (_, ball) = rope(tube=0.02, particles=True)
     assert ball > 2 * tube
     (_, thin), _ = rope()
@@ -184,3 +184,28 @@ def test_a_part_of_a_surface_is_that_part():
 def test_gloss_is_of_each_look():
     scene = msd.Scene(system=SYSTEM, looks={"ball": msd.Look(gloss=0.9), "cloth": msd.Look(gloss=0.0)})
     assert set(np.unique(Drawing(scene, "texture").gloss)) == {0.0, 0.25, 0.9}
+
+
+def test_a_rope_alone_has_the_look_of_its_scene():
+    drawing = Drawing(msd.Scene(system=ROPE, look=msd.Look(colour="#2040d0")), "texture")
+    assert drawing.scale is None
+    assert (drawing.colours.numpy()[:, 2] > 0.5).all()
+    assert Drawing(msd.Scene(system=ROPE, look=msd.Look(colour="#2040d0")), "strain").scale is not None
+    assert Drawing(msd.Scene(system=ROPE, look=msd.Look(tube=0.1, azimuth=3.0)), "texture").scale is not None
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("look", "colouring"), [({"colour": "#2040d0"}, "texture"), ({}, "strain")])
+def test_a_rope_has_no_gaps_at_its_bends(backend, look, colouring):
+    # A right angle, seen from ahead: the outer corner of the bend is a disc around the particle.
+    radius = 0.2
+    corner = msd.System(position=[(-1, 0, 0), (0, 0, 0), (0, 0, 1)], connections=[(0, 1), (1, 2)])
+    view = msd.Look(**look, particles=False, tube=radius, azimuth=-90.0, elevation=0.0, background="#ffffff")
+    scene = msd.Scene(system=corner, look=view)
+    drawing = Drawing(scene, colouring)
+    drawing.follow(corner.position)
+    outer = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5)])  # away from both tubes
+    near = drawing.points.numpy() @ outer
+    assert near.max() > 0.8 * radius  # the tubes alone end at 0.71, as far as the flat end of one reaches
+    renderer = msd.Renderer(scene, corner.position, resolution=SIZE, colouring=colouring, backend=backend)
+    assert np.isfinite(renderer.image(corner.position)).all()

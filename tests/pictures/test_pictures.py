@@ -193,8 +193,10 @@ def test_particles_of_small_systems_are_balls(particles, count, drawn):
     drawing = Drawing(msd.Scene(system=chain, look=msd.Look(particles=particles)), "strain")
     drawing.follow(chain.position)
     tubes = 6 * (count - 1)
-    assert (len(drawing.points) > tubes) == drawn
+    tube, balls = (one.part.radius for one in drawing.body)
+    assert (balls > 2 * tube) == drawn
     if not drawn:
+        assert balls == tube  # which close the bends
         return
     balls = drawing.points.numpy()[tubes:].reshape(count, -1, 3)
     np.testing.assert_allclose(balls.mean(axis=1), chain.position, atol=1e-5)

@@ -287,3 +287,12 @@ def test_a_lattice_without_gaps_is_a_sheet_or_a_box(shape, diagonals):
     assert found.directions == expected.directions
     for name in ("particle", "uv", "triangles"):
         np.testing.assert_array_equal(getattr(found.surface, name), getattr(expected.surface, name))
+
+
+def test_a_body_that_does_not_fit_into_memory_is_refused_before_it_is_made():
+    with pytest.raises(ValueError, match=r"shape is \(100000, .*1e\+15 particles .* GB of memory"):
+        box((100_000, 100_000, 100_000))
+    with pytest.raises(ValueError, match=r"shape is .* GB of memory"):
+        sheet((10**200, 10**200))
+    with pytest.raises(ValueError, match=r"count is .* GB of memory"):
+        chain(10**15)

@@ -1,0 +1,95 @@
+"""Guard: has the server that viser starts refuse what `Access` and `messages` do not allow."""
+
+import asyncio
+import inspect
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from .access import Access
+from .messages import MOST_BYTES, Filter
+
+MOST_CLIENTS = 64
+"""The most web sockets that are open at a time."""
+_STARTING = threading.Lock()
+
+
+@contextmanager
+def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
+    """Have a server that viser starts meanwhile refuse what is not allowed.
+
+    viser has no setting for that. Its server is one of the package websockets, whose own settings are changed as
+    it is started: a check of each request, the class of connections, and the longest message.
+
+    Parameters
+    ----------
+    access
+        Who may open it.
+    busy
+        While it is true, messages wait at their senders.
+
+    Raises
+    ------
+    ValueError
+        If viser has started a server in another way.
+    """
+    import viser
+    from viser import _messages
+    from websockets.asyncio import server
+
+    unable = f"viser {viser.__version__} works in a way that msdwarp cannot guard"
+    advice = "choose another version: pip install 'viser==1.1.*'"
+    try:
+        messages = Filter(vars(_messages))
+    except ValueError as error:
+        raise ValueError(f"{unable} ({error}); {advice}") from error
+
+    class Connection(server.ServerConnection):
+        """A connection that hands on only what a page may send."""
+
+        async def recv(self, decode: bool | None = None) -> Any:
+            while True:
+                data = await super().recv(decode)
+                await asyncio.sleep(0)  # what came before is on its way to whoever is busy then
+                while busy():
+                    await asyncio.sleep(0.01)
+                if messages.passes(data):
+                    return data
+
+        def recv_streaming(self, decode: bool | None = None) -> Any:
+            raise NotImplementedError(unable)
+
+    before, started = server.serve, list[bool]()
+
+    def serve(handler: Any, *words: Any, **options: Any) -> Any:
+        if not handler.__module__.startswith("viser"):  # another thread's, of something else
+            return before(handler, *words, **options)
+        inner = options.get("process_request")
+
+        async def process_request(connection: Any, request: Any) -> Any:
+            why = access.refusal(request.path, request.headers)
+            if why is not None:
+                return connection.respond(403, why + "\n")
+            if len(connection.server.connections) >= MOST_CLIENTS:
+                return connection.respond(503, "too many pages are open\n")
+            response = inner(connection, request) if inner is not None else None
+            if inspect.isawaitable(response):
+                response = await response
+            if response is not None:
+                for name, value in access.answer.items():
+                    response.headers[name] = value
+            return response
+
+        started.append(True)
+        own = {"process_request": process_request, "create_connection": Connection, "max_size": MOST_BYTES}
+        return before(handler, *words, **(options | own))
+
+    with _STARTING:
+        server.serve = serve  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            server.serve = before  # type: ignore[misc]
+    if not started:
+        raise ValueError(f"{unable}; {advice}")

@@ -1,0 +1,55 @@
+"""Clients of the page of a view, as a browser is one and as none should be."""
+
+import time
+
+import msgspec
+import viser
+from viser._messages import ViewerCameraMessage
+
+SETTLES = 60.0
+"""How long a loaded machine may take to do what is asked [s]."""
+OWN = "its own"
+
+
+def until(holds, seconds=SETTLES):
+    """Wait until something holds, and fail if it never does."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it never did"
+        time.sleep(0.02)
+
+
+def connected(page, *, origin=OWN, host=None, path="", **options):
+    """Return a web socket of a page, opened by a page of some origin under some name."""
+    from websockets.sync.client import connect
+
+    name = f"viser-v{viser.__version__}"
+    address = f"ws://{host or '127.0.0.1'}:{page.port}{path}"
+    own = f"http://{host or '127.0.0.1'}:{page.port}"
+    options = {"max_size": None, "close_timeout": 0.5} | options  # who has left much unread waits to be closed
+    return connect(address, subprotocols=[name], origin=own if origin is OWN else origin, **options)
+
+
+def client(view, **options):
+    """Return a web socket that a view counts as a client, once it has said where its camera stands."""
+    opened = connected(view.screens[0], **options)
+    send(opened, camera())
+    return opened
+
+
+def send(socket, message):
+    """Send what viser would, or what it would not."""
+    socket.send(message if isinstance(message, bytes) else msgspec.msgpack.encode(message))
+
+
+def camera(**other):
+    """Return what a client says of its camera."""
+    zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+    said = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 560, 900, zero, (0.0, 0.0, 1.0))
+    return {**said.as_serializable_dict(), **other}
+
+
+def runs(view):
+    """Wait until the view has simulated more."""
+    before = view.source.time
+    until(lambda: view.source.time > before)
