@@ -4,15 +4,23 @@ from unittest import mock
 
 import numpy as np
 
-from msdwarp import Ensemble
+from msdwarp import Ensemble, Simulation
 from msdwarp.engine import forces
+
+
+def simulation_alone(ensemble: Ensemble, world: int, **how) -> Simulation:
+    """Return `ensemble.simulation_of(world)` with one thread to a particle, as worlds have.
+
+    With several lanes the order of sums is another.
+    """
+    with mock.patch.object(forces, "lanes", return_value=1):
+        return ensemble.simulation_of(world, **how)
 
 
 def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     """Compare positions and velocities with those of simulations of each world, to the last bit.
 
-    A simulation of one world has one thread to a particle here, as worlds have: with several lanes the order of
-    sums is another. On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their
+    On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their
     own: by one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
     """
     by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
@@ -21,8 +29,7 @@ def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     _, position, velocity = ensemble.frame()
     assert (ensemble.status == "running").all()
     for world in range(ensemble.worlds):
-        with mock.patch.object(forces, "lanes", return_value=1):
-            alone = ensemble.simulation_of(world)
+        alone = simulation_alone(ensemble, world)
         alone.step(frames)
         frame = alone.frame()
         assert np.isfinite(frame.position).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from alone import assert_each_is_as_alone
+from alone import assert_each_is_as_alone, simulation_alone
 
 from msdwarp import RK4, RKC2, Ensemble, Leapfrog, Plane, System, Touch, UnstableStep, box, chain, sheet
 from msdwarp.checks import ContactOverrun
@@ -124,7 +124,7 @@ def test_the_simulation_of_a_world_on_its_way_knows_what_sticks(plain_device, pr
     assert ensemble.model.touching is not None
     partner = ensemble.model.touching.checkpoints()[1]["touch.partner"]
     assert (partner >= 0).any(), "nothing sticks: the test is of nothing"
-    alone = ensemble.simulation_of(1, start=False)
+    alone = simulation_alone(ensemble, 1, start=False)
     for _ in range(3):
         ensemble.step()
         alone.step()
