@@ -1,9 +1,11 @@
 """What is installed holds the kernels and the scenes where the package looks for them, wherever one starts."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -14,9 +16,23 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("msdwarp", "kernels", "scenes")
 LINKS = ("kernels", "scenes")
 """In msdwarp/, to the folders at the top."""
+OURS = {"dev", "docs", "peers"}
+"""Extras for those who work on msdwarp itself."""
 DEPENDENCIES = Path(np.__file__).parents[1]
 
-pytestmark = pytest.mark.slow
+
+def test_one_extra_has_all_that_users_may_want_and_messages_name_extras_that_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    (whole,) = extras["all"]
+    assert set(whole.removeprefix("msdwarp[").removesuffix("]").split(",")) == extras.keys() - OURS - {"all"}
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "msdwarp").rglob("*.py")]
+    text = "".join(path.read_text(encoding="utf-8") for path in pages)
+    assert set(re.findall(r"pip install (?:-e )?'(?:msdwarp|\.)\[(\w+)\]", text)) <= extras.keys()
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in extras.keys() - OURS if f"[{name}]" not in readme] == []
+    assert "[fit]" in (ROOT / "docs" / "fitting.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -62,6 +78,7 @@ def unpacked(path, folder):
         return archive.namelist()
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_every_module_once_and_can_be_imported_without_the_sources(clone, tmp_path):
     (wheel,) = built(clone, "wheel")
     names = unpacked(wheel, tmp_path / "site")
@@ -73,6 +90,7 @@ def test_the_wheel_holds_every_module_once_and_can_be_imported_without_the_sourc
 
 
 # Git on Windows writes links as text files, where it is not allowed to make any.
+@pytest.mark.slow
 @pytest.mark.parametrize("links", ["links", "text files", "missing"])
 def test_an_editable_clone_is_imported_from_the_folder_that_contains_it(clone, tmp_path, links):
     for name in LINKS if links != "links" else ():
@@ -87,6 +105,7 @@ def test_an_editable_clone_is_imported_from_the_folder_that_contains_it(clone, t
         assert paths == [clone / one for one in wanted]
 
 
+@pytest.mark.slow
 def test_a_wheel_can_be_built_from_the_source_archive_and_from_text_files_in_place_of_links(clone, tmp_path):
     (first,) = built(clone, "wheel")
     wanted = sorted(zipfile.ZipFile(first).namelist())

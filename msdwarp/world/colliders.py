@@ -6,7 +6,6 @@ what goes further in a substep than they are thick is swept (`msdwarp.kernels.co
 """
 
 import math
-import sys
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -132,7 +131,7 @@ class Plane(Collider):
         super().__post_init__()
         if self.normal is not None:
             object.__setattr__(self, "normal", checks.direction("normal", self.normal))
-        checks.between("offset", self.offset, -sys.float_info.max, sys.float_info.max)
+        checks.between("offset", self.offset, -checks.LARGEST, checks.LARGEST)
 
     def unit_normal(self, dim: int) -> NDArray[np.float64]:
         """Return the normal in a space of `dim` coordinates, shape [dim]."""
@@ -228,7 +227,7 @@ class Box(Collider):
         super().__post_init__()
         object.__setattr__(self, "position", checks.point("position", self.position))
         size = checks.point("size", self.size)
-        if len(size) != len(self.position) or min(size) <= 0:
+        if len(size) != len(self.position) or min(size) < checks.SMALLEST:
             raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
         object.__setattr__(self, "size", size)
         if self.turn is not None:
