@@ -51,8 +51,6 @@ class Collider:
 
     places: ClassVar[tuple[str, ...]] = ()
     """Names of the numbers that say where it is [m]."""
-    sizes: ClassVar[tuple[str, ...]] = ()
-    """Names of the numbers that say how large it is [m], above 0."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -172,7 +170,7 @@ class Sphere(Collider):
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
 
-    places, sizes = ("position",), ("radius",)
+    places = ("position",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -220,7 +218,7 @@ class Box(Collider):
     size: tuple[float, ...] = (1.0, 1.0, 1.0)
     turn: Any = None
 
-    places, sizes = ("position",), ("size",)
+    places = ("position",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -270,7 +268,7 @@ class Capsule(Collider):
     end: tuple[float, ...] = (0.5, 0.0, 0.0)
     radius: float = 0.25
 
-    places, sizes = ("start", "end"), ("radius",)
+    places = ("start", "end")
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -322,7 +320,7 @@ class Cone(Collider):
     base: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
 
-    places, sizes = ("apex", "base"), ("radius",)
+    places = ("apex", "base")
 
     def __post_init__(self) -> None:
         """Check the arguments."""
