@@ -27,6 +27,10 @@ if _is_the_command():
         if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):
             _signal.signal(_number, _leave)
 
+# The links to kernels/ and scenes/ in the folder above may be text files on Windows, and an sdist has none.
+if not _os.path.isdir(_os.path.join(__path__[0], "kernels")):
+    __path__.append(_os.path.dirname(__path__[0]))
+
 from .quiet import verbose
 
 if _typing.TYPE_CHECKING:

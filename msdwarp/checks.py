@@ -15,6 +15,17 @@ _MOST_SAID = 200
 """Characters of the longest value that a message shows whole."""
 
 
+LARGEST, SMALLEST = 1e18, 1e-18
+"""Numbers of physical quantities are no larger, and those above 0 no smaller: what is multiplied by another such
+is a number in float32 too."""
+Limit = tuple[Callable[[NDArray], NDArray], str]
+"""A condition that holds for an interval of numbers, or for that and inf, and its words."""
+_MOST = f"at most {LARGEST:.0e}"
+FINITE: Limit = (lambda values: np.abs(values) <= LARGEST, f"finite, and {_MOST} in size")
+FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf), f"{_MOST}, or inf")
+NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {SMALLEST:.0e}")
+
+
 class ContactOverrun(UserWarning):
     """Bodies collide so fast, or press so hard, that one may pass through the other."""
 
@@ -105,22 +116,21 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
 
 
 def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; raise ValueError if one is not finite."""
+    """Return numbers as an array; raise ValueError if one is not finite, or beyond all use."""
     given = array(name, value)
-    every(name, given, np.isfinite(given), "finite")
+    every(name, given, FINITE[0](given), FINITE[1])
     return given
 
 
-def within(name: str, values: NDArray, *limits: tuple[Callable[[NDArray], NDArray], str]) -> None:
-    """Raise ValueError that names the first entry of `values` that is not within all `limits`.
-
-    A limit is a condition that holds for an interval of numbers, such as `np.isfinite`, and its words.
-    """
+def within(name: str, values: NDArray, *limits: Limit) -> None:
+    """Raise ValueError that names the first entry of `values` that is not within all `limits`."""
     if values.size == 0:
         return
     once = values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
     # The least and the greatest vouch for all between, and are NaN if any is: no mask of them all is built.
     extremes = np.array([once.min(), once.max()])
+    if extremes[1] == np.inf:
+        extremes = np.append(extremes, once.max(where=once < np.inf, initial=extremes[0]))
     for holds, allowed in limits:
         if not holds(extremes).all():
             every(name, values, holds(values), allowed)
@@ -142,7 +152,7 @@ def indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.i
     return result
 
 
-def index_below(count: int) -> tuple[Callable[[NDArray], NDArray], str]:
+def index_below(count: int) -> Limit:
     """Return the limit of an index into `count` things."""
     return lambda index: (index >= 0) & (index < count), f"an index from 0 to {count - 1}"
 
@@ -164,6 +174,9 @@ def _number(name: str, value: float, *, inclusive: bool, infinite: bool = False)
     high_enough = number >= 0.0 if inclusive else number > 0.0
     if not high_enough or (math.isinf(number) and not infinite):
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
+    if LARGEST < number < math.inf or (0.0 < number < SMALLEST and not inclusive):
+        least = "0" if inclusive else f"{SMALLEST:.0e}"
+        raise ValueError(f"{name} is {number:g}; it must be from {least} to {LARGEST:.0e}")
     return number
 
 
@@ -243,17 +256,17 @@ def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, .
 def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
     """Return so many finite numbers as an array; raise ValueError if it is anything else."""
     vector = array(name, value)
-    if vector.shape != (count,) or not np.isfinite(vector).all():
+    if vector.shape != (count,) or not FINITE[0](vector).all():
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{name} is {said(value)}; it must be {numbers}")
+        raise ValueError(f"{name} is {said(value)}; it must be {numbers}, {_MOST} in size")
     return vector
 
 
 def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
     """Return an acceleration of free fall, given as its size or as a vector, as a vector; the last one is up."""
     given = array(name, value)
-    if not np.isfinite(given).all():
-        raise ValueError(f"{name} is {said(value)}; it must be finite")
+    if not FINITE[0](given).all():
+        raise ValueError(f"{name} is {said(value)}; it must be {FINITE[1]}")
     if given.ndim == 0:
         downwards = np.zeros(dim)
         downwards[-1] = -given
@@ -266,8 +279,8 @@ def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:
     """Return a point as a tuple; raise ValueError if it is none."""
     point = array(name, value)
-    if point.ndim != 1 or not 1 <= len(point) <= 3 or not np.isfinite(point).all():
-        raise ValueError(f"{name} is {said(value)}; it must be 1 to 3 finite numbers")
+    if point.ndim != 1 or not 1 <= len(point) <= 3 or not FINITE[0](point).all():
+        raise ValueError(f"{name} is {said(value)}; it must be 1 to 3 finite numbers, {_MOST} in size")
     return tuple(map(float, point))
 
 

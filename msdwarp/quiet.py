@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -59,6 +59,8 @@ else:
 
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
 """What Warp's C++ says, whatever its settings, where there is no GPU: nothing that needs to be known."""
+_OF_A_KERNEL = 1 << 20
+"""Bytes of a large kernel."""
 _lock, _started = threading.Lock(), False
 _turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
 """Held by the thread whose turn it is, and by the one that comes next; whether it is this thread's."""
@@ -76,16 +78,25 @@ def verbose(on: bool = True) -> None:
 
 
 def start_warp() -> None:
-    """Start Warp, if nobody has, as quietly as its setting says."""
+    """Start Warp, if nobody has, as quietly as its setting says.
+
+    Raises
+    ------
+    OSError
+        If there is nowhere to keep compiled kernels; later too, where a kernel is compiled and cannot be kept.
+    """
     global _started
     import warp as wp
 
-    with _lock:
+    with _lock, _told_where():
         if _started or wp.config.log_level <= wp.LOG_INFO:
             wp.init()
         else:
             with _without(_NO_DRIVER):
                 wp.init()
+        if not _started:
+            kind: Any = wp.Module
+            kind.load = _told_where()(kind.load)
         _started = True
 
 
@@ -121,6 +132,32 @@ def _forget_turns() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_turns)
+
+
+@contextlib.contextmanager
+def _told_where() -> Iterator[None]:
+    """Say of an error where compiled kernels are kept, if nothing can be written there.
+
+    What the compiler says of a full disk depends on which of its files did not fit. A folder that cannot be
+    written to does no harm as long as it has all kernels.
+    """
+    try:
+        yield
+    except Exception as error:
+        import tempfile
+
+        import warp as wp
+
+        folder = wp.config.kernel_cache_dir
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(_OF_A_KERNEL))
+        except OSError as reason:
+            raise OSError(
+                f"compiled kernels cannot be written to {folder}: {reason.strerror}; the environment variable "
+                "WARP_CACHE_PATH must name a folder with room for them"
+            ) from error
+        raise
 
 
 @contextlib.contextmanager

@@ -148,7 +148,7 @@ def test_numbers_of_all_kinds_are_numbers():
     for one in (1, 1.0, True, Fraction(1), Decimal(1), np.float32(1), np.int8(1), np.array(1.0)):
         assert msd.chain(3, mass=one).mass[0] == 1.0
         assert msd.at(one, mass=2.0).time == 1.0
-    assert msd.chain(3, mass=10**300).mass[0] == 1e300
+    assert msd.chain(3, mass=10**17).mass[0] == 1e17
 
 
 @pytest.mark.parametrize(

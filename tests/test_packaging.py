@@ -1,48 +1,120 @@
-"""The wheel holds the kernels and the scenes, where the package looks for them."""
+"""What is installed holds the kernels and the scenes where the package looks for them, wherever one starts."""
 
+import os
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("msdwarp", "kernels", "scenes")
+LINKS = ("kernels", "scenes")
+"""In msdwarp/, to the folders at the top."""
+OURS = {"dev", "docs", "peers"}
+"""Extras for those who work on msdwarp itself."""
+DEPENDENCIES = Path(np.__file__).parents[1]
 
 
-def test_every_package_is_in_the_list_of_those_installed():
-    """An editable installation finds the others too, so that only a wheel would lack them."""
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
-    roots = [ROOT / "msdwarp", ROOT / "kernels", ROOT / "scenes"]
-    there = {path.parent for root in roots for path in root.rglob("__init__.py")}  # does not follow links
-    names = {".".join(path.relative_to(ROOT).parts) for path in there}
-    assert set(listed) == {name if name.startswith("msdwarp") else f"msdwarp.{name}" for name in names}
+def test_one_extra_has_all_that_users_may_want_and_messages_name_extras_that_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    (whole,) = extras["all"]
+    assert set(whole.removeprefix("msdwarp[").removesuffix("]").split(",")) == extras.keys() - OURS - {"all"}
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "msdwarp").rglob("*.py")]
+    text = "".join(path.read_text(encoding="utf-8") for path in pages)
+    assert set(re.findall(r"pip install (?:-e )?'(?:msdwarp|\.)\[(\w+)\]", text)) <= extras.keys()
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in extras.keys() - OURS if f"[{name}]" not in readme] == []
+    assert "[fit]" in (ROOT / "docs" / "fitting.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """Return a copy of the sources in a folder that is called as the package is, as clones are."""
+    folder = tmp_path / "msdwarp"
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, folder)
+    return folder
+
+
+def built(folder, *kinds):
+    """Return what is built of the sources in a folder, without a network: files of these kinds."""
+    program = "import sys, build\nfor kind in sys.argv[2:]:\n build.ProjectBuilder('.').build(kind, sys.argv[1])"
+    out = folder.parent / "built"
+    subprocess.run([sys.executable, "-c", program, out, *kinds], cwd=folder, check=True, capture_output=True)
+    return list(out.iterdir())
+
+
+def imported(site, folder):
+    """Return from where a process that starts in a folder imports kernels and scenes, where `site` is installed.
+
+    Nothing else that is installed by a path file or a finder is heard: the package under test is itself.
+    """
+    program = (
+        "import site, sys; sys.path.append(sys.argv[2]); site.addsitedir(sys.argv[1])\n"
+        "import msdwarp.kernels.forces, msdwarp.scenes.cube\n"
+        "from msdwarp.cli.scene_files import scene_names\n"
+        "assert 'cube' in scene_names(), scene_names()\n"
+        "print(msdwarp.__file__, msdwarp.kernels.forces.__file__, msdwarp.scenes.cube.__file__, sep='\\n')"
+    )
+    words = [sys.executable, "-S", "-c", program, site, DEPENDENCIES]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": ""})
+    assert done.returncode == 0, done.stderr
+    return [Path(line) for line in done.stdout.splitlines()]
+
+
+def unpacked(path, folder):
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+        return archive.namelist()
 
 
 @pytest.mark.slow
-def test_the_wheel_can_be_imported_without_the_sources(tmp_path):
-    subprocess.run(
-        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path, ROOT],
-        check=True,
-        capture_output=True,
-    )
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
-        archive.extractall(tmp_path / "site")
-    assert not [name for name in names if name.startswith(("kernels", "scenes", "tests"))]
-    assert "msdwarp/py.typed" in names
-    program = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "import msdwarp.kernels.forces, msdwarp.scenes.cube\n"
-        "print(msdwarp.kernels.forces.__file__, msdwarp.scenes.cube.__file__)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, tmp_path / "site"],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout.count(str(tmp_path / "site")) == 2
+def test_the_wheel_holds_every_module_once_and_can_be_imported_without_the_sources(clone, tmp_path):
+    (wheel,) = built(clone, "wheel")
+    names = unpacked(wheel, tmp_path / "site")
+    files = [path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*.py")]
+    there = {one if one.startswith("msdwarp") else f"msdwarp/{one}" for one in files}  # links are not followed
+    inside = [name for name in names if ".dist-info/" not in name]
+    assert sorted(inside) == sorted(there | {"msdwarp/py.typed"})
+    assert all(path.is_relative_to(tmp_path / "site") for path in imported(tmp_path / "site", tmp_path))
+
+
+# Git on Windows writes links as text files, where it is not allowed to make any.
+@pytest.mark.slow
+@pytest.mark.parametrize("links", ["links", "text files", "missing"])
+def test_an_editable_clone_is_imported_from_the_folder_that_contains_it(clone, tmp_path, links):
+    for name in LINKS if links != "links" else ():
+        (clone / "msdwarp" / name).unlink()
+        if links == "text files":
+            (clone / "msdwarp" / name).write_text(f"../{name}")
+    (wheel,) = built(clone, "editable")
+    unpacked(wheel, tmp_path / "site")
+    for folder in (tmp_path, clone, clone / "scenes"):
+        paths = [path.resolve() for path in imported(tmp_path / "site", folder)]
+        wanted = ["msdwarp/__init__.py", "kernels/forces/__init__.py", "scenes/cube.py"]
+        assert paths == [clone / one for one in wanted]
+
+
+@pytest.mark.slow
+def test_a_wheel_can_be_built_from_the_source_archive_and_from_text_files_in_place_of_links(clone, tmp_path):
+    (first,) = built(clone, "wheel")
+    wanted = sorted(zipfile.ZipFile(first).namelist())
+    for name in LINKS:
+        (clone / "msdwarp" / name).unlink()
+        (clone / "msdwarp" / name).write_text(f"../{name}")
+    first.unlink()
+    (archive,) = built(clone, "sdist")
+    shutil.unpack_archive(archive, tmp_path / "unpacked")
+    for folder in (clone, *(tmp_path / "unpacked").iterdir()):
+        wheel = next(path for path in built(folder, "wheel") if path.suffix == ".whl")
+        assert sorted(zipfile.ZipFile(wheel).namelist()) == wanted

@@ -127,8 +127,9 @@ def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     found = run("docs/fitting.md")["found"]
     assert "left over" in capsys.readouterr().out
-    # 1 mm of noise leaves the stiffness uncertain by some 1 %, and there are two integrators.
-    assert found.values["stiffness"] == pytest.approx(200.0, rel=0.05)
+    for name, true in (("stiffness", 200.0), ("damping", 0.2)):
+        assert abs(found.values[name] - true) < 3 * found.standard_deviations[name]
+    assert found.standard_deviations["stiffness"] < 0.3  # what 0.1 mm of noise leaves
     assert (tmp_path / "residuals.png").exists()
 
 

@@ -12,7 +12,7 @@ from .numbering import places_along_curve, space_filling_order
 from .parting import Edges, broken_before
 from .selection import selected
 from .series import Series
-from .space import AXES, in_space, rotation, rotations
+from .space import AXES, in_space, rotated, rotation, rotations
 from .surface import Surface
 from .system import System
 from .touching import TouchingSurfaces, mean_stiffness, touching_surfaces
@@ -53,6 +53,7 @@ __all__ = [
     "mean_stiffness",
     "pieces",
     "places_along_curve",
+    "rotated",
     "rotation",
     "rotations",
     "run_back",

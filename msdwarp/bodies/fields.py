@@ -12,20 +12,23 @@ from .selection import check_no_mask
 from .surface import Surface
 from .uniform import is_uniform, stored
 
-_FINITE = (np.isfinite, "finite")
 LIMITS = {
-    "position": (_FINITE,),
-    "velocity": (_FINITE,),
-    "mass": ((lambda mass: mass > 0, "above 0 (inf pins the particle)"),),
-    "rest_length": (_FINITE, (lambda length: length > 0, "above 0")),
-    "stiffness": (_FINITE, (lambda stiffness: stiffness >= 0, "at least 0")),
-    "damping": (_FINITE, (lambda damping: damping >= 0, "at least 0")),
-    "yield_strain": ((lambda strain: strain >= 0, "at least 0 (inf never yields)"),),
-    "relaxation_time": (_FINITE, (lambda time: time >= 0, "at least 0")),
+    "position": (checks.FINITE,),
+    "velocity": (checks.FINITE,),
+    "mass": (
+        (lambda mass: mass > 0, "above 0 (inf pins the particle)"),
+        checks.NOT_TINY,
+        checks.FINITE_OR_INF,
+    ),
+    "rest_length": (checks.FINITE, checks.NOT_TINY),
+    "stiffness": (checks.FINITE, (lambda stiffness: stiffness >= 0, "at least 0")),
+    "damping": (checks.FINITE, (lambda damping: damping >= 0, "at least 0")),
+    "yield_strain": ((lambda strain: strain >= 0, "at least 0 (inf never yields)"), checks.FINITE_OR_INF),
+    "relaxation_time": (checks.FINITE, (lambda time: time >= 0, "at least 0")),
     "largest_plastic_strain": ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),),
-    "break_strain": ((lambda strain: strain >= 0, "at least 0 (inf never breaks)"),),
-    "break_force": ((lambda force: force >= 0, "at least 0 (inf never breaks)"),),
-    "broken_at": ((lambda time: time >= 0, "at least 0 (inf is whole)"),),
+    "break_strain": ((lambda strain: strain >= 0, "at least 0 (inf never breaks)"), checks.FINITE_OR_INF),
+    "break_force": ((lambda force: force >= 0, "at least 0 (inf never breaks)"), checks.FINITE_OR_INF),
+    "broken_at": ((lambda time: time >= 0, "at least 0 (inf is whole)"), checks.FINITE_OR_INF),
 }
 PARTICLE_FIELDS = ("position", "velocity", "mass")
 """Arrays of a system with an entry for each particle."""

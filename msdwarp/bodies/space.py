@@ -37,14 +37,14 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
         raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
     if dim == 2:
         angle: Any = [turn]
-        return rotation_matrix(2, float(checks.vector(name, angle, 1)[0]))
-    vector = checks.vector(name, turn, 3)
-    angle = math.hypot(*vector)  # which squares nothing that would be too large or too small for it
-    return rotation_matrix(3, angle, vector) if angle else np.eye(3)
+        return rotations(checks.vector(name, angle, 1)[None], 2)[0]
+    return rotations(checks.vector(name, turn, 3)[None], 3)[0]
 
 
 def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the matrices of many turns [rad], bit for bit as `rotation` does for each, shape [count, d, d].
+    """Return the matrices of many turns [rad], shape [count, d, d], bit for bit those of each by itself.
+
+    Products are summed term by term: a library for matrices does it in another order for one than for many.
 
     Parameters
     ----------
@@ -63,15 +63,24 @@ def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
         return np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
     if dim == 1:
         raise ValueError("in one dimension nothing turns")
-    angle = np.array([math.hypot(*turn) for turn in turns])
+    angle = np.array([math.hypot(*turn) for turn in turns])  # squares nothing too large or too small for it
     u = np.ldexp(turns, -np.frexp(np.abs(turns).max(axis=1, keepdims=True))[1])
-    length = np.sqrt(u[:, None, :] @ u[:, :, None])[:, 0]
-    x, y, z = (u / np.where(length > 0, length, 1.0)).T  # of no turn there is no axis, and its sine is 0
+    x, y, z = u.T
+    length = np.sqrt(x * x + y * y + z * z)
+    x, y, z = u.T / np.where(length > 0, length, 1.0)  # of no turn there is no axis, and its sine is 0
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
     axis = np.stack([x, y, z], axis=-1)
     cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
     return cosine * np.eye(3) + sine * cross + (1 - cosine) * (axis[:, :, None] * axis[:, None, :])
+
+
+def rotated(matrices: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R y for matrices of shape [..., d, d] and a point, to the last bit the same for one as for many."""
+    result = matrices[..., 0] * point[0]
+    for k in range(1, len(point)):
+        result = result + matrices[..., k] * point[k]
+    return result
 
 
 def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:

@@ -140,7 +140,7 @@ def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.flo
     if weights is None:
         raise ValueError(f"weights is None, but particle has shape {shape}: weights must be of that shape")
     shares = checks.broadcast("weights", weights, shape)
-    checks.within("weights", shares, (np.isfinite, "finite"))
+    checks.within("weights", shares, checks.FINITE)
     total = shares.sum(axis=1)
     checks.every("the sum of weights", total, np.abs(total - 1) <= _SUM, f"1 to within {_SUM:g}")
     return shares

@@ -1,7 +1,6 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -303,7 +302,7 @@ class System:
         ValueError
             If the system is one-dimensional, or the axis is zero.
         """
-        checks.between("angle", angle, -sys.float_info.max, sys.float_info.max)
+        checks.between("angle", angle, -checks.LARGEST, checks.LARGEST)
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
@@ -371,15 +370,15 @@ class System:
         checks.instance("name", name, str, "'scoop'")
         return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
 
-    def group(self, name: str) -> NDArray[np.bool_]:
-        """Return the mask of the particles in a group, shape [particle_count].
+    def group(self, name: str, argument: str = "group") -> NDArray[np.bool_]:
+        """Return the mask of the particles in a group, shape [particle_count]; `argument` is who names it.
 
         Raises
         ------
         ValueError
             If there is no group of that name; the message lists the groups.
         """
-        checks.one_of("group", name, self.groups)
+        checks.one_of(argument, name, self.groups)
         mine = np.zeros(self.particle_count, dtype=bool)
         mine[self.groups[name]] = True
         return mine

@@ -11,6 +11,7 @@ from ..integrators import METHODS
 from ..studies import Fitted, fit
 from ..world import Scene
 from .other_options import FitOptions
+from .process import telling
 from .scene_files import Origin
 
 
@@ -26,7 +27,8 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
     """
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
-    with warnings.catch_warnings(record=True) as doubts, Console(stderr=True).status("fitting") as status:
+    talk = Console(stderr=True, quiet=options.quiet)
+    with warnings.catch_warnings(record=True) as doubts, telling(talk, "fitting") as tell:
         warnings.simplefilter("always", checks.DoubtfulFit)
         found = fit(
             scene,
@@ -42,7 +44,7 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
             integrator=METHODS[options.integrator],
             precision=options.precision,
             device=options.device,
-            report=lambda line: status.update(f"fitting: {line}"),
+            report=tell,
         )
     if options.quiet:
         for name, value in found.values.items():

@@ -119,7 +119,8 @@ class FitOptions:
     starts
         Number of starting points of the search.
     substeps
-        Integrator steps per frame; auto picks a number that is stable within the bounds.
+        Integrator steps per frame; auto picks a number that is stable within the bounds, and more in the end if
+        the values depend on it.
     fps
         Frames per second of simulated time. Default: those of the file.
     integrator

@@ -107,6 +107,20 @@ def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
     )
 
 
+@contextmanager
+def telling(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
+    """Give a function that shows in a line how far something is: the last one on a terminal, else each."""
+    with console.status(what) as status:
+
+        def tell(line: str) -> None:
+            if console.is_terminal:
+                status.update(f"{what}: {line}")
+            else:
+                console.print(f"{what}: {line}", markup=False, highlight=False, soft_wrap=True)
+
+        yield tell
+
+
 def start_warp(verbose: bool) -> None:
     """Start Warp, and let it speak if `verbose`."""
     with at_once():

@@ -22,7 +22,7 @@ from ..world import Scene, Stored, scene_as_stored
 from .draw import draw
 from .options import Options
 from .probe_tables import ProbeTables, described, told_last
-from .process import progress_on, stop_asked_for
+from .process import progress_on, stop_asked_for, telling
 from .provenance import about
 from .results import (
     RESTART,
@@ -139,8 +139,8 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
         raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
     if options.fps != 60.0:
         raise ValueError(f"fps is {options.fps:g}; with a tolerance it must be 60")
-    with talk.status("tuning"):
-        found, _ = tune(scene, options.tolerance, device=options.device)
+    with telling(talk, "tuning") as tell:
+        found, _ = tune(scene, options.tolerance, device=options.device, report=tell)
     best: Any = cheapest(found, options.tolerance)
     talk.print(f"tuned: {best.method} keeps the error to {best.error:.1e} of the body's size", highlight=False)
     return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)

@@ -9,6 +9,7 @@ from ..integrators import DEFAULT
 from ..studies import cheapest, tune
 from ..world import Scene
 from .other_options import TuneOptions
+from .process import telling
 from .scene_files import Origin
 
 
@@ -20,13 +21,13 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
     ValueError
         If an option is out of range, or no method is under the tolerance.
     """
-    with Console(stderr=True).status("tuning") as status:
+    with telling(Console(stderr=True), "tuning") as tell:
         found, horizon = tune(
             scene,
             options.tolerance,
             device=options.device,
             horizon=options.horizon,
-            report=lambda line: status.update(f"tuning: {line}"),
+            report=tell,
         )
     best = cheapest(found, options.tolerance)
     table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a fraction of its size")

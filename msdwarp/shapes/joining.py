@@ -157,10 +157,7 @@ def _chosen(name: str, body: System, which: Any) -> NDArray[np.bool_]:
     if which is None:
         return np.ones(body.particle_count, dtype=bool)
     if isinstance(which, str):
-        try:
-            return body.group(which)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
+        return body.group(which, name)
     return selected(name, which, body.particle_count)
 
 

@@ -103,7 +103,7 @@ def _lattice(
         rest_length[slices[name]] = longest * np.sqrt(sum((one / longest) ** 2 for one in along))
     # What is made here is valid, but for a spacing so large that it overflows.
     for name, values in {"position": position, "rest_length": rest_length}.items():
-        checks.within(name, values, (np.isfinite, "finite"))
+        checks.within(name, values, checks.FINITE)
     lattice = System.trusted(
         position=position,
         connections=connections,

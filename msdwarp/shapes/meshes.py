@@ -104,7 +104,7 @@ def read_mesh(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | Non
     points = checks.array("the mesh's points", given[0])
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"the mesh's points have shape {points.shape}; they must be (any, 3)")
-    checks.within("the mesh's points", points, (np.isfinite, "finite"))
+    checks.within("the mesh's points", points, checks.FINITE)
     triangles = checks.indices("the mesh's triangles", given[1], 3, len(points))
     if not len(triangles):
         raise ValueError("mesh has no triangles; it must have a closed surface of them")

@@ -81,7 +81,7 @@ def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
     corners = checks.array("outline", outline)
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ValueError(f"outline has shape {corners.shape}; it must be (n, 2)")
-    checks.within("outline", corners, (np.isfinite, "finite"))
+    checks.within("outline", corners, checks.FINITE)
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]  # closed already
     if len(corners) < 3:

@@ -41,7 +41,7 @@ def embed(
     """
     dim = number.ndim
     place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing
-    checks.within("points", place, (np.isfinite, "finite"))
+    checks.within("points", place, checks.FINITE)
     if not whole.any():
         raise ValueError("whole is False everywhere; there must be a cell to embed points in")
     cell, _ = nearest_cells(place, whole)

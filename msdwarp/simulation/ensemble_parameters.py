@@ -1,6 +1,6 @@
 """What differs between the worlds of an ensemble, as its arguments say it, checked."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,15 +11,13 @@ from .. import checks
 from ..bodies import System
 from ..world import Collider, Gravity, Load, Scene, with_touch
 
-Limit = tuple[Callable[[NDArray], NDArray], str]
-FINITE: Limit = (np.isfinite, "finite")
-NOT_NEGATIVE: Limit = (lambda v: v >= 0, "at least 0")
-POSITIVE: Limit = (lambda v: v > 0, "positive")
-LIMITS: dict[str, tuple[Limit, ...]] = {
-    "rest_length": (FINITE, POSITIVE),
+FINITE = checks.FINITE
+NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
+LIMITS: dict[str, tuple[checks.Limit, ...]] = {
+    "rest_length": (FINITE, checks.NOT_TINY),
     "stiffness": (FINITE, NOT_NEGATIVE),
     "damping": (FINITE, NOT_NEGATIVE),
-    "mass": ((lambda v: v > 0, "positive; inf pins a particle"),),
+    "mass": ((lambda v: v > 0, "positive; inf pins a particle"), checks.NOT_TINY, checks.FINITE_OR_INF),
     "friction": (FINITE, NOT_NEGATIVE),
     "gravity": (FINITE,),
     "position": (FINITE,),

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,7 +58,13 @@ def frame_errors(position: NDArray, reference: NDArray, size: float) -> NDArray[
     return np.sqrt(((position - reference) ** 2).sum(axis=2).mean(axis=1)) / size
 
 
-def make_reference(scene: Scene, duration: float, device: str | None = None, finer: int = 8) -> Reference:
+def make_reference(
+    scene: Scene,
+    duration: float,
+    device: str | None = None,
+    finer: int = 8,
+    report: Callable[[str], None] = lambda line: None,
+) -> Reference:
     """Return the scene by RK4 in float64, with `finer` times the substeps that are stable.
 
     Its own error is estimated from a run with half as many that starts from positions rounded to float32: what
@@ -69,6 +76,7 @@ def make_reference(scene: Scene, duration: float, device: str | None = None, fin
     for n, position in ((finer // 2, system.position.astype(np.float32)), (finer, system.position)):
         start = replace(scene, system=system.replace(position=position))
         options = {"integrator": RK4(), "device": device, "precision": "float64", "substeps": n * stable}
+        report(f"reference {len(runs) + 1} of 2, {n * stable} substeps a frame")
         runs.append(simulate(start, duration, **options)[1])
     size = float(np.ptp(system.position, axis=0).max())
     return Reference(runs[1], frame_errors(runs[0], runs[1], size), size)
@@ -102,7 +110,7 @@ def tune(
         Time over which errors are measured [s]: shorter where the scene is, and where the reference itself is
         not certain to a tenth of the tolerance any longer, as after a buckling.
     report
-        Told in a line what is being done.
+        A function that is called with a line about each run before it starts.
 
     Returns
     -------
@@ -120,8 +128,7 @@ def tune(
         raise ValueError("the scene has a schedule: substeps that are right before a change may be wrong after it")
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
-    report("reference")
-    reference = make_reference(scene, horizon, device)
+    reference = make_reference(scene, horizon, device, report=report)
     frames = certain_frames(reference, tolerance / 10)
     if frames < 2:
         raise ValueError(
@@ -131,20 +138,30 @@ def tune(
     horizon = (frames - 1) / 60.0
     reference = Reference(reference.position[:frames], reference.error[:frames], reference.size)
     found = []
-    for name in METHODS:
-        report(name)
-        found += _measure_method(scene, name, tolerance, reference, horizon, device)
-    report("timing")
+    for k, name in enumerate(METHODS, 1):
+        tell = partial(_tell, report, f"method {k} of {len(METHODS)}, {name}")
+        found += _measure_method(scene, name, tolerance, reference, horizon, device, tell)
     enough = [one for one in found if one.error <= tolerance or one is found[0]]
     least = min(one.evaluations for one in enough)
     chosen = [one for one in enough if one.evaluations <= 16 * least]
+    report(f"computing times of {len(chosen)} that are cheap")
     for one, timed in zip(chosen, _timed(scene, chosen, device), strict=True):
         found[found.index(one)] = timed
     return found, horizon
 
 
+def _tell(report: Callable[[str], None], method: str, substeps: int | str, precision: str) -> None:
+    report(f"{method}, {precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
+
+
 def _measure_method(
-    scene: Scene, name: str, tolerance: float, reference: Reference, horizon: float, device: str | None
+    scene: Scene,
+    name: str,
+    tolerance: float,
+    reference: Reference,
+    horizon: float,
+    device: str | None,
+    tell: Callable[[int | str, str], None],
 ) -> Iterator[Measurement]:
     """Yield measurements from the automatic substeps on, until one is under the tolerance."""
     method = METHODS[name]
@@ -155,6 +172,7 @@ def _measure_method(
     precision, before, least = next(precisions), math.inf, 0
     for _ in range(6):
         options = {"integrator": method, "substeps": substeps, "precision": precision, "device": device}
+        tell(substeps, precision)
         try:
             simulation, position = simulate(scene, horizon, **options)
         except UnstableStep:  # a method that wants a damper beside every spring

@@ -1,6 +1,5 @@
 """fit: parameters of a scene from a measured motion."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,9 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
+from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values, warn
 from .fitted import Fitted
-from .least_squares import ABOVE_FLOOR, CLOSE, DIFFERENCE, LOSSES, Linear, Problem
+from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Tracked, channels_of, frame_rate
 from .parameters import parameters_of
 from .worlds import Worlds
@@ -33,6 +33,11 @@ UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as one that cannot be seen."""
 SHARE = 0.3
 """A parameter is named as one that cannot be seen where it has this part of a direction that cannot."""
+OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
+"""The time step is short enough if its error is below this part of a standard deviation, or of the value; or so
+many times the jumps that contact makes, of which it has its own."""
+MOST_REFINEMENT = 16
+"""No more substeps are taken than so many times those that are stable."""
 
 
 def fit(
@@ -105,7 +110,9 @@ def fit(
         the simulation is interpolated by a cubic spline.
     substeps
         Substeps of a frame, the same for all values. "auto" takes a number that is stable everywhere within the
-        bounds.
+        bounds, and more in the last steps of the search, until shorter steps would change no value by more than a
+        quarter of its standard deviation, or 1e-4 of itself. The values do not depend on the time step then. A
+        number is taken as it is: then the values also make up for the errors of the time step.
     integrator
         Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
     precision
@@ -130,14 +137,17 @@ def fit(
     Warns
     -----
     DoubtfulFit
-        If the measurements do not determine a parameter, a value ends at its bound, or the search does not
-        converge.
+        If the measurements do not determine a parameter, a value ends at its bound, the search does not converge,
+        or steps cannot be made short enough. If residuals are not the noise told: 1.5 times as large or as small,
+        or alike at neighbouring times (correlation above 0.3). Noise that is independent in time is doubted in one
+        fit of a hundred at most.
 
     Notes
     -----
     The covariance is s² (JᵀJ)⁻¹, where s² is the sum of squared residuals over rows − p, and J their derivatives.
-    This is correct if residuals are independent and the scene is exact except for noise (Nocedal & Wright,
-    Numerical Optimization, 2006, chapter 10). With another loss J is weighted by its derivative.
+    With substeps="auto" the square of the time step's error is added. This is correct if residuals are independent
+    and the scene is exact except for noise (Nocedal & Wright, Numerical Optimization, 2006, chapter 10). With
+    another loss J is weighted by its derivative.
 
     With contact the simulated motion jumps slightly as parameters change, because a contact lasts a substep more
     or less. Then J is the slope of a linear model fitted to the residuals of many worlds around the values, and
@@ -162,12 +172,38 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, channels, sought, precision, loss)
     theta = _starts(problem, starts, seed)
+    warn(doubts_of_times(channels, rate, worlds.substeps), 2)
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
     report(f"up to {end:.4g} s, the last steps")
-    best, converged = problem.finish(theta[0], end, tolerance)
-    linear, jumps = problem.linear(best[None], end, DIFFERENCE[precision])[0], np.zeros((len(sought),) * 2)
+    best, order = theta[0], 1 if scene.colliders or scene.touch is not None else method.order
+    stable = worlds.substeps
+    while True:
+        best, linear, jumps, converged = _finish(problem, best, end, tolerance, seed, report)
+        if substeps != "auto":
+            return _result(problem, best, linear, jumps, None, end, converged)
+        moved, deviation, change = problem.of_step(best, end, linear, order)
+        enough = np.maximum(OF_DEVIATION * deviation, OF_JUMPS * np.sqrt(np.diag(jumps))).clip(OF_VALUE)
+        times = min((np.abs(moved) / enough).max() ** (1 / order), MOST_REFINEMENT * stable / worlds.substeps)
+        if times <= 1:
+            return _result(problem, best, linear, jumps, (moved, enough, change), end, converged)
+        worlds.refine(times)
+        report(f"again, with {worlds.substeps} substeps a frame")
+
+
+def _finish(
+    problem: Problem,
+    theta: NDArray[np.float64],
+    end: float,
+    tolerance: float,
+    seed: int,
+    report: Callable[[str], None],
+) -> tuple[NDArray, Linear, NDArray, bool]:
+    """Return the best θ up to a time [s], what is linear there, the covariance by jumps, and whether it ended."""
+    best, converged = problem.finish(theta, end, tolerance)
+    step, p = DIFFERENCE[problem.precision], problem.count
+    linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))
     for k in range(ROUNDS):
         cost, exact = problem.cost(linear.residuals), problem.floor(end) ** 2 * len(linear.residuals)
         if cost <= exact or (k == 0 and not problem.is_jagged(best, end, linear)):
@@ -179,7 +215,7 @@ def fit(
         better = problem.cost(residuals)
         if better <= cost:
             best, converged = near, done
-            linear = problem.linear(best[None], end, DIFFERENCE[precision])[0]
+            linear = problem.linear(best[None], end, step)[0]
         if better > exact:
             linear, jumps = Linear(linear.residuals, trend), spread
         else:
@@ -187,7 +223,7 @@ def fit(
         if better > WORTH * cost:
             converged = True  # among jumps steps do not end; that clouds find nothing better is an end
             break
-    return _result(problem, best, linear, jumps, end, converged)
+    return best, linear, jumps, converged
 
 
 def _check_scipy() -> None:
@@ -234,9 +270,15 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
 
 
 def _result(
-    problem: Problem, theta: NDArray, linear: Linear, jumps: NDArray, end: float, converged: bool
+    problem: Problem,
+    theta: NDArray,
+    linear: Linear,
+    jumps: NDArray,
+    of_step: tuple[NDArray, NDArray, NDArray] | None,
+    end: float,
+    converged: bool,
 ) -> Fitted:
-    """Return what was found; warn of what is doubtful about it."""
+    """Return what was found, with what endlessly short steps would change; warn of what is doubtful about it."""
     values, names = problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
     weight = LOSSES[problem.loss][1](linear.residuals**2)
@@ -247,15 +289,33 @@ def _result(
     parts = np.abs(directions[hidden])
     unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
     of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
+    doubts = doubts_of_values(problem, theta, unseen, converged)
+    step = np.zeros(rows)
+    if of_step is not None:
+        moved, enough, step = of_step
+        jumps = jumps + np.outer(moved, moved)
+        off = {
+            name: by
+            for name, by, most in zip(names, moved, enough, strict=True)
+            if abs(by) > most and name not in unseen
+        }
+        if off:
+            which = " and ".join(f"{name} by {100 * by:.2g} %" for name, by in off.items())
+            most = f"{problem.worlds.substeps} a frame are the most that are tried"
+            doubts.append(f"shorter steps would change {which}: {most}")
     covariance = (of_theta + jumps) * np.outer(values, values)
     for k, name in enumerate(names):
         if name in unseen:
             covariance[k, k] = np.inf
-    left, told = {}, problem.worlds.predict(values[None], end)
+    left, told, done = {}, problem.worlds.predict(values[None], end), 0
     for one, simulated in zip(problem.channels, told, strict=True):
-        wanted = one.time > 0
-        left[one.name] = one.time[wanted], (simulated[0] - one.values)[wanted]
-    _warn(problem, theta, unseen, converged)
+        wanted, counted = one.time > 0, int(one.until(end).sum())
+        off = np.where(wanted[:, None], simulated[0] - one.values, np.nan)
+        left[one.name] = one.time[wanted], off[wanted]
+        own = one.noise * max(np.sqrt(np.mean(step[done : done + counted] ** 2)), problem.floor(end))
+        doubts += doubts_of_noise(one, off, p, own, robust=problem.loss != "linear")
+        done += counted
+    warn(doubts, 3)
     worlds = problem.worlds
     return Fitted(
         values=dict(zip(names, map(float, values), strict=True)),
@@ -272,21 +332,3 @@ def _result(
         unseen=tuple(unseen),
         converged=converged,
     )
-
-
-def _warn(problem: Problem, theta: NDArray, unseen: list[str], converged: bool) -> None:
-    """Warn of what is doubtful about a fit."""
-    doubts = []
-    if len(unseen) == 1:
-        doubts.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
-    elif unseen:
-        doubts.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
-    for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):
-        if one.name not in unseen and min(at - low, high - at) < CLOSE * 1e-2:
-            doubts.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
-    if problem.worlds.diverged:
-        doubts.append("the scene diverges with the values found")
-    if not converged:
-        doubts.append("the search has not come to an end")
-    for one in doubts:
-        warnings.warn(one, checks.DoubtfulFit, stacklevel=4)

@@ -32,7 +32,7 @@ class Fitted:
     fps: float
     """Frames per second of the simulations."""
     substeps: int
-    """Substeps of a frame, the same in all runs."""
+    """Substeps of a frame in the last runs."""
     runs: int
     """Number of simulated worlds."""
     batches: int

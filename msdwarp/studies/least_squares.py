@@ -200,6 +200,25 @@ class Problem:
         )
         return found.x, found.status > 0
 
+    def of_step(
+        self, theta: NDArray[np.float64], end: float, linear: Linear, order: int
+    ) -> tuple[NDArray, NDArray, NDArray]:
+        """Return what endlessly short steps would change: θ, its standard deviation beside that, and residuals.
+
+        By Richardson's extrapolation from half the steps, with a method of some order.
+        """
+        stable = self.worlds.substeps
+        self.worlds.refine(2)
+        change = self.residuals(theta[None], end)[0] - linear.residuals
+        self.worlds.refine(stable / self.worlds.substeps)
+        change *= 2**order / (2**order - 1)
+        hold = self.floor(end) * np.sqrt(len(change))  # what cannot be seen stays where it is
+        weight = LOSSES[self.loss][1](linear.residuals**2)[:, None]
+        inverse = np.linalg.inv(linear.jacobian.T @ (weight * linear.jacobian) + hold**2 * np.eye(self.count))
+        variance = self.cost(linear.residuals) / max(len(change) - self.count, 1)
+        moved = -inverse @ (linear.jacobian.T @ (weight[:, 0] * change))
+        return moved, np.sqrt(variance * np.diag(inverse)), change
+
     def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
         """Tell whether what is simulated jumps as θ changes, as it does with contact.
 

@@ -86,6 +86,8 @@ class Channel:
     """What a deviation counts in, in the unit of the values."""
     entry: NDArray[np.int64] | None = None
     """Which of the tracked particles a row is of, shape [rows]."""
+    told: bool = False
+    """Whether `noise` is what the user says it is, and not the variation of the values."""
 
     @property
     def unit(self) -> str:
@@ -140,7 +142,7 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
             raise ValueError(f"measured has nothing of {one.name} after time 0; it must have some")
         sigma = given.get(one.name)
         own = spread(one) if sigma is None else checks.positive(f"noise of {one.name}", sigma)
-        done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry))
+        done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry, sigma is not None))
     return done
 
 

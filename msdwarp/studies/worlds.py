@@ -71,6 +71,11 @@ class Worlds:
             several = [self._simulation(one) for one in corners]
             self.alone, self.on_gpu = str(error), several[0].model.device.is_cuda
             self.substeps = max(one.substeps for one in several)
+        self.refine(1.0)
+
+    def refine(self, times: float) -> None:
+        """Take so many times as many substeps from now on."""
+        self.substeps = math.ceil(times * self.substeps)
         self._options["substeps"] = self.substeps
 
     def _corners(self) -> NDArray[np.float64]:

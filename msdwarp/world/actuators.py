@@ -55,7 +55,7 @@ class Actuator(Load):
             self.at(np.zeros(1))
             object.__setattr__(self, "strain", float(self.strain))
         delay = checks.array("delay", self.delay)
-        checks.within("delay", delay, (np.isfinite, "finite"))
+        checks.within("delay", delay, checks.FINITE)
         object.__setattr__(self, "delay", delay)
         if self.along is not None:
             names = (self.along,) if isinstance(self.along, str) else self.along

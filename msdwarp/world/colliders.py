@@ -6,7 +6,6 @@ what goes further in a substep than they are thick is swept (`msdwarp.kernels.co
 """
 
 import math
-import sys
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -52,8 +51,6 @@ class Collider:
 
     places: ClassVar[tuple[str, ...]] = ()
     """Names of the numbers that say where it is [m]."""
-    sizes: ClassVar[tuple[str, ...]] = ()
-    """Names of the numbers that say how large it is [m], above 0."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -132,7 +129,7 @@ class Plane(Collider):
         super().__post_init__()
         if self.normal is not None:
             object.__setattr__(self, "normal", checks.direction("normal", self.normal))
-        checks.between("offset", self.offset, -sys.float_info.max, sys.float_info.max)
+        checks.between("offset", self.offset, -checks.LARGEST, checks.LARGEST)
 
     def unit_normal(self, dim: int) -> NDArray[np.float64]:
         """Return the normal in a space of `dim` coordinates, shape [dim]."""
@@ -173,7 +170,7 @@ class Sphere(Collider):
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
 
-    places, sizes = ("position",), ("radius",)
+    places = ("position",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -221,14 +218,14 @@ class Box(Collider):
     size: tuple[float, ...] = (1.0, 1.0, 1.0)
     turn: Any = None
 
-    places, sizes = ("position",), ("size",)
+    places = ("position",)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
         super().__post_init__()
         object.__setattr__(self, "position", checks.point("position", self.position))
         size = checks.point("size", self.size)
-        if len(size) != len(self.position) or min(size) <= 0:
+        if len(size) != len(self.position) or min(size) < checks.SMALLEST:
             raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
         object.__setattr__(self, "size", size)
         if self.turn is not None:
@@ -271,7 +268,7 @@ class Capsule(Collider):
     end: tuple[float, ...] = (0.5, 0.0, 0.0)
     radius: float = 0.25
 
-    places, sizes = ("start", "end"), ("radius",)
+    places = ("start", "end")
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -323,7 +320,7 @@ class Cone(Collider):
     base: tuple[float, ...] = (0.0, 0.0, 0.0)
     radius: float = 0.5
 
-    places, sizes = ("apex", "base"), ("radius",)
+    places = ("apex", "base")
 
     def __post_init__(self) -> None:
         """Check the arguments."""

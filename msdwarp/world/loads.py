@@ -120,7 +120,7 @@ def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
     """
     if on is None:
         return np.ones(system.particle_count, dtype=bool)
-    chosen = system.group(on) if isinstance(on, str) else selected("on", on, system.particle_count)
+    chosen = system.group(on, "on") if isinstance(on, str) else selected("on", on, system.particle_count)
     if not chosen.any():
         raise ValueError(f"on is {checks.said(on)}; it must name one particle at least")
     return chosen
@@ -184,10 +184,10 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
     if values.shape[1] != width:
         numbers = "number" if width == 1 else "numbers"
         raise ValueError(f"{name} has {values.shape[1]} numbers; it must have {width} {numbers}")
-    wrong = ~np.isfinite(values).all(axis=1)
+    wrong = ~checks.FINITE[0](values).all(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise ValueError(f"{name} is {checks.said(values[k])} at {times[k]:g} s; it must be finite")
+        raise ValueError(f"{name} is {checks.said(values[k])} at {times[k]:g} s; it must be {checks.FINITE[1]}")
     return np.broadcast_to(values, (len(times), width))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import rotation, rotations
+from ..bodies import rotated, rotation, rotations
 from .in_time import sampled
 
 Motion = Callable[[float], Any]
@@ -36,7 +36,7 @@ def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float
     name = f"motion({time:g})"
     shift = checks.vector(name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim)
     matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of {name}")
-    return matrix, shift + centre - matrix @ centre
+    return matrix, shift + centre - rotated(matrix, centre)
 
 
 def poses(
@@ -89,7 +89,7 @@ def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray |
         right = turned == {True} and found.shape[1] == dim + (1 if dim == 2 else 3)
         if right and np.isfinite(found).all():
             matrices = rotations(found[:, dim:], dim)
-            return matrices, found[:, :dim] + centre - matrices @ centre
+            return matrices, found[:, :dim] + centre - rotated(matrices, centre)
     except Exception:  # raised again, with its time, where each time is asked for
         pass
     return None, None

@@ -96,7 +96,7 @@ class Gas(Pressed):
         """Check the arguments."""
         checks.non_negative("outside", self.outside)
         checks.positive("exponent", self.exponent)
-        checks.between("pressure", self.pressure, -self.outside, 1e30)
+        checks.between("pressure", self.pressure, -self.outside, checks.LARGEST)
         if self.volume is not None:
             checks.positive("volume", self.volume)
 

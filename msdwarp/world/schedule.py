@@ -127,7 +127,7 @@ class Change:
         result = np.array(now, dtype=np.float64)
         given: Any = value(result[chosen]) if callable(value) else value
         result[chosen] = checks.broadcast("velocity", given, (int(chosen.sum()), system.dim))
-        checks.every("velocity", result, np.isfinite(result), "finite")
+        checks.finite("velocity", result)
         result[held] = now[held]
         return result
 
@@ -136,7 +136,7 @@ class Change:
         if self.release is None:
             return tuple(loads)
         if isinstance(self.release, str):
-            return released(loads, system.group(self.release), f"release is {self.release!r}, which")
+            return released(loads, system.group(self.release, "release"), f"release is {self.release!r}, which")
         return released(loads, selected("release", self.release, system.particle_count))
 
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

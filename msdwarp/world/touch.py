@@ -1,7 +1,7 @@
 """Touch: bodies that keep each other out."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -71,7 +71,8 @@ class Touch(Load):
         if self.stiffness is not None:
             checks.positive("stiffness", self.stiffness)
         if self.groups is not None:
-            names = tuple(self.groups) if not isinstance(self.groups, str) else ()
+            several = isinstance(self.groups, Iterable) and not isinstance(self.groups, str)
+            names = tuple(self.groups) if several else ()
             if len(names) != 2 or not all(isinstance(name, str) for name in names):
                 raise ValueError(f"groups is {checks.said(self.groups)}; it must be two names of groups")
             object.__setattr__(self, "groups", names)

@@ -91,7 +91,7 @@ class Wind(Load):
     def areas(self, system: System) -> NDArray[np.float64]:
         """Return the area of each particle [m²], shape [particle_count]."""
         areas = checks.broadcast("area", self.area, (system.particle_count,))
-        checks.within("area", areas, (lambda a: np.isfinite(a) & (a >= 0), "finite and not negative"))
+        checks.within("area", areas, checks.FINITE, (lambda a: a >= 0, "not negative"))
         return areas
 
     def facets(self, system: System) -> Facets:

@@ -322,7 +322,7 @@ def late(t: float) -> float:
         (lambda: Actuator(0.1, along=3), "along is 3; it must be"),
         (lambda: Actuator(0.1, delay=math.inf), "delay is inf; it must be finite"),
         (lambda: Actuator(0.1, delay=[0.0, 0.1]), r"loads\[0\]\.delay has shape \(2,\); .*64 numbers"),
-        (lambda: Actuator(0.1, on="tail"), r"loads\[0\]\.group is 'tail'"),
+        (lambda: Actuator(0.1, on="tail"), r"loads\[0\]\.on is 'tail'"),
         (lambda: Actuator(0.1, on=[0]), r"loads\[0\]\.on is \[0\]; there must be one connection at least"),
         (lambda: Actuator(0.1, on=[0, 1], along=("y",)), r"joins two of its particles along y"),
     ],

@@ -257,7 +257,7 @@ def test_all_routes_carry_attachments(plain_device):
 
 MOVING = Sphere(motion=lambda t: (0, 0, t))
 REFUSED = [
-    (lambda: [Attachment("tail", stiffness=1.0)], r"loads\[0\]\.group is 'tail'"),
+    (lambda: [Attachment("tail", stiffness=1.0)], r"loads\[0\]\.on is 'tail'"),
     (lambda: [Attachment([], stiffness=1.0)], r"loads\[0\]\.on is \[\]; it must name one particle"),
     (lambda: [Attachment([0], stiffness=-1.0)], "stiffness is -1; it must be a number of at least 0"),
     (lambda: [Attachment([0], stiffness=1.0, damping=np.inf)], "damping is inf"),

@@ -265,15 +265,6 @@ def test_bad_input_is_named(make, message):
         make()
 
 
-@pytest.mark.filterwarnings("ignore:overflow")
-@pytest.mark.parametrize(
-    ("shape", "message"), [((4, 2, 2), r"position\[0, 0\] is -inf"), ((2, 2, 2), r"rest_length\[12\] is inf")]
-)
-def test_spacing_that_overflows_is_refused(shape, message):
-    with pytest.raises(ValueError, match=message):
-        box(shape, spacing=1.5e308)
-
-
 @pytest.mark.parametrize("diagonals", [False, True])
 @pytest.mark.parametrize("shape", [*SHEETS, *BOXES])
 def test_a_lattice_without_gaps_is_a_sheet_or_a_box(shape, diagonals):

@@ -99,7 +99,7 @@ REFUSED = [
     (lambda: join(LEFT, pairs=[(3, 3)], **K), r"pairs\[0\] is particle 3 with itself"),
     (lambda: join(LEFT, within=1.0, **K), "on must name two parts"),
     (lambda: join(LEFT, RIGHT, within=1.0, on="left", **K), "on is 'left'; it must be two"),
-    (lambda: join(LEFT, RIGHT, within=1.0, on=("top", None), **K), r"on\[0\]: group is 'top'"),
+    (lambda: join(LEFT, RIGHT, within=1.0, on=("top", None), **K), r"on\[0\] is 'top'; it must be one of 'left'"),
     (lambda: join(LEFT, RIGHT, pairs=[(0, 0)], on=("left", None), **K), "on is .*; with pairs"),
     (
         lambda: join(LEFT, LEFT, within=0.1, **K),

@@ -1,0 +1,48 @@
+"""Where compiled kernels cannot be kept, one line says so, and names the variable that helps."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+STEP = "import msdwarp as msd; msd.Simulation(msd.chain(3), device='cpu').step()"
+LIMITED = (  # as a full disk: nothing larger than 16 KB can be written
+    "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    "resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 14, 1 << 14)); "
+)
+RUN = "from msdwarp.cli import main; main()"
+SAID = r"compiled kernels cannot be written to .*: .*; .*WARP_CACHE_PATH must name a folder with room"
+pytestmark = pytest.mark.slow
+
+
+def run(program, *words, **environment):
+    environment = os.environ | {name: str(value) for name, value in environment.items()}
+    command = [sys.executable, "-c", program, *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 1
+    return done.stderr.splitlines()
+
+
+@pytest.fixture
+def nowhere(tmp_path):
+    """Return what stands for a home that cannot be written to, for root either."""
+    (tmp_path / "file").touch()
+    home = tmp_path / "file" / "home"
+    return {"HOME": home, "XDG_CACHE_HOME": home, "LOCALAPPDATA": home, "WARP_CACHE_PATH": home}
+
+
+def test_a_home_that_cannot_be_written_is_told(nowhere):
+    assert re.match(rf"OSError: {SAID}", run(STEP, **nowhere)[-1])
+    (only,) = run(RUN, "run", "cube", "--frames", "none", "--video", "none", **nowhere)
+    assert re.match(rf"error: {SAID}", only)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such limits")
+def test_a_cache_on_a_full_disk_is_told(tmp_path):
+    assert re.match(rf"OSError: {SAID}", run(LIMITED + STEP, WARP_CACHE_PATH=tmp_path)[-1])
+    words = ["run", "chain", "--frames", "none", "--video", "none", "--out", str(tmp_path / "out")]
+    said = run(LIMITED + RUN, *words, WARP_CACHE_PATH=tmp_path)
+    assert re.match(rf"error: {SAID}", said[-1])
+    assert not any("Traceback" in line for line in said)
