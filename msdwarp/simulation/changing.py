@@ -1,14 +1,15 @@
 """Changing: what can be changed of a simulation between two frames."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import resists
+from ..engine import Touching, resists
 from ..integrators import Integrator, UnstableStep
 from ..quiet import in_turn
 from ..world import Change, Collider, Gravity, Hand, Load, Touch, bound, check_loads, differ_in_values, with_touch
@@ -24,6 +25,8 @@ class Changing(Present):
     _acting: tuple[Load, ...]
     """The loads that act, as they were given."""
     _pace: Pace | None
+    _due: list[Change]
+    """The changes of the schedule that are still to come."""
 
     @property
     def loads(self) -> tuple[Load, ...]:
@@ -39,6 +42,23 @@ class Changing(Present):
     def gravity(self) -> Gravity:
         """Acceleration of free fall [m/s²], as given."""
         return self._surroundings["gravity"]
+
+    def _change_as_due(self) -> None:
+        """Apply the next change of the schedule."""
+        try:
+            self._apply(self._due[0])
+        except UnstableStep as error:
+            raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
+        del self._due[0]  # now that it has been possible
+
+    def _stick(self, arrays: Mapping[str, NDArray]) -> None:
+        """Begin with bodies that stick to each other as `Touching.checkpoint` says, where they may touch."""
+        for effect in self.model.effects:
+            if isinstance(effect, Touching):
+                effect.restore(arrays)
+        self.stepping.begin_anew()
+        if self._pace is not None:
+            self._pace.begin(self.stepping)
 
     @abstractmethod
     def _load(self, system: System) -> None:

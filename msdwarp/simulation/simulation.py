@@ -15,7 +15,6 @@ from ..engine import (
     Dynamics,
     Model,
     Rates,
-    Touching,
     check_blocks,
     doubt_start,
     rate_bounds,
@@ -27,7 +26,6 @@ from ..integrators import (
     Integrator,
     StepChoice,
     SymplecticEuler,
-    UnstableStep,
     choose_forced,
     choose_stable,
 )
@@ -308,14 +306,6 @@ class Simulation(Changing):
         """Return the substeps that the system as it is now asks for; raise UnstableStep if there are none."""
         return self._choose(rate_bounds(self.system, self.model, self.state))
 
-    def _change_as_due(self) -> None:
-        """Apply the next change of the schedule."""
-        try:
-            self._apply(self._due[0])
-        except UnstableStep as error:
-            raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
-        del self._due[0]  # now that it has been possible
-
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
         choice = self._bound()
@@ -331,15 +321,6 @@ class Simulation(Changing):
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
-
-    def _stick(self, arrays: Mapping[str, NDArray]) -> None:
-        """Begin with bodies that stick to each other as `Touching.checkpoint` says, where they may touch."""
-        for effect in self.model.effects:
-            if isinstance(effect, Touching):
-                effect.restore(arrays)
-        self.stepping.begin_anew()
-        if self._pace is not None:
-            self._pace.begin(self.stepping)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.
