@@ -52,13 +52,14 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
     without = Simulation(body(), loads=[Drive([0, 5])], **common)
     for simulation in (pinned, driven, without):
         simulation.step(4)
-    np.testing.assert_array_equal(without.frame().position, driven.frame().position)
     if device == "cpu":
+        np.testing.assert_array_equal(without.frame().position, driven.frame().position)
         np.testing.assert_array_equal(driven.frame().position, pinned.frame().position)
         np.testing.assert_array_equal(driven.frame().velocity, pinned.frame().velocity)
     else:
         near = 1e-13 if precision == "float64" else 1e-5
-        np.testing.assert_allclose(driven.frame().position, pinned.frame().position, rtol=0, atol=near)
+        for other in (without, pinned):
+            np.testing.assert_allclose(driven.frame().position, other.frame().position, rtol=0, atol=near)
     held = driven.frame().position[[0, 5]]
     np.testing.assert_array_equal(held, pinned.frame().position[[0, 5]])
     assert driven.choice.limit == pytest.approx(pinned.choice.limit, rel=1e-14)  # the bound takes both alike
