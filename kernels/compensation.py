@@ -15,8 +15,10 @@ from .records import records
 
 
 @functools.cache
-def compensation(dim: int, scalar: type, compensated: bool):
-    """Compose (Lost, add): what sums have lost, and `add(total, change, lost, lost_out, i)`, the next sum.
+def compensated_sum(dim: int, scalar: type, compensated: bool):
+    """Compose (Compensation, add): what sums have lost by rounding, and a function that gives the next sum.
+
+    `add(total, change, lost, lost_out, i)` adds a change to a total.
 
     The true total is total − lost[i] before, and the sum − lost_out[i] after. Positions' losses are read by
     neighbours too, so the next ones are written to x_out. Without `compensated` it is a plain sum, and nothing
@@ -26,18 +28,18 @@ def compensation(dim: int, scalar: type, compensated: bool):
     load, store, _ = records(dim, scalar)
 
     @wp.struct
-    class Lost:
+    class Compensation:
         x: wp.array(dtype=V)
         x_out: wp.array(dtype=V)
         v: wp.array(dtype=V)
 
     @wp.func
-    def add(total: V, change: V, lost: wp.array(dtype=V), lost_out: wp.array(dtype=V), i: int) -> V:
+    def add(total: V, change: V, compensation: wp.array(dtype=V), lost_out: wp.array(dtype=V), i: int) -> V:
         new = total + change
         if wp.static(compensated):
-            rest = change - load(lost, i)
+            rest = change - load(compensation, i)
             new = total + rest
             store(lost_out, i, (new - total) - rest)
         return new
 
-    return Lost, add
+    return Compensation, add

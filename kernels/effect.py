@@ -27,11 +27,12 @@ class Driving(NamedTuple):
     """wp.func (world, lost, x, v, i) -> (x, v) where a substep ends; what their sums have lost is written."""
 
 
-class Piece(NamedTuple):
+class ForceTerm(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
-    Its functions are composed for the struct of what acts on particles, `World`, in which the effect's data lie:
-    each entry below is a function of that type which returns the `wp.func`, or None where there is nothing to do.
+    Its functions are composed for the struct of what acts on particles, `SceneData`, in which the effect's data
+    lie: each entry below is a function of that type which returns the `wp.func`, or None where there is nothing to
+    do.
     """
 
     field: str

@@ -37,8 +37,8 @@ def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
     for name, field in Step.vars.items():
         if wp.types.is_array(field.type):
             fields.append(name)
-        elif name == "lost" and compensated:
-            fields += [f"lost.{inner}" for inner in field.type.vars]
+        elif name == "compensation" and compensated:
+            fields += [f"compensation.{inner}" for inner in field.type.vars]
     return tuple(fields)
 
 

@@ -48,7 +48,7 @@ if _typing.TYPE_CHECKING:
         System,
         space_filling_order,
     )
-    from .checks import ContactOverrun, DoubtfulEnergy, DoubtfulFit, DoubtfulStart
+    from .checks import EnergyDriftWarning, FitWarning, StartWarning, TunnellingWarning
     from .engine import Measures
     from .files import Trajectory, TrajectoryWriter
     from .integrators import (
@@ -60,30 +60,30 @@ if _typing.TYPE_CHECKING:
         LinearlyImplicitEuler,
         SymplecticEuler,
         UnstableStep,
-        as_stiff_as,
+        match_stiffness,
         stability_limit,
     )
     from .live import View, show, view
-    from .pictures import Renderer, Scale
+    from .pictures import ColourScale, Renderer
     from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
-    from .simulation import Ensemble, Mean, Simulation, SimulationDiverged
-    from .studies import Fitted, Tracked, fit, sweep
+    from .simulation import Ensemble, GroupMean, Simulation, SimulationDiverged
+    from .studies import FitResult, TrackedPoints, fit, sweep
     from .world import (
         Actuator,
         Attachment,
         Box,
         Capsule,
         Cone,
-        Drive,
+        Contact,
+        EnclosedGas,
         Force,
-        Gas,
         Look,
         Plane,
+        PrescribedMotion,
         Pressure,
         Probe,
         Scene,
         Sphere,
-        Touch,
         Wind,
         at,
     )
@@ -95,20 +95,21 @@ __version__ = "0.1.0"
 _ROOMS = {
     "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
     "space_filling_order",
-    "checks": "ContactOverrun DoubtfulEnergy DoubtfulFit DoubtfulStart",
+    "checks": "TunnellingWarning EnergyDriftWarning FitWarning StartWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (
         "RK4 RKC2 ExplicitEuler Integrator Leapfrog LinearlyImplicitEuler SymplecticEuler UnstableStep "
-        "as_stiff_as stability_limit"
+        "match_stiffness stability_limit"
     ),
     "live": "View show view",
-    "pictures": "Renderer Scale",
+    "pictures": "Renderer ColourScale",
     "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice sheet shell",
-    "simulation": "Ensemble Mean Simulation SimulationDiverged",
-    "studies": "Fitted Tracked fit sweep",
+    "simulation": "Ensemble GroupMean Simulation SimulationDiverged",
+    "studies": "FitResult TrackedPoints fit sweep",
     "world": (
-        "Actuator Attachment Box Capsule Cone Drive Force Gas Look Plane Pressure Probe Scene Sphere Touch Wind at"
+        "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
+        "Probe Scene Sphere Wind at"
     ),
 }
 
@@ -138,47 +139,46 @@ __all__ = [
     "Attachment",
     "Box",
     "Capsule",
+    "ColourScale",
     "Cone",
-    "ContactOverrun",
+    "Contact",
     "CoulombDamper",
-    "DoubtfulEnergy",
-    "DoubtfulFit",
-    "DoubtfulStart",
-    "Drive",
+    "EnclosedGas",
+    "EnergyDriftWarning",
     "Ensemble",
     "ExplicitEuler",
-    "Fitted",
+    "FitResult",
+    "FitWarning",
     "Force",
     "Frame",
-    "Gas",
+    "GroupMean",
     "Integrator",
     "Leapfrog",
     "LinearlyImplicitEuler",
     "Look",
     "Material",
-    "Mean",
     "Measures",
     "Plane",
+    "PrescribedMotion",
     "Pressure",
     "Probe",
     "QuadraticDamper",
     "Renderer",
-    "Scale",
     "Scene",
     "Simulation",
     "SimulationDiverged",
     "Sphere",
+    "StartWarning",
     "Surface",
     "SymplecticEuler",
     "System",
-    "Touch",
-    "Tracked",
+    "TrackedPoints",
     "Trajectory",
     "TrajectoryWriter",
+    "TunnellingWarning",
     "UnstableStep",
     "View",
     "Wind",
-    "as_stiff_as",
     "at",
     "ball",
     "box",
@@ -191,6 +191,7 @@ __all__ = [
     "icosphere",
     "join",
     "lattice",
+    "match_stiffness",
     "sheet",
     "shell",
     "show",

@@ -26,19 +26,19 @@ FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf),
 NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {SMALLEST:.0e}")
 
 
-class ContactOverrun(UserWarning):
+class TunnellingWarning(UserWarning):
     """Bodies collide so fast, or press so hard, that one may pass through the other."""
 
 
-class DoubtfulEnergy(UserWarning):
+class EnergyDriftWarning(UserWarning):
     """The energy of a run has risen by rounding errors."""
 
 
-class DoubtfulFit(UserWarning):
+class FitWarning(UserWarning):
     """The measurements do not determine the fitted values well."""
 
 
-class DoubtfulStart(UserWarning):
+class StartWarning(UserWarning):
     """The scene can be simulated, but its starting state probably contains a mistake."""
 
 
@@ -55,8 +55,8 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
             result: NDArray[np.float64] = np.array(given, dtype=np.float64)
             return result
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be {_of_numbers(error)}, not {said(value)}") from error
-    raise ValueError(f"{name} must be {_of_numbers()}, not {said(value)}")
+        raise ValueError(f"{name} must be {_of_numbers(error)}, not {repr_short(value)}") from error
+    raise ValueError(f"{name} must be {_of_numbers()}, not {repr_short(value)}")
 
 
 def _of_numbers(error: Exception | None = None) -> str:
@@ -71,7 +71,7 @@ def _is_real(value: object) -> bool:
     return hasattr(value, "__float__")
 
 
-def said(value: object) -> str:
+def repr_short(value: object) -> str:
     """Return a value as a message shows it: of a long one the beginning and the end."""
     try:
         text = repr(value)
@@ -186,8 +186,8 @@ def _real(name: str, value: float, allowed: str) -> float:
         if _is_real(value):
             return float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} is {said(value)}; it must be {allowed}") from error
-    raise ValueError(f"{name} is {said(value)}; it must be {allowed}")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be {allowed}") from error
+    raise ValueError(f"{name} is {repr_short(value)}; it must be {allowed}")
 
 
 def between(name: str, value: float, low: float, high: float) -> float:
@@ -201,14 +201,14 @@ def between(name: str, value: float, low: float, high: float) -> float:
 def count(name: str, value: int, least: int) -> int:
     """Return `value` as an int; raise ValueError unless it is a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} is {said(value)}; it must be a whole number of at least {least}")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be a whole number of at least {least}")
     return int(value)
 
 
 def mapping(name: str, value: Any) -> Mapping[str, Any]:
     """Return a mapping; raise ValueError if it is none."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{name} is {said(value)}; it must be a mapping")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be a mapping")
     return value
 
 
@@ -224,13 +224,13 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     allowed = list(allowed)
     if isinstance(value, np.ndarray) or value not in allowed:  # an array is compared entry by entry
         words = ", ".join(map(repr, allowed)) or "those that exist: there are none"
-        raise ValueError(f"{name} is {said(value)}; it must be one of {words}")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be one of {words}")
 
 
 def instance(name: str, value: object, kind: type, example: str) -> None:
     """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
     if not isinstance(value, kind):
-        given = said(value)
+        given = repr_short(value)
         if "\n" in given or len(given) > _MOST_SAID // 2:  # a whole scene tells less than what it is
             given = _kind(type(value))
         raise ValueError(f"{name} is {given}; it must be {_kind(kind)}, such as {example}")
@@ -245,7 +245,7 @@ def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, .
     """Return several instances of a class as a tuple; raise ValueError if `value` does not hold such."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise ValueError(
-            f"{name} is {said(value)}; it must be a sequence of {kind.__name__} objects, such as [{example}]"
+            f"{name} is {repr_short(value)}; it must be a sequence of {kind.__name__} objects, such as [{example}]"
         )
     several = tuple(value)
     for k, one in enumerate(several):
@@ -258,7 +258,7 @@ def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
     vector = array(name, value)
     if vector.shape != (count,) or not FINITE[0](vector).all():
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{name} is {said(value)}; it must be {numbers}, {_MOST} in size")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be {numbers}, {_MOST} in size")
     return vector
 
 
@@ -266,7 +266,7 @@ def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
     """Return an acceleration of free fall, given as its size or as a vector, as a vector; the last one is up."""
     given = array(name, value)
     if not FINITE[0](given).all():
-        raise ValueError(f"{name} is {said(value)}; it must be {FINITE[1]}")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be {FINITE[1]}")
     if given.ndim == 0:
         downwards = np.zeros(dim)
         downwards[-1] = -given
@@ -280,7 +280,7 @@ def point(name: str, value: ArrayLike) -> tuple[float, ...]:
     """Return a point as a tuple; raise ValueError if it is none."""
     point = array(name, value)
     if point.ndim != 1 or not 1 <= len(point) <= 3 or not FINITE[0](point).all():
-        raise ValueError(f"{name} is {said(value)}; it must be 1 to 3 finite numbers, {_MOST} in size")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be 1 to 3 finite numbers, {_MOST} in size")
     return tuple(map(float, point))
 
 
@@ -288,7 +288,7 @@ def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
     """Return a direction of unit length as a tuple; raise ValueError if it is none."""
     direction = array(name, value)
     if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
-        raise ValueError(f"{name} is {said(value)}; it must be a finite direction other than zero")
+        raise ValueError(f"{name} is {repr_short(value)}; it must be a finite direction other than zero")
     # A power of two brings the largest coordinate to 1/2 … 1 without rounding: no square is too large or small.
     direction = np.ldexp(direction, -np.frexp(np.abs(direction).max())[1])
     return tuple(map(float, direction / np.linalg.norm(direction)))

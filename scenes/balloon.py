@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Force, Gas, Look, Plane, Scene, Wind, chain, icosphere, join, shell
+from msdwarp import EnclosedGas, Force, Look, Plane, Scene, Wind, chain, icosphere, join, shell
 from msdwarp.cli import scene_main
 
 RADIUS, KNOT = 0.2, 0.27
@@ -48,7 +48,7 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
         string = string.translate((x, 0, 0) - string.position[0]).pin(0).named("strings")
         ball = skin.translate((x, 0, links * link + KNOT)).named(name)
         bodies.append(join(string, ball, within=link, on=([links - 1], None), stiffness=200.0, damping=0.02))
-        loads += [Force((0, 0, lift + 9.82 * mass), on=name, total=True), Gas(pressure, on=name)]
+        loads += [Force((0, 0, lift + 9.82 * mass), on=name, total=True), EnclosedGas(pressure, on=name)]
     look = Look(gloss=0.9, azimuth=-80, elevation=10)
     looks = {name: Look(colour=colour, gloss=0.9) for name, (colour, *_) in BALLOONS.items()}
     looks["strings"] = Look(colour="#5a5f66", tube=0.004)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Look, Plane, Scene, Touch, checks, from_mesh, icosphere
+from msdwarp import Contact, Look, Plane, Scene, checks, from_mesh, icosphere
 from msdwarp.cli import scene_main
 from msdwarp.textures import scoop, waffle
 
@@ -51,9 +51,9 @@ def build(*, count: int = 4, crisp: float = 250.0, stiffness: float = 60.0, yiel
         system = system + ice.rotate(0.9 * k).translate(place).named(name)
         looks[name] = Look(texture=scoop(*FLAVOURS[k % len(FLAVOURS)]), gloss=0.15)
     floor = Plane(restitution=0.0, friction=0.8)
-    touch = Touch(friction=0.8, restitution=0.4, stiffness=28 * stiffness)  # they overlap by 4 mm at most at rest
+    contact = Contact(friction=0.8, restitution=0.4, stiffness=28 * stiffness)  # at rest they overlap by < 4 mm
     look = Look(azimuth=-60, elevation=24)
-    return Scene(system=system, colliders=[floor], touch=touch, duration=2.5, look=look, looks=looks)
+    return Scene(system=system, colliders=[floor], contact=contact, duration=2.5, look=look, looks=looks)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def build(*, load: float = 70.0, stiffness: float = 3e5, damping: float = 20.0) 
     rope = chain(LINKS + 1, LINK, mass=0.1, stiffness=stiffness, damping=damping).named("ropes").pin([0, LINKS])
     x = rope.position[:, 0] - rope.position[0, 0]
     low = 4 * SAG * x * (x - x[-1]) / x[-1] ** 2
-    rope = rope.replace(position=np.stack([x, 0 * x - WIDTH / 2, low], axis=1)).freeze()
+    rope = rope.replace(position=np.stack([x, 0 * x - WIDTH / 2, low], axis=1)).set_rest_shape()
     feet = rope + rope.translate((0, WIDTH, 0))
     posts = np.add.outer((0, LINKS + 1), np.arange(2, LINKS - 1, 2)).ravel()
     system = join(feet, feet.translate((0, 0, RAIL)), pairs=np.stack([posts, posts], axis=1), **wood)

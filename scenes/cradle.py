@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Capsule, Look, Plane, Scene, System, Touch, checks, from_mesh, icosphere, join
+from msdwarp import Capsule, Contact, Look, Plane, Scene, System, checks, from_mesh, icosphere, join
 from msdwarp.cli import scene_main
 
 RADIUS, HEIGHT, APART, FLOOR = 0.1, 1.0, 0.4, -0.4
@@ -46,7 +46,7 @@ def build(
     return Scene(
         system=sum(bodies[1:], bodies[0]),
         colliders=colliders,
-        touch=Touch(friction=0.0, restitution=1.0, stiffness=contact),
+        contact=Contact(friction=0.0, restitution=1.0, stiffness=contact),
         duration=4.0,
         look=Look(colour="#6c7480", obstacle="#8a5a34", azimuth=-66, elevation=12, tube=0.006),
         looks={"balls": Look(colour="#c9ced6", gloss=1.0, tube=0.006)},

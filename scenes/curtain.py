@@ -1,6 +1,6 @@
 """A cloth falls over a ball onto the floor and folds onto itself."""
 
-from msdwarp import Look, Plane, Scene, Touch, checks, icosphere, sheet, shell
+from msdwarp import Contact, Look, Plane, Scene, checks, icosphere, sheet, shell
 from msdwarp.cli import scene_main
 from msdwarp.textures import gingham
 
@@ -37,8 +37,8 @@ def build(
     floor = Plane(restitution=0.0, friction=0.5)
     look = Look(texture=gingham("#a23b52", "#f6ead7"), gloss=0.1, azimuth=-60, elevation=22)
     looks = {"ball": Look(colour="#e0b04c", gloss=0.5)}
-    touch = Touch(friction=0.3, restitution=0.1, between="all", thickness=0.016)
-    return Scene(system=cloth + ball, colliders=[floor], touch=touch, duration=3.0, look=look, looks=looks)
+    contact = Contact(friction=0.3, restitution=0.1, self_contact=True, thickness=0.016)
+    return Scene(system=cloth + ball, colliders=[floor], contact=contact, duration=3.0, look=look, looks=looks)
 
 
 if __name__ == "__main__":

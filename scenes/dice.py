@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Box, Look, Plane, Scene, Touch, box, checks
+from msdwarp import Box, Contact, Look, Plane, Scene, box, checks
 from msdwarp.cli import scene_main
 from msdwarp.textures import DIE, pips
 
@@ -41,7 +41,7 @@ def build(
         texture=pips("#b3202c", "#fbf6ea"), gloss=0.6, smooth=False, obstacle="#3f6650", azimuth=-118, elevation=26
     )
     colliders = [Plane(restitution=0.3), back, side]
-    touch = Touch(friction=0.3, restitution=0.5)
+    contact = Contact(friction=0.3, restitution=0.5)
     sides = [np.isclose(side * die.position[:, axis], 0.15) for axis in range(3) for side in (-1, 1)]
 
     def up(position, velocity):
@@ -50,7 +50,9 @@ def build(
         return np.array(DIE)[np.argmax([height[..., side].mean(axis=2) for side in sides], axis=0)]
 
     bodies = sum(thrown[1:], thrown[0])
-    return Scene(system=bodies, colliders=colliders, touch=touch, duration=5.0, look=look, observe={"dots": up})
+    return Scene(
+        system=bodies, colliders=colliders, contact=contact, duration=5.0, look=look, observe={"dots": up}
+    )
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Drive, Look, Plane, Scene, Touch, as_stiff_as, at, box, from_mesh, icosphere
+from msdwarp import Contact, Look, Plane, PrescribedMotion, Scene, at, box, from_mesh, icosphere, match_stiffness
 from msdwarp.cli import scene_main
 from msdwarp.textures import rings, ticking
 
@@ -36,14 +36,14 @@ def build(
     mattress = mattress.replace(yield_strain=yield_strain, relaxation_time=0.1, largest_plastic_strain=0.6)
     ball = from_mesh(icosphere(0.28, 2), across=5, damping=1.0)
     # Being heavier, it is stiffer at the same step: beside foam it is as good as rigid.
-    ball = as_stiff_as(ball.replace(mass=12.0 / ball.particle_count), mattress)
+    ball = match_stiffness(ball.replace(mass=12.0 / ball.particle_count), mattress)
     mattress = mattress.rotate(0.7, axis=(0.3, 1, 0)).translate((0, 0, 1.0)).named("mattress")
     return Scene(
         system=mattress + ball.translate((-1.2, 0, 2.4)).named("ball"),
         colliders=[Plane(restitution=0.1, friction=0.8)],
-        loads=[Drive("ball", lower)],
-        schedule=[at(LET_GO, release="ball")],
-        touch=Touch(friction=0.5, restitution=0.5),
+        loads=[PrescribedMotion("ball", lower)],
+        schedule=[at(LET_GO, unpin="ball")],
+        contact=Contact(friction=0.5, restitution=0.5),
         duration=4.5,
         look=Look(texture=ticking("#f3efe4", "#5b7ea6"), gloss=0.05, azimuth=-55, elevation=18),
         looks={"ball": Look(texture=rings("#c8403a", "#f4efe6", 8), gloss=0.5)},

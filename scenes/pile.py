@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Box, Look, Plane, Scene, Touch, box, checks, from_mesh, icosphere
+from msdwarp import Box, Contact, Look, Plane, Scene, box, checks, from_mesh, icosphere
 from msdwarp.cli import scene_main
 
 PAINT = ("#e2572b", "#f2a93b", "#f6d55c", "#6bab5b", "#2f8f9d", "#3a5fa0", "#8a5a9e", "#d96a8b")
@@ -51,9 +51,9 @@ def build(
         looks[f"body {k + 1}"] = Look(colour=PAINT[k % len(PAINT)], gloss=0.4)
     walls = [Box((s * 0.66, 0, 0.32), (0.08, 1.4, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
     walls += [Box((0, s * 0.66, 0.32), (1.4, 0.08, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
-    touch = Touch(friction=0.4, restitution=0.5, stiffness=4 * stiffness)  # hard: they hardly overlap
+    contact = Contact(friction=0.4, restitution=0.5, stiffness=4 * stiffness)  # hard: they hardly overlap
     colliders, system = [Plane(restitution=0.1, friction=0.5), *walls], sum(bodies[1:], bodies[0])
-    return Scene(system=system, colliders=colliders, touch=touch, duration=2.5, look=LOOK, looks=looks)
+    return Scene(system=system, colliders=colliders, contact=contact, duration=2.5, look=LOOK, looks=looks)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A ball knocks a cube out of a tower of soft cubes, and the cubes above drop."""
 
-from msdwarp import Look, Plane, Scene, Touch, box, checks, from_mesh, icosphere
+from msdwarp import Contact, Look, Plane, Scene, box, checks, from_mesh, icosphere
 from msdwarp.cli import scene_main
 from msdwarp.textures import tiles
 
@@ -46,10 +46,10 @@ def build(
         name = f"cube {k + 1}"
         system = system + cube.translate((0, 0, (k + 0.5) * width)).named(name)
         looks[name] = Look(texture=tiles(PAINT[k % len(PAINT)], "#f6efe2", count=3), gloss=0.35)
-    touch = Touch(friction=friction, restitution=0.3, stiffness=2 * stiffness)
+    contact = Contact(friction=friction, restitution=0.3, stiffness=2 * stiffness)
     floor = Plane(restitution=0.1, friction=0.6)
     look = Look(azimuth=-66, elevation=14)
-    return Scene(system=system, colliders=[floor], touch=touch, duration=5.5, look=look, looks=looks)
+    return Scene(system=system, colliders=[floor], contact=contact, duration=5.5, look=look, looks=looks)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Capsule, Look, Plane, Scene, Touch, checks, from_mesh, icosphere, sheet
+from msdwarp import Capsule, Contact, Look, Plane, Scene, checks, from_mesh, icosphere, sheet
 from msdwarp.cli import scene_main
 from msdwarp.textures import gingham
 
@@ -48,9 +48,9 @@ def build(
         Capsule((*a, high), (*b, high), 0.03) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
     legs = [Capsule((*a, 0), (*a, high), 0.03) for a in corners]
-    colliders, touch = [Plane(), *frame, *legs], Touch(friction=0.4, restitution=0.8, thickness=0.025)
+    colliders, contact = [Plane(), *frame, *legs], Contact(friction=0.4, restitution=0.8, thickness=0.025)
     look = Look(azimuth=-62, elevation=14, obstacle="#38424d")
-    return Scene(system=bed + ball, colliders=colliders, touch=touch, duration=5.0, look=look, looks=looks)
+    return Scene(system=bed + ball, colliders=colliders, contact=contact, duration=5.0, look=look, looks=looks)
 
 
 if __name__ == "__main__":

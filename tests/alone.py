@@ -5,7 +5,7 @@ from unittest import mock
 import numpy as np
 
 from msdwarp import Ensemble, Simulation
-from msdwarp.engine import forces
+from msdwarp.engine.springs import force_algorithms as forces
 
 
 def simulation_alone(ensemble: Ensemble, world: int, **how) -> Simulation:
@@ -23,7 +23,7 @@ def assert_each_is_as_alone(ensemble: Ensemble, frames: int = 20) -> None:
     On a GPU the compiler may round sums of a lattice otherwise where worlds have numbers of their
     own: by one unit in each substep, of which there are some hundred, and the motion makes that a few times more.
     """
-    by_rounding = ensemble.model.device.is_cuda and ensemble.model.route == "stencil"
+    by_rounding = ensemble.model.device.is_cuda and ensemble.model.force_algorithm == "stencil"
     atol = 1000 * float(np.finfo(ensemble.model.dtype).eps) if by_rounding else 0.0
     ensemble.step(frames)
     _, position, velocity = ensemble.frame()

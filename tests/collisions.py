@@ -18,9 +18,9 @@ from msdwarp import (
     SymplecticEuler,
     System,
 )
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.model import Model
 from msdwarp.kernels.basis import kernel, vector
-from msdwarp.kernels.contact.distance import KINDS, signed_distance, solids
+from msdwarp.kernels.colliders.signed_distance import KINDS, signed_distance, solids
 from msdwarp.world.colliders import Collider
 
 G = 9.82

@@ -22,12 +22,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 import warp as wp
 
-from msdwarp.engine import routes
+from msdwarp.engine.model import force_algorithm as routes
 from msdwarp.quiet import start_warp
 
 wp.config.log_level = wp.LOG_ERROR
 start_warp()
-GPU_ROUTES = routes.ROUTES if wp.is_cuda_available() else ()
+GPU_ROUTES = routes.FORCE_ALGORITHMS if wp.is_cuda_available() else ()
 """By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
 pytest.register_assert_rewrite(
@@ -37,7 +37,7 @@ pytest.register_assert_rewrite(
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that has every test done in full."""
-    parser.addoption("--every-route", action="store_true", help="by each route with all that a test is given")
+    parser.addoption("--every-route", action="store_true", help="by each algorithm with all that a test is given")
 
 
 def pytest_report_header() -> str | None:
@@ -48,7 +48,7 @@ def pytest_report_header() -> str | None:
 
 @pytest.hookimpl(tryfirst=True)  # before anything shuffles them
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a GPU where there is none, and much of what is tried by other routes on the CPU.
+    """Leave out what needs a GPU where there is none, and much of what is tried by other algorithms on the CPU.
 
     Of what is left of a product of parameters, a few tests that have all values are quick.
     """
@@ -72,17 +72,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
-    """Return what is not tried by other routes on the CPU, which are slow.
+    """Return what is not tried by other algorithms on the CPU, which are slow.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both: each route is tried with every value of each of several parameters, or with every
-    fourth one of the only parameter. Where there is nothing but the device to choose, both have their turn.
+    that are composed of both: each algorithm is tried with every value of each of several parameters, or with
+    every fourth one of the only parameter. Where there is nothing but the device to choose, both have their turn.
     """
     left: set[pytest.Item] = set()
     for tests in _products(items):
-        route = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
-        if route in ("cpu gather", "cpu stencil") and _values(tests[0]):
-            k = int(route == "cpu stencil")  # which begins at the other end
+        force_algorithm = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
+        if force_algorithm in ("cpu gather", "cpu stencil") and _values(tests[0]):
+            k = int(force_algorithm == "cpu stencil")  # which begins at the other end
             chosen = tests[k::4] if len(_values(tests[0])) == 1 else _covering(tests[:: 1 - 2 * k])
             left |= set(tests) - set(chosen)
     return left
@@ -128,7 +128,7 @@ def _names(mark: pytest.Mark) -> list[str]:
 
 @pytest.fixture(params=["cpu", *(pytest.param("cuda:0", marks=pytest.mark.gpu) for _ in GPU_ROUTES[:1])])
 def plain_device(request: pytest.FixtureRequest) -> str:
-    """Each device in turn, for tests that choose routes themselves."""
+    """Each device in turn, for tests that choose algorithms themselves."""
     return request.param
 
 
@@ -147,15 +147,18 @@ def own_key(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture(
     params=[
-        "cpu",  # by the route that is chosen there, which scatters
-        *(pytest.param(f"cpu {route}", marks=pytest.mark.slow) for route in ("gather", "stencil")),
-        *(pytest.param(f"cuda:0 {route}", marks=pytest.mark.gpu) for route in GPU_ROUTES),
+        "cpu",  # by the algorithm that is chosen there, which scatters
+        *(
+            pytest.param(f"cpu {force_algorithm}", marks=pytest.mark.slow)
+            for force_algorithm in ("gather", "stencil")
+        ),
+        *(pytest.param(f"cuda:0 {force_algorithm}", marks=pytest.mark.gpu) for force_algorithm in GPU_ROUTES),
     ]
 )
 def device(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Each device in turn, by each route to the forces."""
-    name, *route = request.param.split()
-    with routes.preferring(*route) if route else contextlib.nullcontext():
+    """Each device in turn, by each algorithm."""
+    name, *force_algorithm = request.param.split()
+    with routes.preferring(*force_algorithm) if force_algorithm else contextlib.nullcontext():
         yield name
 
 

@@ -1,4 +1,4 @@
-"""Scenes just before their first contact, and how they go on by each route and method."""
+"""Scenes just before their first contact, and how they go on by each algorithm and method."""
 
 import functools
 import importlib
@@ -20,7 +20,13 @@ def moment(name: str) -> Scene:
     """
     scene = importlib.import_module(f"msdwarp.scenes.{name}").build(**SCENES[name])
     colliders = scene.colliders or [Plane(offset=scene.system.position[:, 2].min() - 1e-3, friction=0.3)]
-    options = {"colliders": colliders, "fps": 240, "device": "cpu", "precision": "float64", "route": "scatter"}
+    options = {
+        "colliders": colliders,
+        "fps": 240,
+        "device": "cpu",
+        "precision": "float64",
+        "force_algorithm": "scatter",
+    }
     simulation = Simulation(scene.system, **options)
     before = scene.system
     for _ in range(240):
@@ -32,7 +38,7 @@ def moment(name: str) -> Scene:
 
 
 def course(
-    scene: Scene, method: Integrator, device: str, *, precision: str = "float64", route: str, **options
+    scene: Scene, method: Integrator, device: str, *, precision: str = "float64", force_algorithm: str, **options
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (positions, velocities) after each of four frames, by default of 25 substeps at half the limit."""
     simulation = Simulation(
@@ -41,7 +47,7 @@ def course(
         integrator=method,
         device=device,
         precision=precision,
-        route=route,
+        force_algorithm=force_algorithm,
         **({"fps": 1 / (25 * half_the_limit(scene, method)), "substeps": 25} | options),
     )
     position, velocity = [], []
@@ -50,7 +56,7 @@ def course(
         _, x, v = simulation.frame()
         position.append(x)
         velocity.append(v)
-    assert simulation.model.route == route
+    assert simulation.model.force_algorithm == force_algorithm
     return np.array(position), np.array(velocity)
 
 
@@ -68,7 +74,7 @@ def assert_same(a: tuple, b: tuple) -> None:
 def assert_alike(a: tuple, b: tuple, scene: Scene, method: Integrator) -> None:
     """Compare courses in float64 by two kernels of the same pieces, to roundings in 32 substeps at most.
 
-    Compiled apart, one may round a product and a sum at once where the other does not. Room as for routes.
+    Compiled apart, one may round a product and a sum at once where the other does not. Room as for algorithms.
     """
     atol = 1e-12 * np.ptp(scene.system.position, axis=0).max()
     for one, other, bound in zip(a, b, (atol, atol / half_the_limit(scene, method)), strict=True):
@@ -78,7 +84,7 @@ def assert_alike(a: tuple, b: tuple, scene: Scene, method: Integrator) -> None:
 @functools.cache
 def plain_course(name: str, method: Integrator) -> tuple[np.ndarray, np.ndarray]:
     """Return the course of a scene by scattering on the CPU in float64."""
-    return course(moment(name), method, "cpu", route="scatter")
+    return course(moment(name), method, "cpu", force_algorithm="scatter")
 
 
 def assert_course_is_plain(name: str, method: Integrator, found: tuple, share: float) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msdwarp import Leapfrog, Plane, Scene, Simulation, Tracked, box
+from msdwarp import Leapfrog, Plane, Scene, Simulation, TrackedPoints, box
 
 STIFFNESS, DAMPING = 200.0, 0.2
 """The true ones, of small blocks of particles of 50 g [N/m, N s/m]."""
@@ -28,22 +28,22 @@ def dropped(*parameters) -> Scene:
     return Scene(system=body, colliders=[Plane(restitution=0.3)])
 
 
-def tracked(scene: Scene, duration=1.0, *, noise=0.0, seed=0, **how) -> Tracked:
+def tracked(scene: Scene, duration=1.0, *, noise=0.0, seed=0, **how) -> TrackedPoints:
     """Return where every third particle is in each frame, with normal noise [m]."""
     how = {"integrator": METHOD, "precision": "float64", "substeps": SUBSTEPS, "device": "cpu"} | how
-    frames = list(Simulation.of(scene, **how).frames(duration))
+    frames = list(Simulation.from_scene(scene, **how).frames(duration))
     followed = np.arange(0, scene.system.particle_count, 3)
     position = np.array([frame.position[followed] for frame in frames])
     position += noise * np.random.default_rng(seed).normal(size=position.shape)
     time = np.repeat([frame.time for frame in frames], len(followed))
-    return Tracked(time, np.tile(followed, len(frames)), position.reshape(-1, scene.system.dim))
+    return TrackedPoints(time, np.tile(followed, len(frames)), position.reshape(-1, scene.system.dim))
 
 
-def rows(points: Tracked) -> np.ndarray:
+def rows(points: TrackedPoints) -> np.ndarray:
     """Return tracked points as a file has them: time, id, x, y, z."""
     return np.column_stack([points.time, points.particle, points.position])
 
 
-def csv_of(points: Tracked) -> str:
+def csv_of(points: TrackedPoints) -> str:
     lines = [",".join(f"{number:.12g}" for number in row) for row in rows(points)]
     return "\n".join(["time,id,x,y,z", *lines]) + "\n"

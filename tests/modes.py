@@ -14,9 +14,9 @@ import warp as wp
 from scipy.optimize import brentq
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEuler, System, box, sheet
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.state import State
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.launcher import Dynamics
 
 METHODS = {
     "symplectic euler": SymplecticEuler(),
@@ -115,12 +115,12 @@ class Mode:
         run.state.x.assign(self.system.position + self.place(start[0]))
         run.state.v.assign(self.place(start[1] / h))
         if len(start) == 3:
-            run.state.here.carried[0].assign(self.place(start[2] / h))
+            run.state.state_in.method_state[0].assign(self.place(start[2] / h))
         found = [start]
         for _ in range(steps):
             run.step()
             x = self.amount(run.state.x.numpy() - self.system.position)
-            parts = [run.state.v, *run.state.here.carried] if len(start) == 3 else [run.state.v]
+            parts = [run.state.v, *run.state.state_in.method_state] if len(start) == 3 else [run.state.v]
             found.append(np.array([x, *(h * self.amount(part.numpy()) for part in parts)]))
         return np.array(found)
 
@@ -131,7 +131,10 @@ class Run:
     def __init__(self, system: System, method: Integrator, h: float, *, gravity: float = 0.0) -> None:
         self.method, self.h = method, h
         self.model = Model(system, gravity=gravity, device="cpu", precision="float64")
-        self.state, self.dynamics = State.of(system, self.model, method.carried), Dynamics(self.model)
+        self.state, self.dynamics = (
+            State.from_system(system, self.model, method.method_state),
+            Dynamics(self.model),
+        )
         self.work = method.workspace(self.state)
         method.start(self.dynamics, self.state, self.work, h)
 

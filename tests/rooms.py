@@ -27,7 +27,7 @@ class Module(NamedTuple):
     """A file of the package."""
 
     name: str
-    """Dotted: msdwarp.engine.model."""
+    """Dotted: msdwarp.engine.model.model."""
     path: Path
     imports: list[Import]
 

@@ -4,8 +4,8 @@ import numpy as np
 from tangles import CONSTANTS
 
 from msdwarp import System
-from msdwarp.engine.lattice_search import Lattice, find_lattice
-from msdwarp.kernels.forces.stencil import stencil_rows
+from msdwarp.engine.model.lattice import Lattice, find_lattice
+from msdwarp.kernels.springs.stencil import stencil_rows
 
 
 def reads(lattice: Lattice, count: int):

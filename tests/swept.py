@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from msdwarp import Plane, Probe, Scene, Simulation, Touch, Wind, box, chain
+from msdwarp import Contact, Plane, Probe, Scene, Simulation, Wind, box, chain
 
 
 def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mark: str = "") -> Scene:
@@ -20,7 +20,7 @@ def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mar
         victim.unlink()
         os.kill(os.getpid(), signal.SIGKILL)
     if mark:
-        Path(mark, f"begun-{stiffness:g}-{os.getpid()}").touch()
+        Path(mark, f"begun-{stiffness:g}-{os.getpid()}").contact()
     body = chain(count, 0.1, mass=0.01, stiffness=stiffness, damping=damping).pin([0])
     probes = {"tip": Probe([count - 1], "position")}
     return Scene(system=body, colliders=[Plane(offset=-5.0)], probes=probes, duration=0.1)
@@ -73,7 +73,7 @@ def stacked(*, stiffness: float = 1400.0, tilt: float = 0.1, probes: bool = Fals
     return Scene(
         system=one + one.translate((0.03, 0.02, 0.13)),
         colliders=[Plane(friction=0.8)],
-        touch=Touch(friction=0.7),
+        contact=Contact(friction=0.7),
         gravity=(9.82 * np.sin(tilt), 0, -9.82 * np.cos(tilt)),
         probes={"upper": Probe(range(18, 36), "touch force")} if probes else {},
         duration=0.4,

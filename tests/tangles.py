@@ -1,4 +1,4 @@
-"""Bodies that every route to the forces is tried on, and the forces that a device finds in them."""
+"""Bodies that every algorithm is tried on, and the forces that a device finds in them."""
 
 import functools
 
@@ -7,10 +7,10 @@ import problems
 import pytest
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.routes import ROUTES
-from msdwarp.engine.state import State
+from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.integrators.euler import kick
 
 PRECISIONS = {
@@ -21,7 +21,7 @@ PRECISIONS = {
 CONSTANTS = ("rest_length", "stiffness", "damping")
 FAR = (5e4, 0, 0)
 """So far out [m] float32 rounds positions to 4 mm, which springs feel and compensated precision must not."""
-every_route = pytest.mark.parametrize("route", ROUTES)
+every_route = pytest.mark.parametrize("force_algorithm", FORCE_ALGORITHMS)
 
 
 def tangle(dim: int, count: int, own: tuple[str, ...], *, damped: bool) -> System:
@@ -71,16 +71,18 @@ def lattices(damping: float) -> dict[str, System]:
     }
 
 
-def evaluate(system: System, device: str, precision: str, route: str = "auto") -> np.ndarray:
+def evaluate(system: System, device: str, precision: str, force_algorithm: str = "auto") -> np.ndarray:
     """Return the force on every particle: what a second's kick gives to masses of 1 kg."""
-    model = Model(system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, route=route)
-    dynamics, state = Dynamics(model), State.of(system, model)
+    model = Model(
+        system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, force_algorithm=force_algorithm
+    )
+    dynamics, state = Dynamics(model), State.from_system(system, model)
     rest, force = state.empty_vectors(2)
-    dynamics.launch(kick, h=1.0, lost=state.lost, x=state.x, v=state.v, v_half=rest, v_out=force)
+    dynamics.launch(kick, h=1.0, compensation=state.compensation, x=state.x, v=state.v, v_half=rest, v_out=force)
     return force.numpy()
 
 
-def assert_forces_are_right(system: System, device: str, precision: str, route: str) -> None:
+def assert_forces_are_right(system: System, device: str, precision: str, force_algorithm: str) -> None:
     """Compare the force on every particle with the plain sum over connections."""
     x, v, eps = system.position, system.velocity, PRECISIONS[precision]
     if precision != "float64":
@@ -95,6 +97,8 @@ def assert_forces_are_right(system: System, device: str, precision: str, route: 
     # Then as many are added as meet in the particle, each time with a rounding of the sum so far.
     sizes = np.bincount(i, size, len(x)) + np.bincount(j, size, len(x))
     bound = (8 + degree / 2) * eps * sizes
-    error = np.abs(evaluate(system, device, precision, route) - problems.forces(system, x, v)).max(axis=1)
+    error = np.abs(evaluate(system, device, precision, force_algorithm) - problems.forces(system, x, v)).max(
+        axis=1
+    )
     assert (error <= bound).all()  # exactly 0 for a particle that is alone
     assert bound[degree > 0].max() < 1e-2 * size.max()  # it is a bound that says something

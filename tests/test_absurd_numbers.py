@@ -22,13 +22,13 @@ def load(kind, **others):
 
     def make(**given):
         scene = msd.Scene(system=BODY, loads=[kind(**(others | given))])
-        return msd.Simulation.of(scene, device="cpu")
+        return msd.Simulation.from_scene(scene, device="cpu")
 
     return of(make)
 
 
 def scene(**given):
-    return msd.Simulation.of(msd.Scene(system=BODY, **given), device="cpu")
+    return msd.Simulation.from_scene(msd.Scene(system=BODY, **given), device="cpu")
 
 
 def still(t):
@@ -78,8 +78,8 @@ MAKERS = {
     "Pressure": (load(msd.Pressure), "", "", "pressure"),
     "Attachment": (load(msd.Attachment, on=[0], stiffness=1.0), "", "stiffness damping", "to"),
     "Actuator": (load(msd.Actuator, strain=0.1), "", "", "strain delay"),
-    "Drive": (load(msd.Drive, on=[0], motion=still), "", "", "about"),
-    "Touch": (of(msd.Touch), "stiffness", "friction thickness", ""),
+    "Drive": (load(msd.PrescribedMotion, on=[0], motion=still), "", "", "about"),
+    "Contact": (of(msd.Contact), "stiffness", "friction thickness", ""),
     "scene": (of(scene), "", "", "gravity"),
     "duration": (of(scene), "duration", "", ""),
     "simulation": (of(msd.Simulation, BODY, device="cpu"), "fps", "", "gravity"),
@@ -129,15 +129,15 @@ def test_an_absurd_number_is_refused_by_the_name_of_its_argument(maker, name, le
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: msd.Touch(groups=3), "groups is 3; it must be two names of groups"),
-        (lambda: scene(touch=3), "touch is 3; it must be a sequence of Touch"),
-        (lambda: scene(schedule=[msd.at(0.0, release="x")]), "release is 'x'; it must be one of 'all of it'"),
+        (lambda: msd.Contact(groups=3), "groups is 3; it must be two names of groups"),
+        (lambda: scene(contact=3), "contact is 3; it must be a sequence of Contact"),
+        (lambda: scene(schedule=[msd.at(0.0, unpin="x")]), "unpin is 'x'; it must be one of 'all of it'"),
         (
             lambda: scene(schedule=[msd.at(0.0, group="x", mass=1.0)]),
             "group is 'x'; it must be one of 'all of it'",
         ),
         (lambda: scene(loads=[msd.Force((0, 0, 1), on="x")]), "loads[0].on is 'x'; it must be one of 'all of it'"),
-        (lambda: msd.Simulation(BODY, device="cpu").change(release="x"), "release is 'x'; it must be one of"),
+        (lambda: msd.Simulation(BODY, device="cpu").change(unpin="x"), "unpin is 'x'; it must be one of"),
     ],
 )
 def test_what_is_no_name_is_refused_by_the_argument_that_has_it(call, said):

@@ -72,7 +72,7 @@ TYPES = [
         "directions[0]['x'] is 3; it must be a slice, such as slice(0, 4)",
     ),
     (lambda: BODY.replace(directions=[{3: 3}]), "a name in directions[0] is 3; it must be a str, such as 'x'"),
-    (lambda: msd.Simulation.of(BODY), "it must be a Scene, such as Scene(system=chain(5))"),
+    (lambda: msd.Simulation.from_scene(BODY), "it must be a Scene, such as Scene(system=chain(5))"),
     (lambda: BODY.replace(surface=3), "surface is 3; it must be a Surface"),
     (lambda: msd.System(position=[[0.0]], surface=3), "surface is 3; it must be a Surface"),
     (lambda: msd.System(position=[[0.0]], groups=3), "groups is 3; it must be a Mapping"),
@@ -104,7 +104,7 @@ SELECTIONS = [
     (lambda: BODY.replace(groups={3: [0]}), "a group's name is 3; it must be a str"),
     (lambda: simulate().change(group=[0, 1, 1], mass=2.0), "group holds 0 and 1 for each of 3 particles"),
     (lambda: simulate().change(group=True, mass=2.0), "group does not index 3 particles: it is True"),
-    (lambda: msd.at(1.0, group=[0], freeze="no"), "freeze is 'no'; it must be one of False, True"),
+    (lambda: msd.at(1.0, group=[0], set_rest_shape="no"), "set_rest_shape is 'no'; it must be one of False, True"),
 ]
 PICTURES = [
     (lambda: msd.Look(gloss="1"), "gloss is '1'; it must be a number from 0 to 1"),

@@ -21,9 +21,9 @@ from msdwarp import (
     chain,
     sheet,
 )
-from msdwarp.engine.model import Model
-from msdwarp.engine.records import ALIGNED
-from msdwarp.engine.state import State
+from msdwarp.engine.device.vector_arrays import ALIGNED
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.model.state import State
 
 AXES = {1: [0], 2: [0, 2]}
 """Which axes of space the coordinates of a plane system are: the last one points up."""
@@ -61,7 +61,7 @@ def test_fewer_coordinates_take_less_memory(device, precision):
     count = 1000
     for dim, numbers in ((1, 1), (2, 2), (3, 4)):
         model = Model(chain(count, dim=dim), device=device, precision=precision)
-        state = State.of(model.system, model)
+        state = State.from_system(model.system, model)
         assert state.x.strides == state.v.strides == (numbers * size,)
         # All of what is held, in one piece, but for the margin that a stencil may read beyond both ends, and for
         # what is left of a cache's line.

@@ -9,7 +9,7 @@ PERIOD = 1.5
 """How long it takes to squeeze the cloth once, and to let go again [s]."""
 
 
-def crossing_frames(times: int, touch: msd.Touch | None, bending: float = 4e-3) -> list[int]:
+def crossing_frames(times: int, contact: msd.Contact | None, bending: float = 4e-3) -> list[int]:
     """Squeeze a cloth so many times; return the frames in which triangles of it go through each other."""
     # An oracle that shares no code with msdwarp: the Incremental Potential Contact Toolkit, ipctk.xyz.
     ipctk = pytest.importorskip("ipctk")
@@ -26,10 +26,10 @@ def crossing_frames(times: int, touch: msd.Touch | None, bending: float = 4e-3) 
     scene = msd.Scene(
         system=cloth.pin(along < 0.5 * spacing),
         colliders=[msd.Plane(restitution=0.0, friction=0.5)],
-        loads=[msd.Drive(np.flatnonzero(along > length - 0.5 * spacing), squeeze)],
-        touch=touch,
+        loads=[msd.PrescribedMotion(np.flatnonzero(along > length - 0.5 * spacing), squeeze)],
+        contact=contact,
     )
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     assert cloth.surface is not None
     triangles = np.unique(np.sort(cloth.surface.particle[cloth.surface.triangles], axis=1), axis=0)
     mesh = ipctk.CollisionMesh(cloth.position, ipctk.edges(triangles), triangles)
@@ -50,8 +50,8 @@ def crossing_frames(times: int, touch: msd.Touch | None, bending: float = 4e-3) 
 def test_a_cloth_folded_on_itself_again_and_again_does_not_cross_itself(times, bending, thickness):
     # Its end moves at 0.9 m/s at most. At 1.3 m/s it collapses into creases sharper than its triangles, which
     # cross (docs/contact.md, benchmarks/accuracy/folding.py).
-    touch = msd.Touch(friction=0.3, restitution=0.1, between="all", thickness=thickness)
-    assert crossing_frames(times, touch, bending) == []
+    contact = msd.Contact(friction=0.3, restitution=0.1, self_contact=True, thickness=thickness)
+    assert crossing_frames(times, contact, bending) == []
 
 
 @pytest.mark.slow

@@ -61,10 +61,10 @@ def imported(site, folder):
     """
     program = (
         "import site, sys; sys.path.append(sys.argv[2]); site.addsitedir(sys.argv[1])\n"
-        "import msdwarp.kernels.forces, msdwarp.scenes.cube\n"
+        "import msdwarp.kernels.springs, msdwarp.scenes.cube\n"
         "from msdwarp.cli.scene_files import scene_names\n"
         "assert 'cube' in scene_names(), scene_names()\n"
-        "print(msdwarp.__file__, msdwarp.kernels.forces.__file__, msdwarp.scenes.cube.__file__, sep='\\n')"
+        "print(msdwarp.__file__, msdwarp.kernels.springs.__file__, msdwarp.scenes.cube.__file__, sep='\\n')"
     )
     words = [sys.executable, "-S", "-c", program, site, DEPENDENCIES]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": ""})
@@ -101,7 +101,7 @@ def test_an_editable_clone_is_imported_from_the_folder_that_contains_it(clone, t
     unpacked(wheel, tmp_path / "site")
     for folder in (tmp_path, clone, clone / "scenes"):
         paths = [path.resolve() for path in imported(tmp_path / "site", folder)]
-        wanted = ["msdwarp/__init__.py", "kernels/forces/__init__.py", "scenes/cube.py"]
+        wanted = ["msdwarp/__init__.py", "kernels/springs/__init__.py", "scenes/cube.py"]
         assert paths == [clone / one for one in wanted]
 
 

@@ -10,7 +10,7 @@ import pytest
 from played import build, simulate
 
 import msdwarp as msd
-from msdwarp.engine.start import start_inside
+from msdwarp.engine.stepping.start_checks import start_inside
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
@@ -43,9 +43,9 @@ def test_the_cube_bounces_and_comes_to_rest():
     frames = simulate(scene, scene.duration)
     height = np.array([frame.position[:, 2].mean() for frame in frames])
     lowest = np.array([frame.position[:, 2].min() for frame in frames])
-    touch = int(np.argmax(lowest <= 0.0))
-    assert 0 < touch < len(frames)
-    assert height[touch:].max() > height[touch] + 0.05  # it leaves the floor again, by centimetres
+    contact = int(np.argmax(lowest <= 0.0))
+    assert 0 < contact < len(frames)
+    assert height[contact:].max() > height[contact] + 0.05  # it leaves the floor again, by centimetres
     assert lowest.min() >= -1e-6  # a particle is put back on the plane, to float32 rounding
     speed = np.sqrt((frames[-1].velocity ** 2).sum(axis=1).mean())
     assert speed < 0.05 * 5.0  # it was thrown on the floor at about 5 m/s
@@ -155,7 +155,7 @@ def test_the_dice_come_to_rest_on_their_faces():
 @pytest.mark.slow
 def test_the_scoop_sags_over_the_rim_and_keeps_its_shape():
     scene = build("ice_cream")
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     simulation.step(240)
     assert simulation.frame().position[:, 2].min() < -0.03  # below the rim
     kept = left_alone(simulation)
@@ -185,7 +185,7 @@ def test_the_jelly_wobbles_and_sags_when_it_is_warm():
 @pytest.mark.slow
 def test_the_spinner_turns_over_and_over():
     scene = build("spinner")
-    simulation = msd.Simulation.of(scene, device="cpu", precision="float64")
+    simulation = msd.Simulation.from_scene(scene, device="cpu", precision="float64")
     start = simulation.measure()
     grid = np.arange(90).reshape(2, 5, 9)
     upright = []
@@ -219,7 +219,7 @@ def test_the_soft_cube_flattens_at_the_wall():
 @pytest.mark.slow
 def test_the_waffle_keeps_its_bend():
     scene = build("waffle")
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     simulation.step(round(scene.duration * simulation.fps))
     kept = left_alone(simulation).reshape(2, 8, 10, 3).mean(axis=(0, 1))  # along its length
     first, last = kept[3] - kept[0], kept[-1] - kept[-4]
@@ -231,8 +231,8 @@ def test_the_waffle_keeps_its_bend():
 def test_the_ball_leaves_a_dent_in_the_mattress():
     scene = build("mattress")
     # With fixed substeps, a third more than small motions need, as it is pressed deep: that raises no alarm.
-    few = msd.Simulation.of(scene, device="cpu").substeps
-    simulation = msd.Simulation.of(scene, device="cpu", substeps=math.ceil(1.33 * few))
+    few = msd.Simulation.from_scene(scene, device="cpu").substeps
+    simulation = msd.Simulation.from_scene(scene, device="cpu", substeps=math.ceil(1.33 * few))
     simulation.step(round(scene.duration * simulation.fps))
     foam = scene.system.group("mattress")
     top = left_alone(simulation)[foam].reshape(5, 13, 25, 3)[-1, :, :, 2]
@@ -258,9 +258,9 @@ def test_the_wire_springs_back_but_not_all_the_way():
 def test_the_gpu_in_float32_agrees_with_the_cpu_in_float64(name):
     scene = build(name)
     size = np.ptp(scene.system.position, axis=0).max()
-    substeps = msd.Simulation.of(scene, device="cpu").substeps
+    substeps = msd.Simulation.from_scene(scene, device="cpu").substeps
     # When something breaks, rounding decides on what follows; where bodies touch, on which side of an edge.
-    duration = 0.1 if scene.touch else 0.25 if scene.system.tears else 0.5
+    duration = 0.1 if scene.contact else 0.25 if scene.system.tears else 0.5
     exact = simulate(scene, duration, precision="float64", substeps=substeps)
     rounded = simulate(scene, duration, device="cuda:0", substeps=substeps)
     for a, b in zip(exact, rounded, strict=True):

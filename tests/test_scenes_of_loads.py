@@ -13,7 +13,7 @@ import msdwarp as msd
 def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
     # Let go at the pin's height, a pendulum of 1 kg pulls with 3 m g cos(angle): with 2.4 m g at 37 degrees.
     scene = build("snap")
-    simulation = msd.Simulation.of(scene, device="cpu", fps=240)
+    simulation = msd.Simulation.from_scene(scene, device="cpu", fps=240)
     while not simulation.snapshot().broken.any():
         simulation.step()
         assert simulation.time < 1.0
@@ -27,7 +27,7 @@ def test_the_chain_snaps_where_and_when_its_weak_link_bears_no_more():
 @pytest.mark.slow
 def test_the_cookie_breaks_in_two():
     scene = build("cookie", layers=3)
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     simulation.step(120)
     now = simulation.snapshot()
     from scipy.sparse import coo_array
@@ -44,7 +44,7 @@ def test_the_cookie_breaks_in_two():
 @pytest.mark.slow
 def test_the_ball_tears_the_cloth_on_from_its_cut():
     scene = build("tear")
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     simulation.step(80)
     now, system = simulation.snapshot(), scene.system
     torn = now.broken & ~system.broken
@@ -86,7 +86,7 @@ def test_the_balloons_stay_blown_up_and_lean_in_a_steady_wind_as_statics_say():
     system, corner = scene.system, scene.system.surface.particle[scene.system.surface.triangles]
     position = np.array([frame.position for frame in frames], dtype=np.float64)
     start, settled = position[0], position[-1]
-    gases = [one for one in scene.loads if isinstance(one, msd.Gas)]
+    gases = [one for one in scene.loads if isinstance(one, msd.EnclosedGas)]
     for gas, mooring in zip(gases, np.flatnonzero(system.pinned), strict=True):
         mine = system.group(gas.on)
         a, b, c = np.moveaxis(settled[corner[mine[corner].all(axis=1)]] - settled[mine].mean(axis=0), 1, 0)

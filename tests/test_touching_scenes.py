@@ -13,7 +13,7 @@ def build(name, **parameters):
 
 
 def simulate(scene, duration, **options):
-    return list(msd.Simulation.of(scene, **{"device": "cpu", **options}).frames(duration))
+    return list(msd.Simulation.from_scene(scene, **{"device": "cpu", **options}).frames(duration))
 
 
 def crossings(position, triangles):

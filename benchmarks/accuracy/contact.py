@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msdwarp import Simulation, System, Touch, box
+from msdwarp import Contact, Simulation, System, box
 from msdwarp.scenes import cradle
 
 from ..common import METHODS, arguments, machine, read_csv, table, write_csv
@@ -52,7 +52,7 @@ class Case(NamedTuple):
 
     title: str
     system: System
-    touch: Touch
+    contact: Contact
     gravity: tuple[float, float, float]
     frames: int
 
@@ -69,32 +69,32 @@ def pairs(gaps: NDArray) -> System:
     return System(position=position, velocity=velocity, mass=1.0, connections=np.zeros((0, 2), int))
 
 
-def touch_of_pairs(restitution: float) -> Touch:
+def touch_of_pairs(restitution: float) -> Contact:
     """Return how pairs touch."""
-    return Touch(thickness=0.1, stiffness=1e4, friction=0.0, restitution=restitution)
+    return Contact(thickness=0.1, stiffness=1e4, friction=0.0, restitution=restitution)
 
 
-def apart_after(gaps: NDArray, seconds: float, touch: Touch) -> NDArray:
+def apart_after(gaps: NDArray, seconds: float, contact: Contact) -> NDArray:
     """Return how far the particles of each pair are apart after a time [m], shape [pair_count]: the closed form.
 
     An overlap δ follows δ'' + 2ζω δ' + ω² δ = 0 from δ = 0, until the force, which never pulls, is 0. A pair
     touches twice, as a point and as a facet of each: ω² = 2k by half the mass of one. See docs/contact.md.
     """
-    assert touch.stiffness is not None
-    assert touch.thickness is not None
-    omega, zeta, speed = math.sqrt(4 * touch.stiffness), touch.damping_ratio, 2.0
+    assert contact.stiffness is not None
+    assert contact.thickness is not None
+    omega, zeta, speed = math.sqrt(4 * contact.stiffness), contact.damping_ratio, 2.0
     own = math.sqrt(1 - zeta**2)
     lasts = math.atan2(2 * zeta * own, 2 * zeta**2 - 1) / (own * omega)
     left = speed / (own * omega) * math.exp(-zeta * omega * lasts) * math.sin(own * omega * lasts)
     after = seconds - gaps / speed - lasts
     assert (after > 0).all()
-    return touch.thickness - left + touch.restitution * speed * after
+    return contact.thickness - left + contact.restitution * speed * after
 
 
 def bounced(method: str, restitution: float, finer: float, device: str) -> tuple[Simulation, NDArray]:
     """Return a simulation of pairs that have met, and how far they were apart before."""
-    touch = touch_of_pairs(restitution)
-    options = {"gravity": 0.0, "touch": touch, "precision": "float64", "device": device, "fps": FPS}
+    contact = touch_of_pairs(restitution)
+    options = {"gravity": 0.0, "contact": contact, "precision": "float64", "device": device, "fps": FPS}
     options |= {"integrator": METHODS[method]}
     substeps = max(1, round(finer * Simulation(pairs(np.ones(1)), **options).substeps))
     # Moments are those of the automatic substep, or of a shorter one: distances are small beside the ways.
@@ -139,7 +139,7 @@ def thrown() -> Case:
         die = die.replace(velocity=-1.5 * way + np.cross([0, k - 1.0, 2.0], die.position - 0.26 * way))
         whole = die if whole is None else whole + die
     assert whole is not None
-    return Case("Four dice fly at each other", whole, Touch(), (0.0, 0.0, 0.0), 12)
+    return Case("Four dice fly at each other", whole, Contact(), (0.0, 0.0, 0.0), 12)
 
 
 def on_a_block(
@@ -153,12 +153,18 @@ def on_a_block(
     die = die.translate(np.array([x[:, 0].min() + 0.07, -0.09, x[:, 2].max() + gap]) - die.position.min(axis=0))
     die = die.replace(velocity=(speed, 0.0, 0.0))
     falls = (G * math.sin(math.radians(angle)), 0.0, -G * math.cos(math.radians(angle)))
-    return Case("A die slides on a block and stops", low + die, Touch(friction=friction), falls, frames)
+    return Case("A die slides on a block and stops", low + die, Contact(friction=friction), falls, frames)
 
 
 def start(case: Case, method: str, finer: float, device: str) -> Simulation:
     """Return a simulation of a case with so many times the automatic substeps."""
-    options = {"gravity": case.gravity, "touch": case.touch, "precision": "float64", "device": device, "fps": FPS}
+    options = {
+        "gravity": case.gravity,
+        "contact": case.contact,
+        "precision": "float64",
+        "device": device,
+        "fps": FPS,
+    }
     options |= {"integrator": METHODS[method]}
     substeps = math.ceil(finer * Simulation(case.system, **options).substeps)
     return Simulation(case.system, substeps=substeps, energy_limit=math.inf, **options)
@@ -235,8 +241,8 @@ def measure_energy(options) -> list[dict]:
     rows = []
     for finer in ENERGY_FINER[: 1 if options.quick else None]:
         scene = cradle.build(count=2)
-        automatic = Simulation.of(scene, device=options.device).substeps
-        simulation = Simulation.of(scene, device=options.device, substeps=finer * automatic)
+        automatic = Simulation.from_scene(scene, device=options.device).substeps
+        simulation = Simulation.from_scene(scene, device=options.device, substeps=finer * automatic)
         whole, conserved, measured = simulation.measure().energy, [], []
         for _ in range(31):
             conserved.append(simulation.stepping.balance().energy)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from msdwarp import DoubtfulFit, Ensemble, Leapfrog, Plane, Scene, Simulation, Tracked, box, fit
+from msdwarp import Ensemble, FitWarning, Leapfrog, Plane, Scene, Simulation, TrackedPoints, box, fit
 
 from ..common import arguments, machine, pyplot, read_csv, save, table, write_csv
 
@@ -43,15 +43,17 @@ def hung(stiffness: float = STIFFNESS, damping: float = DAMPING) -> Scene:
     return Scene(system=body.pin(body.position[:, 2] > body.position[:, 2].max() - 1e-6))
 
 
-def measured(scene: Scene, substeps: int, device: str, noise: float = 0.0, seed: int = 0) -> Tracked:
+def measured(scene: Scene, substeps: int, device: str, noise: float = 0.0, seed: int = 0) -> TrackedPoints:
     """Return where every third particle is in each frame."""
-    simulation = Simulation.of(scene, integrator=METHOD, precision="float64", substeps=substeps, device=device)
+    simulation = Simulation.from_scene(
+        scene, integrator=METHOD, precision="float64", substeps=substeps, device=device
+    )
     frames = list(simulation.frames(DURATION))
     followed = np.arange(0, scene.system.particle_count, 3)
     position = np.array([frame.position[followed] for frame in frames])
     position += noise * np.random.default_rng(seed).normal(size=position.shape)
     time = np.repeat([frame.time for frame in frames], len(followed))
-    return Tracked(time, np.tile(followed, len(frames)), position.reshape(-1, 3))
+    return TrackedPoints(time, np.tile(followed, len(frames)), position.reshape(-1, 3))
 
 
 def landscape(device: str) -> list[dict]:
@@ -78,7 +80,7 @@ def starts(device: str, some: slice, keep: Callable[[list[dict]], None]) -> None
     for factor in STARTS[some]:
         for horizon in ("growing", "whole"):
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoubtfulFit)
+                warnings.simplefilter("ignore", FitWarning)
                 scene = dropped(factor * STIFFNESS, 0.5 * DAMPING)
                 how = {"bounds": BOUNDS, "substeps": SUBSTEPS, "horizon": horizon, "device": device}
                 found = fit(scene, points, ["stiffness", "damping"], **how)

@@ -15,7 +15,7 @@ import warnings
 import ipctk
 import numpy as np
 
-from msdwarp import ContactOverrun, Drive, Plane, Scene, Simulation, Touch, sheet
+from msdwarp import Contact, Plane, PrescribedMotion, Scene, Simulation, TunnellingWarning, sheet
 
 from ..common import arguments, machine, table, write_csv
 
@@ -40,7 +40,7 @@ def crossings(simulation: Simulation, frames: int) -> tuple[list[int], bool]:
             simulation.step()
             if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
                 crossing.append(frame)
-    return crossing, any(issubclass(one.category, ContactOverrun) for one in said)
+    return crossing, any(issubclass(one.category, TunnellingWarning) for one in said)
 
 
 def fold(bending: float, thickness: float | None, period: float, device: str) -> dict:
@@ -56,10 +56,10 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
     scene = Scene(
         system=cloth.pin(along < 0.5 * SPACING),
         colliders=[Plane(restitution=0.0, friction=0.5)],
-        loads=[Drive(np.flatnonzero(along > along.max() - 0.5 * SPACING), squeeze)],
-        touch=Touch(friction=0.3, restitution=0.1, between="all", thickness=thickness),
+        loads=[PrescribedMotion(np.flatnonzero(along > along.max() - 0.5 * SPACING), squeeze)],
+        contact=Contact(friction=0.3, restitution=0.1, self_contact=True, thickness=thickness),
     )
-    simulation = Simulation.of(scene, device=device)
+    simulation = Simulation.from_scene(scene, device=device)
     frames = round(TIMES * period * simulation.fps)
     crossing, overrun = crossings(simulation, frames)
     return {

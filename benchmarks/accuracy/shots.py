@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from msdwarp import Scene, Simulation, Touch, box, sheet
+from msdwarp import Contact, Scene, Simulation, box, sheet
 
 from ..common import arguments, machine, table, write_csv
 from .folding import crossings
@@ -32,7 +32,9 @@ def shoot(along: int, spacing: float, speed: float, device: str) -> dict:
     block = box((along,) * 3, spacing, mass=0.05 / along**3, stiffness=600.0, damping=0.1).rotate(0.4)
     block = block.translate(tuple(np.array([0.011, 0.007, 0.13]) - block.position.mean(axis=0)))
     system = cloth.pin(off > off.max() - 0.01) + block.with_velocity((0, 0, -speed))
-    simulation = Simulation.of(Scene(system=system, touch=Touch(friction=0.3, restitution=0.1)), device=device)
+    simulation = Simulation.from_scene(
+        Scene(system=system, contact=Contact(friction=0.3, restitution=0.1)), device=device
+    )
     crossing, overrun = crossings(simulation, FRAMES)
     return {
         "edge": (along - 1) * spacing,  # of the block [m]

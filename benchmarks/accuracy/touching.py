@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from msdwarp import ContactOverrun, Scene, Simulation, SimulationDiverged, Touch
-from msdwarp.engine.touching import Touching
+from msdwarp import Contact, Scene, Simulation, SimulationDiverged, TunnellingWarning
+from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.scenes import bowl, cloth, cradle, curtain, dice, mattress, pile, tower, trampoline
 
 from ..common import arguments, machine, read_csv, table, write_csv
@@ -38,17 +38,19 @@ SCENES = {
 def built(name: str, stiffer: float) -> Scene:
     """Return a scene with springs, and contacts whose stiffness it gives, so many times as stiff."""
     scene = SCENES[name].build()
-    touch = scene.touch if scene.touch is not None else Touch(between="all", restitution=0.1, friction=0.3)
-    assert isinstance(touch, Touch)
-    if touch.stiffness is not None:
-        touch = replace(touch, stiffness=stiffer * touch.stiffness)
-    return replace(scene, system=scene.system.replace(stiffness=stiffer * scene.system.stiffness), touch=touch)
+    contact = (
+        scene.contact if scene.contact is not None else Contact(self_contact=True, restitution=0.1, friction=0.3)
+    )
+    assert isinstance(contact, Contact)
+    if contact.stiffness is not None:
+        contact = replace(contact, stiffness=stiffer * contact.stiffness)
+    return replace(scene, system=scene.system.replace(stiffness=stiffer * scene.system.stiffness), contact=contact)
 
 
 def endure(name: str, stiffer: float, device: str, seconds: float, minutes: float) -> dict:
     """Simulate a scene and say what became of it."""
-    simulation = Simulation.of(built(name, stiffer), device=device)
-    contacts = next(effect for effect in simulation.model.effects if isinstance(effect, Touching))
+    simulation = Simulation.from_scene(built(name, stiffer), device=device)
+    contacts = next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
     least, system = simulation.substeps, simulation.system
     simulation.step()  # compiles
     second = round(simulation.fps)
@@ -81,7 +83,7 @@ def endure(name: str, stiffer: float, device: str, seconds: float, minutes: floa
         "seconds": float(done),
         "times_real_time": done / wall,
         "substeps": least,
-        "most_substeps": max(count for _, count in simulation.chosen),
+        "most_substeps": max(count for _, count in simulation.substep_history),
         "energy_start_J": energy[0],
         "energy_end_J": energy[-1],
         "energy_gained_J": float(np.max(energy - lowest)),
@@ -92,7 +94,7 @@ def endure(name: str, stiffer: float, device: str, seconds: float, minutes: floa
         "spacing_m": float(np.median(system.original_length)),
         "largest_strain": max(strain, default=float("nan")),
         "late_strain": max(strain[-LATE:], default=float("nan")),
-        "overrun": int(any(issubclass(one.category, ContactOverrun) for one in said)),
+        "overrun": int(any(issubclass(one.category, TunnellingWarning) for one in said)),
     }
 
 

@@ -113,7 +113,7 @@ def measure_automatic(name: str, case: Case, device: str) -> list[dict]:
             simulation.step()
             work += simulation.substeps * simulation.integrator.evaluations
         error = relative_error(case, simulation.frame().position.astype("float64"), fine)
-        counts = [count for _, count in simulation.chosen]
+        counts = [count for _, count in simulation.substep_history]
         row = {"scene": case.name, "method": method, "evaluations": work, "error": error, "reference_error": own}
         rows.append(row | {"least_substeps": min(counts), "most_substeps": max(counts)})
     return rows

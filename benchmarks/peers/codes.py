@@ -25,11 +25,11 @@ NUMPY_MOST = 1_000_000
 class Msdwarp:
     """msdwarp's `Simulation`, contact with a floor and the watch over divergence (once an `advance`) included."""
 
-    def __init__(self, body, device: str, route: str = "auto") -> None:
-        self.body, self.device, self.options = body, device, {"route": route}
-        if "route" not in inspect.signature(Simulation).parameters:
-            if route != "auto":
-                raise Unsuitable("this version of msdwarp has one route only")
+    def __init__(self, body, device: str, force_algorithm: str = "auto") -> None:
+        self.body, self.device, self.options = body, device, {"force_algorithm": force_algorithm}
+        if "force_algorithm" not in inspect.signature(Simulation).parameters:
+            if force_algorithm != "auto":
+                raise Unsuitable("this version of msdwarp has one algorithm only")
             self.options = {}
         self.simulation, self.note = None, ""
 

@@ -37,9 +37,9 @@ from .cuda import Lanes, Marching, OneBlock, Scatter, Unsuitable
 
 PEERS = {
     "msdwarp": Msdwarp,
-    "msdwarp scatter": partial(Msdwarp, route="scatter"),
-    "msdwarp gather": partial(Msdwarp, route="gather"),
-    "msdwarp stencil": partial(Msdwarp, route="stencil"),
+    "msdwarp scatter": partial(Msdwarp, force_algorithm="scatter"),
+    "msdwarp gather": partial(Msdwarp, force_algorithm="gather"),
+    "msdwarp stencil": partial(Msdwarp, force_algorithm="stencil"),
     "newton": Newton,
     "newton by particle": partial(Newton, by_particle=True),
     "Taichi": Taichi,

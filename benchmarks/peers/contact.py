@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from msdwarp import Simulation, System, Touch, sheet
+from msdwarp import Contact, Simulation, System, sheet
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
@@ -75,10 +75,10 @@ def folded(side: int) -> tuple[System, float]:
 
 def msdwarp_spheres(system: System, device: str) -> tuple[Callable[[], None], int, str]:
     """Return what takes STEPS steps of the spheres, how many, and a note."""
-    touch = Touch(thickness=2 * RADIUS, stiffness=STIFFNESS, friction=FRICTION, restitution=0.9)
+    contact = Contact(thickness=2 * RADIUS, stiffness=STIFFNESS, friction=FRICTION, restitution=0.9)
     simulation = Simulation(
         system,
-        touch=touch,
+        contact=contact,
         gravity=0.0,
         fps=1 / (STEPS * STEP),
         substeps=STEPS,
@@ -118,8 +118,8 @@ def newton_spheres(system: System, device: str) -> tuple[Callable[[], None], int
 def msdwarp_cloth(case: tuple[System, float], device: str) -> tuple[Callable[[], None], int, str]:
     """Return what takes a frame of the cloth, in how many substeps, and a note."""
     system, thickness = case
-    touch = Touch(between="all", thickness=thickness, friction=0.2)
-    simulation = Simulation(system, touch=touch, gravity=0.0, fps=60.0, device=device)
+    contact = Contact(self_contact=True, thickness=thickness, friction=0.2)
+    simulation = Simulation(system, contact=contact, gravity=0.0, fps=60.0, device=device)
     return simulation.step, simulation.substeps, "explicit, springs"
 
 

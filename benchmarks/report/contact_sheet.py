@@ -58,7 +58,7 @@ def picture(name: str, script: ModuleType, size: tuple[int, int]) -> NDArray[np.
     """Return a scene at its best moment, simulated on the CPU."""
     scene = script.build()
     moment = BEST.get(name, DEFAULT * scene.duration)
-    simulation = Simulation.of(scene, device="cpu")
+    simulation = Simulation.from_scene(scene, device="cpu")
     *_, last = simulation.frames(moment)
     if scene.system.tears:  # what is torn is drawn apart
         torn = scene.system.replace(broken_at=simulation.snapshot().broken_at)

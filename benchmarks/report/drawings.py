@@ -1,4 +1,4 @@
-"""The report's figures that show no run, drawn again: the force law, who is joined, and two routes to the sum."""
+"""The report's figures that show no run, drawn again: the force law, who is joined, two ways to the sum."""
 
 import itertools
 from pathlib import Path
@@ -127,11 +127,11 @@ def _routes(axis: Any) -> None:
         for k, place in enumerate(at):
             _ball(axis, place, str(k + 1), 0.17)
         axis.text(shift + 0.9, -0.34, label, ha="center", va="top", fontsize=9.5, color=INK)
-    axis.set_title("Two routes to the same sum (figure 10)")
+    axis.set_title("Two algorithms to the same sum (figure 10)")
 
 
 def drawings(folder: Path) -> list[dict]:
-    """Draw the force law, the connection rules and the routes in one picture; return what is counted of them."""
+    """Draw the force law, the connection rules and the algorithms in one picture; return counts of them."""
     plt = pyplot()
     figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), layout="constrained")
     for axis, draw in zip(axes.ravel(), (_law, _rules, _directions, _routes), strict=True):

@@ -93,13 +93,13 @@ def slide(rule: str, substeps: int, options: Any) -> float:
     floor = Plane(restitution=0.0, **surfaces[rule])
     mass = System(position=[[0.0, 0.0]], velocity=[[SPEED, 0.0]])
     simulation = Simulation(
-        mass, colliders=[floor], contact=rule, substeps=substeps, device=options.device, precision="float64"
+        mass, colliders=[floor], collider_rule=rule, substeps=substeps, device=options.device, precision="float64"
     )
     simulation.step(120)
     return float(simulation.frame().position[0, 0])
 
 
-def contact(options: Any, folder: Path) -> list[dict]:
+def collider_rule(options: Any, folder: Path) -> list[dict]:
     """Draw a bounce, and how far a mass slides by the report's rule and by ours, against the step (figure 9)."""
     plt, rows = pyplot(), []
     figure, (left, right) = plt.subplots(
@@ -308,7 +308,7 @@ def main() -> None:
     options = arguments(__doc__.splitlines()[0])
     folder = options.folder if options.quick else IMAGES
     rows = drawings(folder)
-    for make in (shearing, contact, five_masses, block, pictures):
+    for make in (shearing, collider_rule, five_masses, block, pictures):
         rows += make(options, folder)
     rows += stored(options)
     table("The report's figures", list(rows[0]), [list(one.values()) for one in rows])

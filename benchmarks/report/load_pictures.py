@@ -31,7 +31,7 @@ QUALITY = 82
 
 def at_times(scene: msd.Scene, times: Sequence[float]) -> NDArray[np.uint8]:
     """Return a picture of a scene at some times, the poses laid over each other."""
-    simulation = msd.Simulation.of(scene, device="cpu")
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
     frames = list(simulation.frames(times[-1]))
     if scene.system.tears:  # what is torn is drawn apart
         torn = scene.system.replace(broken_at=simulation.snapshot().broken_at)
@@ -76,7 +76,7 @@ def drive() -> NDArray[np.uint8]:
     """Return a rope whose one end is moved up and down: waves run along it."""
     rope = msd.chain(121, 0.02, mass=5e-4, stiffness=400.0, damping=0.01)
     rope = rope.replace(rest_length=rope.length / 1.05).pin(120)
-    shake = msd.Drive([0], lambda t: (0, 0, 0.1 * np.sin(24 * t)))
+    shake = msd.PrescribedMotion([0], lambda t: (0, 0, 0.1 * np.sin(24 * t)))
     look = msd.Look(azimuth=-80, elevation=8)
     scene = msd.Scene(
         system=rope.translate((0, 0, 0.4)).named("rope"),
@@ -131,7 +131,7 @@ def probe() -> NDArray[np.uint8]:
         colliders=[msd.Plane(restitution=0.0)],
         probes={"floor": msd.Probe("cube", "contact force")},
     )
-    simulation = msd.Simulation.of(scene, device="cpu", fps=240)
+    simulation = msd.Simulation.from_scene(scene, device="cpu", fps=240)
     simulation.step(480)
     times, push = simulation.readings["floor"]
     figure = Figure(figsize=(4.8, 3.2), dpi=100, layout="constrained")

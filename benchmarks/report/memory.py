@@ -1,4 +1,4 @@
-"""How many bytes the report's mattress takes on the device, by route, beside the report's own count (table 1)."""
+"""How many bytes the report's mattress takes on the device, by algorithm, beside the report's count (table 1)."""
 
 from typing import Any
 
@@ -8,13 +8,13 @@ from .panels import row
 
 
 def stored(options: Any) -> list[dict]:
-    """Count the bytes that the mattress of 20 × 7 × 2 takes on the device, by route, in float32 (table 1)."""
+    """Count the bytes that the mattress of 20 × 7 × 2 takes on the device, by algorithm, in float32 (table 1)."""
     rows, body = [], box((20, 7, 2), stiffness=5000.0, damping=20.0)
     n, m = body.particle_count, body.connection_count
-    for route in ("scatter", "gather", "stencil"):
-        simulation = Simulation(body, route=route, device=options.device)
-        model, forces = simulation.model, simulation.stepping.dynamics.world.forces
-        instants = (simulation.state.here, simulation.state.there)
+    for force_algorithm in ("scatter", "gather", "stencil"):
+        simulation = Simulation(body, force_algorithm=force_algorithm, device=options.device)
+        model, forces = simulation.model, simulation.stepping.dynamics.scene.forces
+        instants = (simulation.state.state_in, simulation.state.state_out)
         of_forces = {
             name: getattr(forces, name) for name in ("f", "mask", "first", "other") if hasattr(forces, name)
         }
@@ -28,7 +28,7 @@ def stored(options: Any) -> list[dict]:
             "scatter": model.connections.capacity,
             "gather": sum(of_forces[name].capacity for name in ("first", "other") if name in of_forces),
             "stencil": 0,
-        }[route]
+        }[force_algorithm]
         backup = sum(array._ref.capacity for array in simulation.stepping.backup.kept) - 4 * model.margin * 16
         found = {
             "position and velocity, twice, per particle": moving / n,
@@ -40,7 +40,7 @@ def stored(options: Any) -> list[dict]:
             "stiffness, in all": model.stiffness._ref.capacity,
             "damping, in all": model.damping._ref.capacity,
             "kept beside a substep, per connection": (
-                model.rest_length.capacity + (0 if route == "scatter" else model.connections.capacity)
+                model.rest_length.capacity + (0 if force_algorithm == "scatter" else model.connections.capacity)
             )
             / m,
             "kept beside a substep, per particle": backup / n,
@@ -50,7 +50,7 @@ def stored(options: Any) -> list[dict]:
             + pairs
             + (kind.capacity if kind is not None else 0),
         }
-        rows += [row("table 1", f"{route}: {name}", value, "bytes") for name, value in found.items()]
+        rows += [row("table 1", f"{force_algorithm}: {name}", value, "bytes") for name, value in found.items()]
     rows.append(row("table 1", "report: per particle", 4 * 13, "bytes"))
     rows.append(row("table 1", "report: per connection", 4 * 5, "bytes"))
     rows.append(row("table 1", "report: in all", 4 * 13 * n + 4 * 5 * m, "bytes"))

@@ -61,7 +61,7 @@ def holds(system: System, method: str, substeps: int, seconds: float, device: st
     simulation = Simulation(
         system,
         colliders=[FLOOR],
-        contact="report",
+        collider_rule="report",
         integrator=METHODS[method],
         fps=FPS,
         substeps=substeps,

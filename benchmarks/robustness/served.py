@@ -75,7 +75,7 @@ def _state(view: View, page: Browser) -> dict[str, Any]:
     came = _wait(lambda: view.source.index == FRAMES and view.waiting == 0)
     right = False
     if came:
-        fresh = Simulation.of(view.source.scene, device="cpu", fps=view.source.fps)
+        fresh = Simulation.from_scene(view.source.scene, device="cpu", fps=view.source.fps)
         fresh.step(FRAMES)
         right = np.array_equal(view.source.frame().position, fresh.frame().position)
     before = view.source

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from msdwarp import Box, Plane, Simulation, Sphere, System, Touch, box, sheet
+from msdwarp import Box, Contact, Plane, Simulation, Sphere, System, box, sheet
 from msdwarp.scenes import dice
 
 from ..common import arguments, machine, read_csv, table, write_csv
@@ -34,7 +34,7 @@ class Case(NamedTuple):
     together: System
     apart: System | None
     colliders: list
-    between: str = "bodies"
+    self_contact: bool = False
     settle: int = 60
 
 
@@ -114,13 +114,13 @@ def cases(quick: bool, device: str) -> dict[str, Callable[[], Case]]:
 
 def measure_case(name: str, case: Case, device: str, rounds: int) -> dict:
     """Return the row of a case."""
-    touch = Touch(friction=0.4, restitution=0.2, between=case.between)
+    contact = Contact(friction=0.4, restitution=0.2, self_contact=case.self_contact)
     common = {"colliders": case.colliders, "fps": FPS, "device": device}
-    first = Simulation(case.together, touch=touch, **common)
+    first = Simulation(case.together, contact=contact, **common)
     fixed = {"substeps": first.substeps, "allow_unstable": True, "energy_limit": np.inf}
-    contestants = {"together": Simulation(case.together, touch=touch, **common, **fixed)}
+    contestants = {"together": Simulation(case.together, contact=contact, **common, **fixed)}
     if case.apart is not None:
-        contestants["apart"] = Simulation(case.apart, touch=touch, **common, **fixed)
+        contestants["apart"] = Simulation(case.apart, contact=contact, **common, **fixed)
     contestants["without"] = Simulation(case.together, **common, **fixed)
     substeps = first.substeps
     del first

@@ -1,8 +1,8 @@
 """Several threads of a CPU: how much faster are they than one, and than Numba's.
 
-The same bodies by each route and number of threads, and by loops over particles that Numba compiles (`prange`), if
-it is installed. All are measured in turn, in many short rounds, so that what else the machine does meets them
-alike: of the rounds the CSV has the fastest and the median.
+The same bodies by each algorithm and number of threads, and by loops over particles that Numba compiles
+(`prange`), if it is installed. All are measured in turn, in many short rounds, so that what else the machine does
+meets them alike: of the rounds the CSV has the fastest and the median.
 
     python -m benchmarks.speed.cores --threads 1,2,4,8
 """
@@ -21,7 +21,7 @@ from msdwarp import Simulation, System, box, sheet
 from ..common import RESULTS, arguments, machine, read_csv, table, write_csv
 
 STIFFNESS, DAMPING, STEP = 1000.0, 1.0, 1e-4
-ROUTES = ("scatter", "gather", "stencil")
+FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 SECONDS = 0.02
 """About how long one thread takes for a round."""
 
@@ -34,13 +34,13 @@ def bodies(quick: bool) -> dict[str, System]:
 
 
 class Msdwarp:
-    """A body by one route and so many threads."""
+    """A body by one algorithm and so many threads."""
 
-    def __init__(self, system: System, route: str, threads: int, substeps: int) -> None:
+    def __init__(self, system: System, force_algorithm: str, threads: int, substeps: int) -> None:
         self.simulation = Simulation(
             system,
             device="cpu",
-            route=route,
+            force_algorithm=force_algorithm,
             threads=threads,
             fps=1 / (STEP * substeps),
             substeps=substeps,
@@ -108,9 +108,13 @@ def compiled(numba) -> Callable:
 
 
 def measure(system: System, threads: list[int], rounds: int) -> Iterator[dict]:
-    """Yield the time of a substep by each code, route and number of threads [µs]."""
+    """Yield the time of a substep by each code, algorithm and number of threads [µs]."""
     substeps = max(1, round(SECONDS / (1.2e-8 * system.connection_count)))
-    codes: dict = {("msdwarp", route, n): Msdwarp(system, route, n, substeps) for route in ROUTES for n in threads}
+    codes: dict = {
+        ("msdwarp", force_algorithm, n): Msdwarp(system, force_algorithm, n, substeps)
+        for force_algorithm in FORCE_ALGORITHMS
+        for n in threads
+    }
     if importlib.util.find_spec("numba"):
         codes |= {("Numba", "gather", n): Numba(system, n, substeps) for n in threads}
     for code in codes.values():
@@ -124,19 +128,28 @@ def measure(system: System, threads: list[int], rounds: int) -> Iterator[dict]:
     for name, times in taken.items():
         of = {"particles": system.particle_count, "connections": system.connection_count}
         found = {"us_fastest": min(times), "us_median": float(np.median(times))}
-        yield dict(zip(("code", "route", "threads"), name, strict=True)) | of | found
+        yield dict(zip(("code", "force_algorithm", "threads"), name, strict=True)) | of | found
 
 
 def show(rows: list[dict]) -> None:
     """Print how long a substep takes, and how many times as fast it is as by one thread."""
-    single = {(r["body"], r["code"], r["route"]): r for r in rows if r["threads"] == 1}
+    single = {(r["body"], r["code"], r["force_algorithm"]): r for r in rows if r["threads"] == 1}
     lines = []
     for r in rows:
-        one = single.get((r["body"], r["code"], r["route"]), r)
+        one = single.get((r["body"], r["code"], r["force_algorithm"]), r)
         gain = [f"{one[name] / r[name]:.2f}" for name in ("us_fastest", "us_median")]
         times = [f"{r[name]:.0f}" for name in ("us_fastest", "us_median")]
-        lines.append([r["body"], r["code"], r["route"], f"{r['threads']:.0f}", *times, *gain])
-    columns = ["body", "code", "route", "threads", "fastest [µs]", "median [µs]", "times", "times, median"]
+        lines.append([r["body"], r["code"], r["force_algorithm"], f"{r['threads']:.0f}", *times, *gain])
+    columns = [
+        "body",
+        "code",
+        "force_algorithm",
+        "threads",
+        "fastest [µs]",
+        "median [µs]",
+        "times",
+        "times, median",
+    ]
     table("A substep by several threads", columns, lines)
 
 

@@ -25,7 +25,7 @@ def endure(name: str, script: ModuleType, device: str, seconds: float, stiffer: 
     scene = script.build()
     if stiffer != 1.0:
         scene = replace(scene, system=scene.system.replace(stiffness=stiffer * scene.system.stiffness))
-    simulation = Simulation.of(scene, device=device)
+    simulation = Simulation.from_scene(scene, device=device)
     least = simulation.substeps
     simulation.step()  # compiles
     frames = round(seconds * simulation.fps) - 1
@@ -42,9 +42,9 @@ def endure(name: str, script: ModuleType, device: str, seconds: float, stiffer: 
         "particles": simulation.system.particle_count,
         "connections": simulation.system.connection_count,
         "coordinates": simulation.system.dim,
-        "route": simulation.model.route,
+        "force_algorithm": simulation.model.force_algorithm,
         "substeps": least,
-        "most_substeps": max(count for _, count in simulation.chosen),
+        "most_substeps": max(count for _, count in simulation.substep_history),
         "held_s": float(held),
         "times_real_time": seconds / wall,
         "end_speed_m_s": float(np.sqrt((frame.velocity**2).sum(axis=1)).max()),

@@ -1,6 +1,6 @@
 """What a world of an ensemble costs, beside the same bodies joined into one system.
 
-    python -m benchmarks.speed.ensemble [--device D] [--quick] [--threads N] [--route R] [--alone]
+    python -m benchmarks.speed.ensemble [--device D] [--quick] [--threads N] [--force-algorithm R] [--alone]
 
 Worlds differ in stiffness and in how they start. The joined system is as large, and its bodies are all alike: it
 is what could be had without ensembles. Both take the same substeps, in turn, in several rounds; times are medians.
@@ -91,7 +91,13 @@ def measure_case(name: str, worlds: int, options: argparse.Namespace) -> dict:
     how = {**AROUND, "allow_unstable": True, "device": options.device}
     own = {"stiffness": stiffness, "velocity": velocity, "threads": options.threads}
     # Not by scatter, which on a GPU does not repeat to the last bit.
-    ensemble = Ensemble(body, worlds, **how, **own, **({"route": options.route} if options.route else {}))
+    ensemble = Ensemble(
+        body,
+        worlds,
+        **how,
+        **own,
+        **({"force_algorithm": options.force_algorithm} if options.force_algorithm else {}),
+    )
     contestants = [Contestant(options.device, ensemble.step)]
     if worlds <= MOST_JOINED and not options.alone:
         one = Simulation(joined(body, worlds), **how)
@@ -104,7 +110,7 @@ def measure_case(name: str, worlds: int, options: argparse.Namespace) -> dict:
     if not (ensemble.status == "running").all():
         raise SystemExit(f"{name}: worlds have diverged, and cost nothing")
     row = {"body": name, "worlds": worlds, "particles": body.particle_count, "connections": body.connection_count}
-    row |= {"route": ensemble.model.route, "threads": ensemble.threads or 0}
+    row |= {"force_algorithm": ensemble.model.force_algorithm, "threads": ensemble.threads or 0}
     row |= {"ns_per_world_substep": 1e9 * each[0], "giga_updates": 1e-9 * body.connection_count / each[0]}
     row |= {"joined_ns": 1e9 * each[1] if len(each) > 1 else math.nan}
     row |= {"joined_over_ensemble": each[1] / each[0] if len(each) > 1 else math.nan}
@@ -122,7 +128,7 @@ def main() -> None:
     """Measure, write and print."""
     own = argparse.ArgumentParser(add_help=False)
     own.add_argument("--threads", default="auto", help="of a world: a power of 2; none: a launch for each stage")
-    own.add_argument("--route", help="of the ensemble; by default what it takes by itself")
+    own.add_argument("--force-algorithm", help="of the ensemble; by default what it takes by itself")
     own.add_argument("--alone", action="store_true", help="leave out what is joined")
     options = arguments(__doc__.splitlines()[0], own)
     if options.threads != "auto":
@@ -136,8 +142,18 @@ def main() -> None:
             write_csv(path, rows, machine(options.device))
     line, rows = read_csv(path)
     print(line)
-    head = ["body", "worlds", "route", "threads", "ns/world/substep", "10⁹ updates/s", "joined", "ratio", "aim"]
-    columns = ["body", "worlds", "route", "threads", "ns_per_world_substep", "giga_updates", "joined_ns"]
+    head = [
+        "body",
+        "worlds",
+        "force_algorithm",
+        "threads",
+        "ns/world/substep",
+        "10⁹ updates/s",
+        "joined",
+        "ratio",
+        "aim",
+    ]
+    columns = ["body", "worlds", "force_algorithm", "threads", "ns_per_world_substep", "giga_updates", "joined_ns"]
     columns += ["joined_over_ensemble", "aim"]
     title = "Worlds of an ensemble, and the same bodies joined"
     table(title, head, [[row[one] for one in columns] for row in rows])

@@ -18,7 +18,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from msdwarp import Ensemble, Leapfrog, Scene, Simulation, Tracked, box, fit
+from msdwarp import Ensemble, Leapfrog, Scene, Simulation, TrackedPoints, box, fit
 from msdwarp.studies import worlds
 
 from ..common import arguments, machine, read_csv, table, write_csv
@@ -41,15 +41,17 @@ def hung(size: int, stiffness: float = STIFFNESS, damping: float = DAMPING) -> S
     return Scene(system=body.pin(body.position[:, 2] > body.position[:, 2].max() - 1e-6))
 
 
-def measured(scene: Scene, substeps: int, duration: float, device: str) -> Tracked:
+def measured(scene: Scene, substeps: int, duration: float, device: str) -> TrackedPoints:
     """Return where some of the particles are in each frame."""
-    simulation = Simulation.of(scene, integrator=METHOD, precision="float64", substeps=substeps, device=device)
+    simulation = Simulation.from_scene(
+        scene, integrator=METHOD, precision="float64", substeps=substeps, device=device
+    )
     frames = list(simulation.frames(duration))
     count = scene.system.particle_count
     followed = np.arange(0, count, max(1, count // FOLLOWED))
     position = np.array([frame.position[followed] for frame in frames])
     time_of = np.repeat([frame.time for frame in frames], len(followed))
-    return Tracked(time_of, np.tile(followed, len(frames)), position.reshape(-1, 3))
+    return TrackedPoints(time_of, np.tile(followed, len(frames)), position.reshape(-1, 3))
 
 
 @contextmanager
@@ -68,7 +70,7 @@ def clocked(owner: Any, name: str, spent: dict[str, float], part: str) -> Iterat
         yield
 
 
-def one_fit(scene: Scene, points: Tracked, substeps: int, device: str) -> dict:
+def one_fit(scene: Scene, points: TrackedPoints, substeps: int, device: str) -> dict:
     """Return how long a fit takes, by part [s]."""
     spent = {"worlds": 0.0, "made": 0.0}
     began = time.perf_counter()
@@ -93,7 +95,7 @@ def measure(options: argparse.Namespace) -> list[dict]:
     """Return a row for the first fit, and one of medians for the others."""
     size, duration = (QUICK_SIZE, QUICK_DURATION) if options.quick else (SIZE, DURATION)
     stiffest = hung(size, BOUNDS["stiffness"][1], BOUNDS["damping"][1])
-    substeps = Simulation.of(stiffest, integrator=METHOD, device=options.device).substeps
+    substeps = Simulation.from_scene(stiffest, integrator=METHOD, device=options.device).substeps
     points = measured(hung(size), substeps, duration, options.device)
     fits = []
     for _ in range(1 + options.rounds):

@@ -73,7 +73,7 @@ def measure(shape: tuple[int, int, int], device: str) -> list[dict]:
         raise SystemExit("a position is not finite")
     frame = watch.rows[3]["seconds"]
     counts = {"particles": system.particle_count, "connections": system.connection_count}
-    counts |= {"route": simulation.model.route, "substeps": SUBSTEPS}
+    counts |= {"force_algorithm": simulation.model.force_algorithm, "substeps": SUBSTEPS}
     counts["updates_per_second"] = system.connection_count * SUBSTEPS / frame
     return [row | counts for row in watch.rows]
 
@@ -87,7 +87,8 @@ def main() -> None:
         write_csv(path, rows, machine(options.device))
     line, rows = read_csv(path)
     print(line)
-    title = f"{rows[0]['particles']:.0f} particles, {rows[0]['connections']:.0f} connections, {rows[0]['route']}, "
+    title = f"{rows[0]['particles']:.0f} particles, {rows[0]['connections']:.0f} connections, "
+    title += f"{rows[0]['force_algorithm']}, "
     title += f"{rows[0]['substeps']:.0f} substeps a frame: {rows[0]['updates_per_second'] / 1e9:.4g} G updates/s"
     columns = ("stage", "seconds", "host_peak_gb", "gpu_gb")
     head = ["stage", "time [s]", "peak host memory [GB]", "GPU memory in use [GB]"]

@@ -98,9 +98,9 @@ def cases(quick: bool) -> dict[str, tuple[float, Callable[[], tuple[Scene, Scene
 def moved(scene: SceneToRun, device: str) -> tuple[Simulation, Simulation]:
     """Return a scene whose obstacle moves, and the same at rest, at as many substeps."""
     fixed = replace(scene, colliders=[replace(one, motion=None) for one in scene.colliders])
-    substeps = Simulation.of(scene, device=device).substeps
+    substeps = Simulation.from_scene(scene, device=device).substeps
     how = {"substeps": substeps, "device": device, "energy_limit": math.inf, "allow_unstable": True}
-    return Simulation.of(scene, **how), Simulation.of(fixed, **how)
+    return Simulation.from_scene(scene, **how), Simulation.from_scene(fixed, **how)
 
 
 def moving(system: System) -> System:
@@ -127,7 +127,7 @@ class Contestant:
             allow_unstable=True,
             energy_limit=math.inf,
             device=device,
-            route="stencil",
+            force_algorithm="stencil",
         )
         self.simulation.step(2)  # compiles, and records the frame
         self.times = 1
@@ -204,7 +204,7 @@ def main() -> None:
     print(line)
     columns = ("case", "us_per_substep", "us_without", "ratio", "spread", "aim", "ratio_by_step")
     head = ["case", "µs/substep", "without", "ratio", "spread", "aim", "ratio by step()"]
-    table("Ties and loads on a few particles", head, [[row[column] for column in columns] for row in rows])
+    table("ExtraSprings and loads on a few particles", head, [[row[column] for column in columns] for row in rows])
 
 
 if __name__ == "__main__":

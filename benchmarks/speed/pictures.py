@@ -57,7 +57,7 @@ def timed(work: Callable[[], Any], device: str) -> tuple[float, Any]:
 
 def simulated(scene: Scene, device: str, count: int) -> tuple[float, list[np.ndarray]]:
     """Return how long a frame of a scene takes [ms], and the positions in some frames."""
-    simulation = Simulation.of(scene, device=device)
+    simulation = Simulation.from_scene(scene, device=device)
     positions, times = [simulation.frame().position], []
     simulation.step()  # compiles
     while len(positions) < count:

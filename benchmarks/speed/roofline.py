@@ -87,22 +87,22 @@ def least_bytes(simulation: Simulation, row: dict) -> int:
     model, (evaluations, others, again) = simulation.model, TRAFFIC[row["method"]]
     number = 8 if row["precision"] == "float64" else 4
     particle, connection = 2 * evaluations + others, 0
-    if row["route"] == "scatter":
+    if row["force_algorithm"] == "scatter":
         particle += 4 * evaluations + again  # forces added to, read and zeroed
         connection = (8 + constant_bytes(simulation, number)) * model.connection_count
     if model.compensated:
-        particle += evaluations + 3 + (row["route"] == "scatter")
-    if row["route"] == "gather":
+        particle += evaluations + 3 + (row["force_algorithm"] == "scatter")
+    if row["force_algorithm"] == "gather":
         connection = (4 + constant_bytes(simulation, number)) * slots(simulation)
-    own = 4 if row["route"] == "stencil" else 0
+    own = 4 if row["force_algorithm"] == "stencil" else 0
     own += 0 if model.system.mass.strides == (0,) else number
     particles = model.particle_count * (4 * number * particle + evaluations * own)
     return particles + evaluations * connection
 
 
 def constant_bytes(simulation: Simulation, number: int) -> int:
-    """Return the bytes of a connection's constants, as `msdwarp.kernels.forces.constants` stores them."""
-    constants = simulation.stepping.dynamics.world.forces.constants
+    """Return the bytes of a connection's constants, as `msdwarp.kernels.springs.constants` stores them."""
+    constants = simulation.stepping.dynamics.scene.forces.constants
     return 3 * number if hasattr(constants, "rest_length") else int(hasattr(constants, "kind"))
 
 
@@ -110,16 +110,16 @@ def operations(simulation: Simulation, row: dict) -> int:
     """Return the floating-point operations of a substep's connections; see the module's docstring."""
     model, each = simulation.model, TRAFFIC[row["method"]].evaluations
     more = FLOPS_COMPENSATED if model.compensated else 0
-    if row["route"] == "scatter":
+    if row["force_algorithm"] == "scatter":
         return each * model.connection_count * (FLOPS_AT_CONNECTION + more)
-    if row["route"] == "gather":
+    if row["force_algorithm"] == "gather":
         return each * slots(simulation) * (FLOPS_AT_END + more)
     return each * 2 * len(model.lattice.steps) * model.particle_count * (FLOPS_AT_END + more)
 
 
 def slots(simulation: Simulation) -> int:
     """Return how many slots the table of neighbours has, those that pad it included."""
-    return int(simulation.stepping.dynamics.world.forces.first.numpy()[-1])
+    return int(simulation.stepping.dynamics.scene.forces.first.numpy()[-1])
 
 
 @kernel

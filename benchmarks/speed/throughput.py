@@ -1,4 +1,4 @@
-"""How many connections a second, by which route? And how far is that from what the machine could do.
+"""How many connections a second, by which algorithm? And how far is that from what the machine could do.
 
     python -m benchmarks.speed.throughput [--device D] [--quick] [--plot-only]
 
@@ -6,9 +6,9 @@ Every body is simulated with 48 substeps a frame, gravity and one plane that not
 velocities (±0.5 m/s) and steps of 2 µs, so that every connection works and nothing moves much. A connection update
 is one connection's force, computed and added at both its ends: there are connections × substeps of them, times
 force evaluations a substep (4 in RK4 and in RKC2 with 4 stages). Two times are taken, each the median over rounds
-that go through all routes in turn: of the recorded frame replayed without reading back (µs per substep; saving
+that go through all algorithms in turn: of the recorded frame replayed without reading back (µs per substep; saving
 the state and looking it over, once in 48 substeps, are in it), and of `Simulation.step()`, which also reads back
-whether the frame was good. The route that "auto" takes is marked; it is one of the three and not timed twice.
+whether the frame was good. The algorithm that "auto" takes is marked; it is one of the three and not timed twice.
 
 What the machine could do, and how near to that a substep comes, is counted in `roofline`.
 """
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from msdwarp import RKC2, Plane, Simulation, System, box, sheet
-from msdwarp.engine.routes import ROUTES, choose_route
+from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS, choose_force_algorithm
 
 from ..common import METHODS, arguments, machine, read_csv, table, write_csv
 from .roofline import UNITS, measure_ceilings, shares
@@ -166,7 +166,7 @@ def bodies(device: str, quick: bool) -> list[Body]:
     return [*map(cube, cubes), *map(cloth, cloths), *scenes(), *irregular(False), *largest]
 
 
-def simulation(system: System, route: str, method: str, precision: str, device: str) -> Simulation:
+def simulation(system: System, force_algorithm: str, method: str, precision: str, device: str) -> Simulation:
     """Return a simulation with very short steps and a plane far below."""
     return Simulation(
         system,
@@ -178,7 +178,7 @@ def simulation(system: System, route: str, method: str, precision: str, device: 
         energy_limit=math.inf,
         device=device,
         precision=precision,
-        route=route,
+        force_algorithm=force_algorithm,
     )
 
 
@@ -188,13 +188,13 @@ def moving(system: System) -> System:
     return system.with_velocity(random.uniform(-0.5, 0.5, system.position.shape))
 
 
-def compile_kernels(body: Body, route: str, method: str, precision: str, device: str) -> str:
+def compile_kernels(body: Body, force_algorithm: str, method: str, precision: str, device: str) -> str:
     """Take a frame, for the kernels that this leaves in Warp's cache; return what went wrong, if anything."""
     wp.config.log_level = wp.LOG_ERROR
     try:
-        simulation(body.build(), route, method, precision, device).step()
+        simulation(body.build(), force_algorithm, method, precision, device).step()
     except Exception as error:  # the other kernels are still wanted
-        return f"{body.name}, {route}, {method}, {precision}: {type(error).__name__}: {str(error)[:200]}"
+        return f"{body.name}, {force_algorithm}, {method}, {precision}: {type(error).__name__}: {str(error)[:200]}"
     return ""
 
 
@@ -205,12 +205,12 @@ def compile_ahead(device: str) -> None:
     size; large lattices have kernels for columns of particles, and each kind of lattice its own stencil.
     """
     start = time.perf_counter()
-    pairs = [(cube(10), route) for route in ROUTES]
+    pairs = [(cube(10), force_algorithm) for force_algorithm in FORCE_ALGORITHMS]
     if device != "cpu":
-        pairs += [*((cube(32), route) for route in ROUTES), (cloth(400), "stencil")]
-    jobs = [(body, route, *kind, device) for kind in PRODUCT for body, route in pairs]
+        pairs += [*((cube(32), force_algorithm) for force_algorithm in FORCE_ALGORITHMS), (cloth(400), "stencil")]
+    jobs = [(body, force_algorithm, *kind, device) for kind in PRODUCT for body, force_algorithm in pairs]
     small = [cube(3), cube(6), cloth(32), cloth(160), *scenes()]
-    jobs += [(body, route, *PLAIN, device) for body in small for route in ROUTES]
+    jobs += [(body, force_algorithm, *PLAIN, device) for body in small for force_algorithm in FORCE_ALGORITHMS]
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     workers = min(16, cores or 1)
     try:
@@ -226,8 +226,8 @@ def compile_ahead(device: str) -> None:
 class Contestant:
     """A simulation that is timed in turn with others."""
 
-    def __init__(self, system: System, route: str, kind: tuple[str, str], device: str) -> None:
-        self.simulation, self.device = simulation(system, route, *kind, device), device
+    def __init__(self, system: System, force_algorithm: str, kind: tuple[str, str], device: str) -> None:
+        self.simulation, self.device = simulation(system, force_algorithm, *kind, device), device
         self.simulation.step(2)  # compiles, and records the frame
         self.replayed: list[float] = []
         self.stepped: list[float] = []
@@ -254,26 +254,30 @@ class Contestant:
 
 
 def measure_body(body: Body, device: str, ceilings: dict[str, float], rounds: int) -> list[dict]:
-    """Return a row for every route, method and precision of a body."""
+    """Return a row for every algorithm, method and precision of a body."""
     system = moving(body.build())
-    automatic = choose_route(system, "auto", on_gpu=device != "cpu")[0]
+    automatic = choose_force_algorithm(system, "auto", on_gpu=device != "cpu")[0]
     rows = []
     for kind in body.kinds:
         running = {}
-        for route in ROUTES:
+        for force_algorithm in FORCE_ALGORITHMS:
             try:
-                running[route] = Contestant(system, route, kind, device)
+                running[force_algorithm] = Contestant(system, force_algorithm, kind, device)
             except ValueError as error:  # no lattice, so no stencil
                 if "stencil" not in str(error):
-                    print_failure(body, route, kind)
+                    print_failure(body, force_algorithm, kind)
             except Exception:
-                print_failure(body, route, kind)
+                print_failure(body, force_algorithm, kind)
         for _ in range(rounds):
             for contestant in running.values():
                 contestant.take_round()
-        for route, contestant in running.items():
+        for force_algorithm, contestant in running.items():
             row = {"body": body.name, "family": body.family, "particles": system.particle_count}
-            row |= {"connections": system.connection_count, "route": route, "automatic": int(route == automatic)}
+            row |= {
+                "connections": system.connection_count,
+                "force_algorithm": force_algorithm,
+                "automatic": int(force_algorithm == automatic),
+            }
             row |= dict(zip(("method", "precision"), kind, strict=True))
             rows.append(row | results(contestant, row, ceilings))
         running.clear()
@@ -282,9 +286,9 @@ def measure_body(body: Body, device: str, ceilings: dict[str, float], rounds: in
     return rows
 
 
-def print_failure(body: Body, route: str, kind: tuple[str, str]) -> None:
+def print_failure(body: Body, force_algorithm: str, kind: tuple[str, str]) -> None:
     """Say what failed; the others go on."""
-    print(f"failed: {body.name}, {route}, {', '.join(kind)}")
+    print(f"failed: {body.name}, {force_algorithm}, {', '.join(kind)}")
     traceback.print_exc(limit=-3)
 
 
@@ -332,32 +336,40 @@ def show(rows: list[dict], ceilings: list[dict]) -> None:
     table("What the machine can do", ["ceiling", "unit", "value"], lines)
     columns = ("us_per_substep", "us_per_substep_by_step", "spread", "updates_per_second")
     columns += ("share_of_bandwidth", "share_of_arithmetic")
-    head = ["body", "route", "particles", "µs/substep", "by step()", "spread", "G updates/s"]
+    head = ["body", "force_algorithm", "particles", "µs/substep", "by step()", "spread", "G updates/s"]
     head += ["of bandwidth", "of arithmetic"]
     plain = [r for r in rows if (r["method"], r["precision"]) == PLAIN]
     printed = [[r["body"], starred(r), r["particles"], *(r[c] for c in columns)] for r in plain]
     for line in printed:
         line[6] /= 1e9
     table("Symplectic Euler, float32; * is what auto takes; shares are those of floors", head, printed)
-    head = ["body", "method, precision", *(f"{route} [µs/substep]" for route in ROUTES), "G updates/s, auto"]
+    head = [
+        "body",
+        "method, precision",
+        *(f"{force_algorithm} [µs/substep]" for force_algorithm in FORCE_ALGORITHMS),
+        "G updates/s, auto",
+    ]
     table("Methods and precisions", head, product_lines(rows))
 
 
 def starred(row: dict) -> str:
-    """Return a row's route, with a star if it is what "auto" takes."""
-    return row["route"] + (" *" if row["automatic"] else "")
+    """Return a row's algorithm, with a star if it is what "auto" takes."""
+    return row["force_algorithm"] + (" *" if row["automatic"] else "")
 
 
 def product_lines(rows: list[dict]) -> list[list]:
     """Return the lines of the table of methods and precisions."""
     found: dict[tuple, dict] = {}
     for row in rows:
-        found.setdefault((row["body"], row["method"], row["precision"]), {})[row["route"]] = row
+        found.setdefault((row["body"], row["method"], row["precision"]), {})[row["force_algorithm"]] = row
     several = {body for body, method, precision in found if (method, precision) != PLAIN}
     lines = []
     for (body, method, precision), mine in found.items():
         if body in several:
-            times = [mine[route]["us_per_substep"] if route in mine else "–" for route in ROUTES]
+            times = [
+                mine[force_algorithm]["us_per_substep"] if force_algorithm in mine else "–"
+                for force_algorithm in FORCE_ALGORITHMS
+            ]
             automatic = [r["updates_per_second"] / 1e9 for r in mine.values() if r["automatic"]]
             lines.append([body, f"{method}, {precision}", *times, *(automatic or ["–"])])
     return lines

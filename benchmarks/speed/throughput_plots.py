@@ -6,7 +6,7 @@ from pathlib import Path
 from ..common import pyplot, read_csv, save
 
 COLOURS = {"scatter": "#c8352b", "gather": "#e69f00", "stencil": "#0072b2"}
-ROUTES = (
+FORCE_ALGORITHMS = (
     "Stencil: neighbours of a lattice found by counting; gather: from a table; scatter: forces added by atomics."
 )
 PANELS = {"lattice": "Blocks: n × n × n particles, 26 neighbours", "cloth": "Cloth: n × n particles, 8 neighbours"}
@@ -33,16 +33,18 @@ def draw(rows: list[dict], ceilings: list[dict], machine: str, folder: Path) -> 
 
 
 def curves(axis, rows: list[dict], family: str, value: str) -> list[tuple]:
-    """Plot a line for each route; return (x, y, text, colour) of their ends."""
+    """Plot a line for each algorithm; return (x, y, text, colour) of their ends."""
     ends = []
-    for route, colour in COLOURS.items():
-        mine = sorted((r for r in rows if r["family"] == family and r["route"] == route), key=_particles)
+    for force_algorithm, colour in COLOURS.items():
+        mine = sorted(
+            (r for r in rows if r["family"] == family and r["force_algorithm"] == force_algorithm), key=_particles
+        )
         if mine:
             xs, ys = [_particles(r) for r in mine], [r[value] for r in mine]
             axis.loglog(xs, ys, "-", color=colour)
             for r, x, y in zip(mine, xs, ys, strict=True):
                 axis.plot(x, y, "o" if r["one_launch"] else "s", color=colour, markerfacecolor=_fill(r, colour))
-            ends.append((xs[-1], ys[-1], route, colour))
+            ends.append((xs[-1], ys[-1], force_algorithm, colour))
     return ends
 
 
@@ -51,7 +53,7 @@ def _particles(row: dict) -> float:
 
 
 def _fill(row: dict, colour: str) -> str:
-    """Return what a marker is filled with: its colour if "auto" takes this route."""
+    """Return what a marker is filled with: its colour if "auto" takes this algorithm."""
     return colour if row["automatic"] else "white"
 
 
@@ -96,9 +98,9 @@ def throughput(rows: list[dict], peers: list[dict], on: str, name: str) -> None:
             label_ends(axis, found, 25 if any("\n" in text for _, _, text, _ in found) else 6)
     figure.suptitle(_fastest(rows, on), x=0.01, ha="left", fontsize=12)
     notes = [
-        f"Symplectic Euler in float32. {ROUTES}",
-        "Filled markers: the route taken by itself; circles: all substeps of a frame in one launch; squares: more"
-        " launches.",
+        f"Symplectic Euler in float32. {FORCE_ALGORITHMS}",
+        "Filled markers: the algorithm taken by itself; circles: all substeps of a frame in one launch; squares: "
+        "more launches.",
         "Dotted: what moving a route's data from and to memory allows at the speed of a copy, if neighbours come"
         " from a cache. Small bodies stay in the caches.",
     ]
@@ -112,14 +114,17 @@ def _floors(axis, rows: list[dict], family: str) -> None:
     What scattering moves at least says little: it waits for its atomics.
     """
     left = min((_particles(r) for r in rows if r["family"] == family), default=1)
-    for route in ("gather", "stencil"):
-        mine, colour = [r for r in rows if r["family"] == family and r["route"] == route], COLOURS[route]
+    for force_algorithm in ("gather", "stencil"):
+        mine, colour = (
+            [r for r in rows if r["family"] == family and r["force_algorithm"] == force_algorithm],
+            COLOURS[force_algorithm],
+        )
         if mine:
             largest = max(mine, key=_particles)
             bound = largest["connections_per_second"] / largest["share_of_bandwidth"]
             axis.axhline(bound, linestyle=":", linewidth=1.2, color=colour)
             label = {"color": colour, "fontsize": 8, "va": "bottom"}
-            axis.text(left, bound * 1.03, f"{route}: memory at the speed of a copy", **label)
+            axis.text(left, bound * 1.03, f"{force_algorithm}: memory at the speed of a copy", **label)
 
 
 def _peer_points(axis, peers: list[dict]) -> list[tuple]:
@@ -136,13 +141,13 @@ def _peer_points(axis, peers: list[dict]) -> list[tuple]:
 
 
 def _fastest(rows: list[dict], on: str) -> str:
-    """Say how many updates each route reaches in blocks, the fastest first."""
+    """Say how many updates each algorithm reaches in blocks, the fastest first."""
     best = {}
     for r in rows:
         if r["family"] == "lattice":
-            best[r["route"]] = max(best.get(r["route"], 0.0), r["connections_per_second"])
+            best[r["force_algorithm"]] = max(best.get(r["force_algorithm"], 0.0), r["connections_per_second"])
     ranked = sorted(best.items(), key=lambda item: -item[1])
-    said = ", ".join(f"{_count(rate)} by {route}" for route, rate in ranked)
+    said = ", ".join(f"{_count(rate)} by {force_algorithm}" for force_algorithm, rate in ranked)
     return f"Connections of a block updated per second, at best: {said} ({on})"
 
 
@@ -174,8 +179,8 @@ def cost(rows: list[dict], floor: float, on: str, name: str) -> None:
             )
     figure.suptitle(_flat(rows, on), x=0.01, ha="left", fontsize=12)
     note = (
-        f"Symplectic Euler in float32. {ROUTES}\nFilled markers: the route taken by itself. Circles: all 48"
-        " substeps of a frame in one launch; squares: a launch for each substep, two if scattered."
+        f"Symplectic Euler in float32. {FORCE_ALGORITHMS}\nFilled markers: the algorithm taken by itself. "
+        "Circles: all 48 substeps of a frame in one launch; squares: a launch for each substep, two if scattered."
     )
     figure.supxlabel(note, x=0.01, ha="left", fontsize=8.5, color=GREY)
     save(figure, name)

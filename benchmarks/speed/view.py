@@ -180,7 +180,7 @@ def of_simulation(device: str, seconds: float, rounds: int) -> dict[str, float]:
     found: dict[str, list[float]] = {"no view": [], "a page that nobody opened": [], "a client": []}
     for _ in range(rounds):
         for way, rates in found.items():
-            simulation = Simulation.of(scene, device=device)
+            simulation = Simulation.from_scene(scene, device=device)
             simulation.step(20)
             if way == "no view":
                 start = simulation.frame_index

@@ -7,8 +7,8 @@ scene is composed of: so each world moves as it would alone, to the last bit.
 
 from .by_world import EACH, SHARED, UNIFORM, Differences, by_world
 from .means import ENERGY_COLUMNS, Weighed, mean_over_group, moving, sum_energies, sum_lanes
-from .on_chip import MOST_BYTES, on_chip_worlds
 from .rates import add_blocks_of_worlds, raise_bounds_of_worlds
+from .shared_memory import MOST_BYTES, on_chip_worlds
 from .stages import each_connection_of_worlds, each_particle_of_worlds, persistent_worlds
 from .watch import ENERGY, NOT_FINITE, RUNNING, judge, look_over_worlds, next_frame, put_back
 

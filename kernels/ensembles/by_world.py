@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
-from ..integrators import Composition, world
+from ..integrators import Composition, scene
 from ..places import arrays_of, shifts
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
@@ -21,7 +21,8 @@ class Differences(NamedTuple):
     friction: bool = False
     """That of obstacles."""
     storage: str = ""
-    """Where the route has its constants: "one", "table", "own", "lattice" or "lattices"; see `place_constants`."""
+    """Where the algorithm has its constants: "one", "table", "own", "lattice" or "lattices"; see
+    `place_constants`."""
     rest_length: str = SHARED
     stiffness: str = SHARED
     damping: str = SHARED
@@ -44,7 +45,7 @@ class Tools(NamedTuple):
 @functools.cache
 def by_world(composition: Composition, differs: Differences) -> Tools:
     """Compose what differs between worlds, and how a thread finds it."""
-    World, scalar = world(composition), composition.scalar
+    SceneData, scalar = scene(composition), composition.scalar
     V, Three = vector(composition.dim, scalar), vector(3, scalar)
     numbers = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}
     if differs.gravity:
@@ -60,27 +61,27 @@ def by_world(composition: Composition, differs: Differences) -> Tools:
     elif differs.storage:
         for name in ("rest_length", "stiffness", "damping"):
             numbers |= _fields_of(composition, differs, name)
-    touched = "touched" in World.vars
-    if touched:
+    body_contact = "body_contact" in SceneData.vars
+    if body_contact:
         numbers["unit"] = wp.array(dtype=wp.float64)  # of the forces of contacts [N], shape [world_count]
-        numbers["touched"] = wp.int64  # bytes from one world's forces on vertices to the next one's
+        numbers["body_contact"] = wp.int64  # bytes from one world's forces on vertices to the next one's
     names = {"__module__": __name__, "__qualname__": "by_world.<locals>.ByWorld"}
     ByWorld = wp.struct(type("ByWorld", (), {"__annotations__": numbers} | names))
 
-    place_constants = _constants(composition, differs, World, ByWorld) if differs.storage else None
-    scattered = "f" in composition.route.Forces.vars
+    place_constants = _constants(composition, differs, SceneData, ByWorld) if differs.storage else None
+    scattered = "f" in composition.force_algorithm.Forces.vars
     gravity, mass, friction = differs.gravity, differs.mass, differs.friction
-    sums = shifts(World, ("forces.f",)) if scattered else None
-    contacts = shifts(World, ("touched.force",)) if touched else None
+    sums = shifts(SceneData, ("forces.f",)) if scattered else None
+    contacts = shifts(SceneData, ("body_contact.force",)) if body_contact else None
 
     @wp.func
-    def take(surroundings: World, by: ByWorld, w: int) -> World:
+    def take(surroundings: SceneData, by: ByWorld, w: int) -> SceneData:
         own = surroundings
         if wp.static(scattered):
             sums(own, wp.int64(w) * by.stride)
-        if wp.static(touched):
-            contacts(own, wp.int64(w) * by.touched)
-            own.touched.unit = by.unit[w]
+        if wp.static(body_contact):
+            contacts(own, wp.int64(w) * by.body_contact)
+            own.body_contact.unit = by.unit[w]
         if wp.static(gravity):
             own.gravity = by.gravity[w % by.gravity.shape[0]]
         if wp.static(mass):
@@ -104,15 +105,17 @@ def _fields_of(composition: Composition, differs: Differences, name: str) -> dic
     if differs.storage == "own":
         return {name: wp.array2d(dtype=scalar)}  # shape [rows, connection_count or slot_count]
     if differs.storage == "lattice":
-        return {name: wp.array(dtype=composition.route.Forces.vars[name].type)}  # by direction, shape [rows]
+        return {
+            name: wp.array(dtype=composition.force_algorithm.Forces.vars[name].type)
+        }  # by direction, shape [rows]
     return {name: wp.array3d(dtype=scalar)}  # shape [rows, kind_count, direction_count]
 
 
-def _constants(composition: Composition, differs: Differences, World: Any, ByWorld: Any) -> Any:
-    """Compose how the constants of connections of world w come to where the route looks for them.
+def _constants(composition: Composition, differs: Differences, SceneData: Any, ByWorld: Any) -> Any:
+    """Compose how the constants of connections of world w come to where the algorithm looks for them.
 
     Storage "one" and "table" are those of `forces.constants`, a table for each world; "own" has arrays for each
-    world. In a "lattice" the constants by direction are in the struct of the route itself; what is the same in
+    world. In a "lattice" the constants by direction are in the struct of the algorithm itself; what is the same in
     all directions of a world is one number, which stays in a register. "lattices" have a table by kind and
     direction.
     """
@@ -120,7 +123,7 @@ def _constants(composition: Composition, differs: Differences, World: Any, ByWor
     if storage == "one":
 
         @wp.func
-        def place_one(own: World, by: ByWorld, w: int) -> World:
+        def place_one(own: SceneData, by: ByWorld, w: int) -> SceneData:
             own.forces.constants.all = by.constants[w % by.constants.shape[0]]
             return own
 
@@ -128,7 +131,7 @@ def _constants(composition: Composition, differs: Differences, World: Any, ByWor
     if storage == "table":
 
         @wp.func
-        def place_table(own: World, by: ByWorld, w: int) -> World:
+        def place_table(own: SceneData, by: ByWorld, w: int) -> SceneData:
             own.forces.constants.table = by.constants[w % by.constants.shape[0]]
             return own
 
@@ -136,7 +139,7 @@ def _constants(composition: Composition, differs: Differences, World: Any, ByWor
     if storage == "own":
 
         @wp.func
-        def place_own(own: World, by: ByWorld, w: int) -> World:
+        def place_own(own: SceneData, by: ByWorld, w: int) -> SceneData:
             if wp.static(lengths != SHARED):
                 own.forces.constants.rest_length = by.rest_length[w % by.rest_length.shape[0]]
             if wp.static(stiffnesses != SHARED):
@@ -146,10 +149,10 @@ def _constants(composition: Composition, differs: Differences, World: Any, ByWor
             return own
 
         return place_own
-    Each = composition.route.Forces.vars["stiffness"].type if storage == "lattice" else None
+    Each = composition.force_algorithm.Forces.vars["stiffness"].type if storage == "lattice" else None
 
     @wp.func
-    def place_by_direction(own: World, by: ByWorld, w: int) -> World:
+    def place_by_direction(own: SceneData, by: ByWorld, w: int) -> SceneData:
         if wp.static(lengths == UNIFORM):
             own.forces.rest_length = Each(by.rest_length[w % by.rest_length.shape[0]])
         elif wp.static(lengths == EACH):

@@ -75,7 +75,7 @@ def sum_energies(dim: int, scalar: type, compensated: bool):
     Pinned particles have none.
     """
     V = vector(dim, scalar)
-    apart = difference(dim, scalar, compensated)
+    separation = difference(dim, scalar, compensated)
 
     @kernel
     def energies_of_each(
@@ -115,7 +115,7 @@ def sum_energies(dim: int, scalar: type, compensated: bool):
             i += shares.shape[1]
         c = lane
         while c < connections.shape[0]:
-            length = wp.length(apart(x, x_lost, start + connections[c][0], start + connections[c][1]))
+            length = wp.length(separation(x, x_lost, start + connections[c][0], start + connections[c][1]))
             stretch = length - wp.float64(rest_length[w % rest_length.shape[0], c])
             elastic += half * wp.float64(stiffness[w % stiffness.shape[0], c]) * stretch * stretch
             c += shares.shape[1]

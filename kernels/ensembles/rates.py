@@ -5,8 +5,8 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..forces.linearised import connection_blocks
 from ..reductions.stability import largest_eigenvalue
+from ..springs.linearised import connection_blocks
 
 
 @functools.cache

@@ -25,40 +25,40 @@ def wait():
 @functools.cache
 def each_particle_of_worlds(composition: Composition, differs: Differences, method: Any):
     """Compose the kernel, over worlds and particles, of one stage of a method."""
-    V, World, *_ = tools(composition)
-    (Step, advance, forced), route = method(composition), composition.route
+    V, SceneData, *_ = tools(composition)
+    (Step, advance, forced), force_algorithm = method(composition), composition.force_algorithm
     (ByWorld, take), shift = by_world(composition, differs), to_world(Step, composition.compensated)
-    force_at, load, marked = route.force_at, loads(composition), bool(composition.selective)
+    force_at, load, masked_particles = force_algorithm.force_at, loads(composition), bool(composition.selective)
 
-    def advance_particles(world: World, by: ByWorld, step: Step):
+    def advance_particles(scene: SceneData, by: ByWorld, step: Step):
         w, i = wp.tid()
-        own = take(world, by, w)
+        own = take(scene, by, w)
         shift(step, wp.int64(w) * by.stride)
         force = V()
         if wp.static(forced):
-            force = force_at(own.forces, step.lost, step.x, step.v, i)
+            force = force_at(own.forces, step.compensation, step.x, step.v, i)
         if wp.static(forced and load is not None):
-            mark = wp.uint8(0)
-            if wp.static(marked):
-                mark = own.marks[i]
-            force += load(own, step.lost, step.x, step.v, i, mark)
+            mask = wp.uint8(0)
+            if wp.static(masked_particles):
+                mask = own.effect_mask[i]
+            force += load(own, step.compensation, step.x, step.v, i, mask)
         advance(own, step, force, i)
 
-    return kernel(advance_particles, launch_bounds=route.bounds, grid_stride=route.grid_stride)
+    return kernel(advance_particles, launch_bounds=force_algorithm.bounds, grid_stride=force_algorithm.grid_stride)
 
 
 @functools.cache
 def each_connection_of_worlds(composition: Composition, differs: Differences, method: Any):
     """Compose the kernel, over worlds and connections, that evaluates the scattered forces of a stage."""
-    _, World, *_ = tools(composition)
-    Step, evaluate = method(composition).Step, composition.route.evaluate
+    _, SceneData, *_ = tools(composition)
+    Step, evaluate = method(composition).Step, composition.force_algorithm.evaluate
     (ByWorld, take), shift = by_world(composition, differs), to_world(Step, composition.compensated)
 
-    def evaluate_forces(world: World, by: ByWorld, step: Step):
+    def evaluate_forces(scene: SceneData, by: ByWorld, step: Step):
         w, c = wp.tid()
-        own = take(world, by, w)
+        own = take(scene, by, w)
         shift(step, wp.int64(w) * by.stride)
-        evaluate(own.forces, step.lost, step.x, step.v, c)
+        evaluate(own.forces, step.compensation, step.x, step.v, c)
 
     return kernel(evaluate_forces, grid_stride=False)
 
@@ -79,14 +79,14 @@ def persistent_worlds(composition: Composition, differs: Differences, method: An
     together
         Threads that a multiprocessor shall hold at a time: it limits registers.
     """
-    _, World, *_ = tools(composition)
+    _, SceneData, *_ = tools(composition)
     Step, advance, _ = method(composition)
     (ByWorld, take), shift = by_world(composition, differs), to_world(Step, composition.compensated)
-    evaluate, force_at = composition.route.evaluate, composition.route.force_at
-    load, marked = loads(composition), bool(composition.selective)
+    evaluate, force_at = composition.force_algorithm.evaluate, composition.force_algorithm.force_at
+    load, masked_particles = loads(composition), bool(composition.selective)
 
     def take_steps(
-        world: World,
+        scene: SceneData,
         by: ByWorld,
         steps: wp.array(dtype=Step),
         count: int,
@@ -97,26 +97,26 @@ def persistent_worlds(composition: Composition, differs: Differences, method: An
         thread = tid % wp.static(threads)
         if by.frozen[w] != 0:
             return
-        own = take(world, by, w)
+        own = take(scene, by, w)
         for k in range(count):
             step = steps[k % steps.shape[0]]
             shift(step, wp.int64(w) * by.stride)
             if wp.static(evaluate is not None):
                 c = thread
                 while c < connection_count:
-                    evaluate(own.forces, step.lost, step.x, step.v, c)
+                    evaluate(own.forces, step.compensation, step.x, step.v, c)
                     c += wp.static(threads)
                 wait()
             i = thread
             while i < own.inverse_mass.shape[0]:
                 if wp.static(load is None):
-                    advance(own, step, force_at(own.forces, step.lost, step.x, step.v, i), i)
+                    advance(own, step, force_at(own.forces, step.compensation, step.x, step.v, i), i)
                 else:
-                    force = force_at(own.forces, step.lost, step.x, step.v, i)
-                    mark = wp.uint8(0)
-                    if wp.static(marked):
-                        mark = own.marks[i]
-                    advance(own, step, force + load(own, step.lost, step.x, step.v, i, mark), i)
+                    force = force_at(own.forces, step.compensation, step.x, step.v, i)
+                    mask = wp.uint8(0)
+                    if wp.static(masked_particles):
+                        mask = own.effect_mask[i]
+                    advance(own, step, force + load(own, step.compensation, step.x, step.v, i, mask), i)
                 i += wp.static(threads)
             wait()
 

@@ -1,17 +1,17 @@
 """Methods of integration: what their kernels are composed from, and their stages."""
 
-from .composition import Composition, Stage, Tools, beginning, loads, tools, world
+from .composition import Composition, Stage, Tools, beginning, loads, scene, tools
 from .conjugate_gradients import conjugate_gradients
+from .cpu_partition import ABORT, PartOfParticles, in_partition, wait_for_all
 from .euler import explicit_euler, extrapolated_leapfrog, kick, symplectic_euler
 from .implicit import block_inverses, implicit_finish, impulse, mass_product
 from .persistent import MOST_THREADS, persistent
 from .runge_kutta import chebyshev, rk4
-from .shared import GIVEN_UP, Share, in_shares, wait_for_all
 from .stages import (
     begin_each_connection,
     each_column,
     each_connection,
-    each_marked,
+    each_masked,
     each_particle,
     finish,
     force_on_each,
@@ -19,10 +19,10 @@ from .stages import (
 )
 
 __all__ = [
-    "GIVEN_UP",
+    "ABORT",
     "MOST_THREADS",
     "Composition",
-    "Share",
+    "PartOfParticles",
     "Stage",
     "Tools",
     "begin_each_connection",
@@ -32,7 +32,7 @@ __all__ = [
     "conjugate_gradients",
     "each_column",
     "each_connection",
-    "each_marked",
+    "each_masked",
     "each_particle",
     "explicit_euler",
     "extrapolated_leapfrog",
@@ -40,15 +40,15 @@ __all__ = [
     "force_on_each",
     "implicit_finish",
     "impulse",
-    "in_shares",
+    "in_partition",
     "kick",
     "loads",
     "mass_product",
     "particle_acceleration",
     "persistent",
     "rk4",
+    "scene",
     "symplectic_euler",
     "tools",
     "wait_for_all",
-    "world",
 ]

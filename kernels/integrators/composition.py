@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensation
-from ..contact import NO_CONTACT, Contact
-from ..effect import Driving, Piece
-from ..forces import Route, lane_of
+from ..colliders import NO_COLLIDERS, ColliderTerm
+from ..compensation import compensated_sum
+from ..effect import Driving, ForceTerm
 from ..loads import measured
 from ..records import records
+from ..springs import ForceAlgorithm, lane_of
 
 
 class Composition(NamedTuple):
@@ -22,26 +22,26 @@ class Composition(NamedTuple):
     """Number of coordinates."""
     scalar: type
     """Warp's type of numbers."""
-    route: Route
+    force_algorithm: ForceAlgorithm
     """How a particle gets the force of its connections."""
     compensated: bool = False
     """Whether sums keep what rounding takes away."""
     pinned: bool = False
     """Whether any particle is pinned."""
-    contact: Contact = NO_CONTACT
+    collider_term: ColliderTerm = NO_COLLIDERS
     """What keeps particles out of obstacles."""
-    pieces: tuple[Piece, ...] = ()
+    pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
-    apart: bool = False
+    second_pass: bool = False
     """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
 
     @property
-    def Lost(self) -> Any:
+    def Compensation(self) -> Any:
         """Struct type of what sums have lost by rounding."""
-        return compensation(self.dim, self.scalar, self.compensated)[0]
+        return compensated_sum(self.dim, self.scalar, self.compensated)[0]
 
     @property
-    def selective(self) -> list[Piece]:
+    def selective(self) -> list[ForceTerm]:
         """The effects whose forces act on some particles only; the k-th has bit k of a particle's marks."""
         return [piece for piece in self.pieces if piece.selective]
 
@@ -55,7 +55,7 @@ class Stage(NamedTuple):
     """A method as seen from one particle."""
 
     Step: Any
-    """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `lost`."""
+    """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
     advance: Any
     """wp.func (world, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
@@ -63,10 +63,10 @@ class Stage(NamedTuple):
 
 
 @functools.cache
-def world(composition: Composition):
+def scene(composition: Composition):
     """Compose the struct of what acts on particles: the same in every stage of every method.
 
-    forces: what the route reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
+    forces: what the algorithm reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
     colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
     where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
     marked: the numbers of those that have any; handed: the forces of connections on these [N], as `Model.vectors`
@@ -74,22 +74,22 @@ def world(composition: Composition):
     end [s].
     """
     fields = {
-        "forces": composition.route.Forces,
+        "forces": composition.force_algorithm.Forces,
         "inverse_mass": wp.array(dtype=composition.scalar),
         "gravity": vector(composition.dim, composition.scalar),
-        "colliders": composition.contact.Colliders,
+        "colliders": composition.collider_term.Colliders,
     }
     fields |= {piece.field: piece.Data for piece in composition.pieces}
     if composition.selective:
-        fields["marks"] = wp.array(dtype=wp.uint8)
-    if composition.apart:
-        fields["marked"] = wp.array(dtype=int)
-        fields["handed"] = wp.array(dtype=vector(composition.dim, composition.scalar))
+        fields["effect_mask"] = wp.array(dtype=wp.uint8)
+    if composition.second_pass:
+        fields["masked_particles"] = wp.array(dtype=int)
+        fields["spring_force"] = wp.array(dtype=vector(composition.dim, composition.scalar))
     if composition.timed:
         fields["stage"] = int
         fields["time"] = wp.array(dtype=composition.scalar)
     names = {"__module__": __name__, "__qualname__": "world.<locals>.World"}
-    return wp.struct(type("World", (), {"__annotations__": fields} | names))
+    return wp.struct(type("SceneData", (), {"__annotations__": fields} | names))
 
 
 class Tools(NamedTuple):
@@ -97,16 +97,16 @@ class Tools(NamedTuple):
 
     V: Any
     """Vector of the scene's coordinates."""
-    World: Any
+    SceneData: Any
     """Struct type of what acts on particles."""
-    Lost: Any
+    Compensation: Any
     """Struct type of what sums have lost by rounding."""
     load: Any
     """wp.func (x, i) -> x[i]."""
     store: Any
     """wp.func (x, i, value): x[i] = value."""
     add: Any
-    """wp.func (total, change, lost, lost_out, i) -> the next sum (see `compensation`)."""
+    """wp.func (total, change, lost, lost_out, i) -> the next sum (see `compensated_sum`)."""
 
 
 @functools.cache
@@ -114,52 +114,66 @@ def tools(composition: Composition) -> Tools:
     """Return the types and functions that the methods of a scene are written with."""
     dim, scalar = composition.dim, composition.scalar
     load, store, _ = records(dim, scalar)
-    Lost, add = compensation(dim, scalar, composition.compensated)
-    return Tools(vector(dim, scalar), world(composition), Lost, load, store, add)
+    Compensation, add = compensated_sum(dim, scalar, composition.compensated)
+    return Tools(vector(dim, scalar), scene(composition), Compensation, load, store, add)
 
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
     """Compose what effects do to connection c when a substep begins, (world, lost, x, c); None if nothing."""
-    World, Lost, V = world(composition), composition.Lost, vector(composition.dim, composition.scalar)
+    SceneData, Compensation, V = (
+        scene(composition),
+        composition.Compensation,
+        vector(composition.dim, composition.scalar),
+    )
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
-        def begin(world: World, lost: Lost, x: wp.array(dtype=V), c: int):
-            first(world, lost, x, c)
-            second(world, lost, x, c)
+        def begin(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+            first(scene, compensation, x, c)
+            second(scene, compensation, x, c)
 
         return begin
 
-    return _joined(both, [piece.begin(World) for piece in composition.pieces if piece.begin is not None])
+    return _joined(both, [piece.begin(SceneData) for piece in composition.pieces if piece.begin is not None])
 
 
 @functools.cache
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on a particle [N], (world, lost, x, v, i, mark); None if there are none.
 
-    `mark` says which selective effects act on the particle, as `world.marks` does.
+    `mask` says which selective effects act on the particle, as `scene.effect_mask` does.
     """
-    V, World, Lost, *_ = tools(composition)
+    V, SceneData, Compensation, *_ = tools(composition)
     selective = composition.selective
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
         def load(
-            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+            scene: SceneData,
+            compensation: Compensation,
+            x: wp.array(dtype=V),
+            v: wp.array(dtype=V),
+            i: int,
+            mask: wp.uint8,
         ) -> V:
-            return first(world, lost, x, v, i, mark) + second(world, lost, x, v, i, mark)
+            return first(scene, compensation, x, v, i, mask) + second(scene, compensation, x, v, i, mask)
 
         return load
 
     def guarded(force: Any, bits: int) -> Any:
         @wp.func
         def load_where_marked(
-            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+            scene: SceneData,
+            compensation: Compensation,
+            x: wp.array(dtype=V),
+            v: wp.array(dtype=V),
+            i: int,
+            mask: wp.uint8,
         ) -> V:
             total = V()
-            if (mark & wp.uint8(wp.static(bits))) != wp.uint8(0):
-                total = force(world, lost, x, v, i)
+            if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
+                total = force(scene, compensation, x, v, i)
             return total
 
         return load_where_marked
@@ -167,22 +181,31 @@ def loads(composition: Composition) -> Any:
     def unguarded(force: Any) -> Any:
         @wp.func
         def load_on_all(
-            world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+            scene: SceneData,
+            compensation: Compensation,
+            x: wp.array(dtype=V),
+            v: wp.array(dtype=V),
+            i: int,
+            mask: wp.uint8,
         ) -> V:
-            return force(world, lost, x, v, i)
+            return force(scene, compensation, x, v, i)
 
         return load_on_all
 
-    silent, working, marks = [], [], 0
+    silent, working, effect_mask = [], [], 0
     for piece in composition.pieces:
         if piece.force is None:
             continue
         bits = 1 << selective.index(piece) if piece.selective else 0
-        force = guarded(piece.force(World), bits) if bits else unguarded(piece.force(World))
+        force = guarded(piece.force(SceneData), bits) if bits else unguarded(piece.force(SceneData))
         (working if piece.works else silent).append(force)
-        marks |= bits if piece.works else 0
+        effect_mask |= bits if piece.works else 0
     if working:
-        silent.append(measured(composition.dim, composition.scalar, World, _joined(both, working), Lost, marks))
+        silent.append(
+            measured(
+                composition.dim, composition.scalar, SceneData, _joined(both, working), Compensation, effect_mask
+            )
+        )
     return _joined(both, silent)
 
 
@@ -192,24 +215,29 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
     Only the first of them does what they do. Where a particle has one thread they are the functions themselves.
     """
-    V, World, Lost, *_ = tools(composition)
+    V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)
-    if composition.route.lanes == 1:
+    if composition.force_algorithm.lanes == 1:
         return advance, load
-    lane = lane_of(composition.route.lanes)
+    lane = lane_of(composition.force_algorithm.lanes)
 
     @wp.func
-    def advance_once(world: World, step: Step, force: V, i: int):
+    def advance_once(scene: SceneData, step: Step, force: V, i: int):
         if lane() == 0:
-            advance(world, step, force, i)
+            advance(scene, step, force, i)
 
     @wp.func
     def load_once(
-        world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+        scene: SceneData,
+        compensation: Compensation,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        i: int,
+        mask: wp.uint8,
     ) -> V:
         total = V()
         if lane() == 0:
-            total = load(world, lost, x, v, i, mark)
+            total = load(scene, compensation, x, v, i, mask)
         return total
 
     return advance_once, None if load is None else load_once
@@ -218,8 +246,8 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 @functools.cache
 def driving(composition: Composition) -> Driving:
     """Compose what moves driven particles."""
-    World = world(composition)
-    return next((piece.drive(World) for piece in composition.pieces if piece.drive is not None), Driving())
+    SceneData = scene(composition)
+    return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:

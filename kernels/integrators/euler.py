@@ -21,29 +21,29 @@ def explicit_euler(composition: Composition) -> Stage:
 @functools.cache
 def _euler(composition: Composition, explicit: bool) -> Stage:
     scalar = composition.scalar
-    V, World, Lost, load, store, add = tools(composition)
+    V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
     at_end = driving(composition).at_end
 
     @wp.struct
     class EulerStep:
         h: scalar
-        lost: Lost
+        compensation: Compensation
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         x_out: wp.array(dtype=V)
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: EulerStep, force: V, i: int):
+    def advance(scene: SceneData, step: EulerStep, force: V, i: int):
         v_old = load(step.v, i)
-        v_new = add(v_old, step.h * acceleration(world, force, i), step.lost.v, step.lost.v, i)
+        v_new = add(v_old, step.h * acceleration(scene, force, i), step.compensation.v, step.compensation.v, i)
         dx = step.h * v_new
         if wp.static(explicit):
             dx = step.h * v_old
-        x_new, v_end = finish_substep(world.colliders, step.lost, load(step.x, i), v_old, dx, v_new, i)
+        x_new, v_end = finish_substep(scene.colliders, step.compensation, load(step.x, i), v_old, dx, v_new, i)
         if wp.static(at_end is not None):
-            x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
+            x_new, v_end = at_end(scene, step.compensation, x_new, v_end, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)
 
@@ -57,7 +57,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     `v` for the next substep is v_new + theta (v_new − v_old); after a contact there is no past to go by.
     """
     scalar = composition.scalar
-    V, World, Lost, load, store, add = tools(composition)
+    V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
     holds, *_, at_end = driving(composition)
 
@@ -65,7 +65,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     class ExtrapolatedLeapfrogStep:
         h: scalar
         theta: scalar
-        lost: Lost
+        compensation: Compensation
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         v_half: wp.array(dtype=V)
@@ -74,18 +74,18 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
         v_half_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ExtrapolatedLeapfrogStep, force: V, i: int):
+    def advance(scene: SceneData, step: ExtrapolatedLeapfrogStep, force: V, i: int):
         v_old = load(step.v_half, i)
-        dv = step.h * acceleration(world, force, i)
-        v_free = add(v_old, dv, step.lost.v, step.lost.v, i)
+        dv = step.h * acceleration(scene, force, i)
+        v_free = add(v_old, dv, step.compensation.v, step.compensation.v, i)
         x_old = load(step.x, i)
-        x_new, v_new = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_free, v_free, i)
+        x_new, v_new = finish_substep(scene.colliders, step.compensation, x_old, v_old, step.h * v_free, v_free, i)
         if wp.static(at_end is not None):
-            x_new, v_new = at_end(world, step.lost, x_new, v_new, i)
+            x_new, v_new = at_end(scene, step.compensation, x_new, v_new, i)
         ahead = step.theta * (v_new - v_old)
         if wp.length_sq(v_new - v_free) > scalar(0.0):
             if wp.static(at_end is not None):
-                if not holds(world, i):
+                if not holds(scene, i):
                     ahead = V()
             else:
                 ahead = V()
@@ -100,21 +100,21 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
 def kick(composition: Composition) -> Stage:
     """Compose v_out = v_half + h a(x, v): a velocity moved in time, positions held."""
     scalar = composition.scalar
-    V, World, Lost, load, store, _ = tools(composition)
+    V, SceneData, Compensation, load, store, _ = tools(composition)
     acceleration = particle_acceleration(composition)
 
     @wp.struct
     class Kick:
         h: scalar
-        lost: Lost
+        compensation: Compensation
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         v_half: wp.array(dtype=V)
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: Kick, force: V, i: int):
-        a = acceleration(world, force, i)
+    def advance(scene: SceneData, step: Kick, force: V, i: int):
+        a = acceleration(scene, force, i)
         store(step.v_out, i, load(step.v_half, i) + step.h * a)
 
     return Stage(Kick, advance)

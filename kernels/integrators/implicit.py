@@ -67,29 +67,29 @@ def impulse(composition: Composition) -> Stage:
     For a driven one it is h f, and `given` is by how much its velocity changes, to Δx / h; that of others is 0.
     """
     scalar = composition.scalar
-    V, World, Lost, load, store, _ = tools(composition)
+    V, SceneData, Compensation, load, store, _ = tools(composition)
     acceleration, (holds, _, way, *_) = particle_acceleration(composition), driving(composition)
 
     @wp.struct
     class Impulse:
         h: scalar
-        lost: Lost
+        compensation: Compensation
         x: wp.array(dtype=V)
         v: wp.array(dtype=V)
         out: wp.array(dtype=V)
         given: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: Impulse, force: V, i: int):
+    def advance(scene: SceneData, step: Impulse, force: V, i: int):
         p = V()
-        if world.inverse_mass[i] > scalar(0.0):
-            a = acceleration(world, force, i)
-            p = step.h * a / world.inverse_mass[i]
+        if scene.inverse_mass[i] > scalar(0.0):
+            a = acceleration(scene, force, i)
+            p = step.h * a / scene.inverse_mass[i]
         if wp.static(holds is not None):
             change = V()
-            if holds(world, i):
+            if holds(scene, i):
                 p = step.h * force
-                change = way(world, i, world.stage, world.stage + LAUNCHES) / step.h - load(step.v, i)
+                change = way(scene, i, scene.stage, scene.stage + LAUNCHES) / step.h - load(step.v, i)
             store(step.given, i, change)
         store(step.out, i, p)
 
@@ -103,13 +103,13 @@ def implicit_finish(composition: Composition) -> Stage:
     Of driven particles `impulse` is what the forces of the whole substep did, which their drives held out against.
     """
     scalar = composition.scalar
-    V, World, Lost, load, store, add = tools(composition)
+    V, SceneData, Compensation, load, store, add = tools(composition)
     finish_substep, (holds, _, _, holds_out, _, at_end) = finish(composition), driving(composition)
 
     @wp.struct
     class ImplicitFinish:
         h: scalar
-        lost: Lost
+        compensation: Compensation
         dv: wp.array(dtype=V)
         impulse: wp.array(dtype=V)
         x: wp.array(dtype=V)
@@ -118,16 +118,16 @@ def implicit_finish(composition: Composition) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ImplicitFinish, force: V, i: int):
+    def advance(scene: SceneData, step: ImplicitFinish, force: V, i: int):
         v_old = load(step.v, i)
-        v_new = add(v_old, load(step.dv, i), step.lost.v, step.lost.v, i)
+        v_new = add(v_old, load(step.dv, i), step.compensation.v, step.compensation.v, i)
         x_old = load(step.x, i)
-        x_new, v_end = finish_substep(world.colliders, step.lost, x_old, v_old, step.h * v_new, v_new, i)
+        x_new, v_end = finish_substep(scene.colliders, step.compensation, x_old, v_old, step.h * v_new, v_new, i)
         if wp.static(at_end is not None):
-            if holds(world, i):
+            if holds(scene, i):
                 pull = load(step.impulse, i) / step.h
-                holds_out(world, pull, i, world.stage + 1 - LAUNCHES, world.stage + 1)
-            x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
+                holds_out(scene, pull, i, scene.stage + 1 - LAUNCHES, scene.stage + 1)
+            x_new, v_end = at_end(scene, step.compensation, x_new, v_end, i)
         store(step.x_out, i, x_new)
         store(step.v_out, i, v_end)
 

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel
-from ..forces import NO_SUBSTEP
 from ..places import arrays_of, on_device
+from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, by_first_lane, tools
 
 MOST_THREADS = 512
@@ -34,58 +34,62 @@ def persistent(composition: Composition, method: Any, blocks: int):
     Step k is steps[k mod their number], which are those of two substeps. A launch is then paid once for all: most
     of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
     """
-    _, World, *_ = tools(composition)
-    begin, marked = beginning(composition), bool(composition.selective)
-    evaluate, force_at, lanes = composition.route.evaluate, composition.route.force_at, composition.route.lanes
-    moving, timed, tears = composition.contact.moving, composition.timed, composition.route.tears
+    _, SceneData, *_ = tools(composition)
+    begin, masked_particles = beginning(composition), bool(composition.selective)
+    evaluate, force_at, lanes = (
+        composition.force_algorithm.evaluate,
+        composition.force_algorithm.force_at,
+        composition.force_algorithm.lanes,
+    )
+    moving, timed, tears = composition.collider_term.moving, composition.timed, composition.force_algorithm.tears
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
 
-    def take_steps(world: World, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
+    def take_steps(scene: SceneData, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
         if wp.static(moving):
-            first = int(world.colliders.substep)
+            first = int(scene.colliders.substep)
         if wp.static(timed):
-            first_stage = int(world.stage)
+            first_stage = int(scene.stage)
         if wp.static(tears):
-            begun = int(world.forces.breaking.substep)
+            begun = int(scene.forces.breaking.substep)
         for k in range(count):
             step = steps[k % steps.shape[0]]
             say_where(step)
             if wp.static(timed):
-                world.stage = first_stage + k
+                scene.stage = first_stage + k
             if wp.static(begin is not None):
                 if k % (steps.shape[0] / 2) == 0:  # where a substep begins
                     c = thread
                     while c < connection_count:
-                        begin(world, step.lost, step.x, c)
+                        begin(scene, step.compensation, step.x, c)
                         c += threads
                     wait()
             if wp.static(tears):
-                world.forces.breaking.substep = wp.static(NO_SUBSTEP)
+                scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
                 if k % (steps.shape[0] / 2) == 0:
-                    world.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
+                    scene.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
             if wp.static(evaluate is not None):
                 c = thread
                 while c < connection_count:
-                    evaluate(world.forces, step.lost, step.x, step.v, c)
+                    evaluate(scene.forces, step.compensation, step.x, step.v, c)
                     c += threads
                 wait()
             if wp.static(moving):
-                world.colliders.substep = first + k / (steps.shape[0] / 2)
+                scene.colliders.substep = first + k / (steps.shape[0] / 2)
             i = thread
             if wp.static(lanes > 1):
                 i = thread / wp.static(lanes)
-            while i < world.inverse_mass.shape[0]:
+            while i < scene.inverse_mass.shape[0]:
                 if wp.static(load is None):
-                    advance(world, step, force_at(world.forces, step.lost, step.x, step.v, i), i)
+                    advance(scene, step, force_at(scene.forces, step.compensation, step.x, step.v, i), i)
                 else:
-                    own = force_at(world.forces, step.lost, step.x, step.v, i)
-                    mark = wp.uint8(0)
-                    if wp.static(marked):
-                        mark = world.marks[i]
-                    advance(world, step, own + load(world, step.lost, step.x, step.v, i, mark), i)
+                    own = force_at(scene.forces, step.compensation, step.x, step.v, i)
+                    mask = wp.uint8(0)
+                    if wp.static(masked_particles):
+                        mask = scene.effect_mask[i]
+                    advance(scene, step, own + load(scene, step.compensation, step.x, step.v, i, mask), i)
                 if wp.static(lanes > 1):
                     i += threads / wp.static(lanes)
                 else:

@@ -17,7 +17,7 @@ def rk4(composition: Composition) -> Stage:
     v0, v_a, v_b and v of the four stages make, with contact.
     """
     scalar = composition.scalar
-    V, World, Lost, load, store, add = tools(composition)
+    V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
     *_, at_stage, at_end = driving(composition)
 
@@ -27,7 +27,7 @@ def rk4(composition: Composition) -> Stage:
         weight: scalar
         first: int
         last: int
-        lost: Lost
+        compensation: Compensation
         x0: wp.array(dtype=V)
         v0: wp.array(dtype=V)
         x: wp.array(dtype=V)
@@ -39,9 +39,9 @@ def rk4(composition: Composition) -> Stage:
         v_b: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: RK4Step, force: V, i: int):
+    def advance(scene: SceneData, step: RK4Step, force: V, i: int):
         v = load(step.v, i)
-        a = acceleration(world, force, i)
+        a = acceleration(scene, force, i)
         x0 = load(step.x0, i)
         v0 = load(step.v0, i)
         dv = step.weight * a
@@ -50,10 +50,10 @@ def rk4(composition: Composition) -> Stage:
         if step.last == 1:
             middle = load(step.v_a, i) + load(step.v_b, i)
             dx = step.weight * (v0 + middle + middle + v)
-            v_new = add(v0, dv, step.lost.v, step.lost.v, i)
-            x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            v_new = add(v0, dv, step.compensation.v, step.compensation.v, i)
+            x_new, v_end = finish_substep(scene.colliders, step.compensation, x0, v0, dx, v_new, i)
             if wp.static(at_end is not None):
-                x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
+                x_new, v_end = at_end(scene, step.compensation, x_new, v_end, i)
             store(step.x_out, i, x_new)
             store(step.v_out, i, v_end)
         else:
@@ -62,7 +62,7 @@ def rk4(composition: Composition) -> Stage:
                 store(step.x_out, i, x0 + step.reach * v)
                 store(step.v_out, i, v0 + step.reach * a)
             else:
-                x_next, v_next = at_stage(world, step.lost, x0 + step.reach * v, v0 + step.reach * a, i)
+                x_next, v_next = at_stage(scene, step.compensation, x0 + step.reach * v, v0 + step.reach * a, i)
                 store(step.x_out, i, x_next)
                 store(step.v_out, i, v_next)
 
@@ -77,7 +77,7 @@ def chebyshev(composition: Composition) -> Stage:
     D_j = mu D_{j−1} + nu D_{j−2} + reach F_{j−1} + reach0 F0. The first stage has only reach F0, and keeps F0.
     """
     scalar = composition.scalar
-    V, World, Lost, load, store, add = tools(composition)
+    V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
     *_, at_stage, at_end = driving(composition)
 
@@ -89,7 +89,7 @@ def chebyshev(composition: Composition) -> Stage:
         reach0: scalar
         first: int
         last: int
-        lost: Lost
+        compensation: Compensation
         x0: wp.array(dtype=V)
         v0: wp.array(dtype=V)
         a0: wp.array(dtype=V)
@@ -104,10 +104,10 @@ def chebyshev(composition: Composition) -> Stage:
         v_out: wp.array(dtype=V)
 
     @wp.func
-    def advance(world: World, step: ChebyshevStep, force: V, i: int):
+    def advance(scene: SceneData, step: ChebyshevStep, force: V, i: int):
         x0 = load(step.x0, i)
         v0 = load(step.v0, i)
-        a = acceleration(world, force, i)
+        a = acceleration(scene, force, i)
         dx = step.reach * load(step.v, i)
         dv = step.reach * a
         if step.first == 1:
@@ -116,10 +116,10 @@ def chebyshev(composition: Composition) -> Stage:
             dx += step.mu * load(step.dx, i) + step.nu * load(step.dx_out, i) + step.reach0 * v0
             dv += step.mu * load(step.dv, i) + step.nu * load(step.dv_out, i) + step.reach0 * load(step.a0, i)
         if step.last == 1:
-            v_new = add(v0, dv, step.lost.v, step.lost.v, i)
-            x_new, v_end = finish_substep(world.colliders, step.lost, x0, v0, dx, v_new, i)
+            v_new = add(v0, dv, step.compensation.v, step.compensation.v, i)
+            x_new, v_end = finish_substep(scene.colliders, step.compensation, x0, v0, dx, v_new, i)
             if wp.static(at_end is not None):
-                x_new, v_end = at_end(world, step.lost, x_new, v_end, i)
+                x_new, v_end = at_end(scene, step.compensation, x_new, v_end, i)
             store(step.x_out, i, x_new)
             store(step.v_out, i, v_end)
         else:
@@ -129,7 +129,7 @@ def chebyshev(composition: Composition) -> Stage:
                 store(step.x_out, i, x0 + dx)
                 store(step.v_out, i, v0 + dv)
             else:
-                x_next, v_next = at_stage(world, step.lost, x0 + dx, v0 + dv, i)
+                x_next, v_next = at_stage(scene, step.compensation, x0 + dx, v0 + dv, i)
                 store(step.x_out, i, x_next)
                 store(step.v_out, i, v_next)
 

@@ -1,12 +1,12 @@
 """Loads: what acts on particles beside a route's forces, each a piece that a scene's kernels are composed with."""
 
+from ..springs.extra_springs import tie_force
 from .actuators import actuated_springs, add_tension
 from .attachments import attachments
 from .drives import driven
-from .faces import mix_vertices, mixed_vertices
 from .forces import function_force, steady_force, varying_force, weight_force
 from .pressure import gas_law, gas_pressure, given_pressure
-from .ties import tie_force
+from .surface_triangles import mix_vertices, mixed_vertices
 from .wind import wind_on_faces, wind_on_particles
 from .work import NOTHING, add_work, measured, sum_work, work
 

@@ -6,22 +6,22 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensation
-from ..effect import Piece
-from ..forces.route import difference
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
 from ..records import records
+from ..springs.force_algorithm import difference
 
 
 @functools.cache
-def actuated_springs(dim: int, scalar: type, compensated: bool) -> Piece:
+def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what actuators add to kernels: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
 
     A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
     ends compute their share for themselves, with the same numbers: what one gets the other gets with another sign.
     """
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
-    load, apart = records(dim, scalar).load, difference(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.struct
     class Actuated:
@@ -31,22 +31,24 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> Piece:
         column: wp.array(dtype=int)  # where its s is, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def actuated(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def actuated(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             x_i = load(x, i)
             total = V()
-            for e in range(world.actuated.first[i], world.actuated.first[i + 1]):
-                s = world.actuated.strain[world.stage, world.actuated.column[e]]
-                dx = apart(lost, x, x_i, i, world.actuated.other[e])
+            for e in range(scene.actuated.first[i], scene.actuated.first[i + 1]):
+                s = scene.actuated.strain[scene.stage, scene.actuated.column[e]]
+                dx = separation(compensation, x, x_i, i, scene.actuated.other[e])
                 length = wp.length(dx)
                 if length > scalar(0.0):
-                    total += (world.actuated.strength[e] * s / length) * dx
+                    total += (scene.actuated.strength[e] * s / length) * dx
             return total
 
         return actuated
 
-    return Piece("actuated", Actuated, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("actuated", Actuated, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
@@ -54,7 +56,7 @@ def add_tension(dim: int, scalar: type):
     """Compose the kernel that adds to the blocks of particles what actuators add across their connections.
 
     Over connections: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
-    `msdwarp.kernels.forces.linearised`. Along the axis the stiffness stays k.
+    `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.
     """
     V = vector(dim, scalar)
     Block = wp.types.matrix((dim, dim), wp.float64)

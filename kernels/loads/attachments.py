@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensation
-from ..effect import Piece
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
 from ..records import records
 
 
 class Attachments(NamedTuple):
     """The device side of attachments."""
 
-    piece: Piece
+    piece: ForceTerm
     """What they add to kernels."""
     add_blocks: Any
     """Kernel, over members, that adds to the bound of the rates (`Effect.add_blocks`)."""
@@ -36,7 +36,7 @@ def attachments(
     """
     V, Turn = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
@@ -94,34 +94,36 @@ def attachments(
                 return -(k * (length - l0) + attached.damping[e] * wp.dot(dv, axis)) * axis
         return -k * dx - attached.damping[e] * dv
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def add_work(world: World, row: int, e: int, f: V):
-            if world.attached.carrier[e] >= 0:
-                before = world.worked.weight[row]
-                after = world.worked.weight_of_last[row]
+        def add_work(scene: SceneData, row: int, e: int, f: V):
+            if scene.attached.carrier[e] >= 0:
+                before = scene.worked.weight[row]
+                after = scene.worked.weight_of_last[row]
                 if before + after > wp.float64(0.0):  # not where a frame ends
-                    now = before * wp.float64(wp.dot(f, velocity(world.attached, row, e)))
-                    half = after * wp.float64(wp.dot(f, velocity(world.attached, row + world.attached.ahead, e)))
-                    world.attached.done[0, e] = world.attached.done[0, e] + now + half
-                    world.attached.done[1, e] = half
+                    now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e)))
+                    half = after * wp.float64(wp.dot(f, velocity(scene.attached, row + scene.attached.ahead, e)))
+                    scene.attached.done[0, e] = scene.attached.done[0, e] + now + half
+                    scene.attached.done[1, e] = half
 
         @wp.func
-        def attachment(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def attachment(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             row = int(0)
             if wp.static(moving):
-                row = world.stage
+                row = scene.stage
             x_i = load(x, i)
             if wp.static(compensated):
-                x_i = x_i - load(lost.x, i)
+                x_i = x_i - load(compensation.x, i)
             v_i = V()
             if wp.static(damped):
                 v_i = load(v, i)
             total = V()
-            for e in range(world.attached.first[i], world.attached.first[i + 1]):
-                f = pull(world.attached, row, e, x_i, v_i)
+            for e in range(scene.attached.first[i], scene.attached.first[i + 1]):
+                f = pull(scene.attached, row, e, x_i, v_i)
                 if wp.static(moving):
-                    add_work(world, row, e, f)
+                    add_work(scene, row, e, f)
                 total += f
             return total
 
@@ -180,5 +182,5 @@ def attachments(
         energy[m] = stored
         power[m] = lost_power
 
-    piece = Piece("attached", Attached, force=force, selective=True, timed=moving)
+    piece = ForceTerm("attached", Attached, force=force, selective=True, timed=moving)
     return Attachments(piece, add_attachment_blocks, measure_attached)

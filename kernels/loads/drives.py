@@ -6,13 +6,13 @@ from typing import Any
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensation
-from ..effect import Driving, Piece
+from ..compensation import compensated_sum
+from ..effect import Driving, ForceTerm
 from ..records import records
 
 
 @functools.cache
-def driven(dim: int, scalar: type, compensated: bool) -> Piece:
+def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what drives add to kernels.
 
     What started at y is at turn y + shift, in float64: rounded once, a pose is as exact as a place can be. What a
@@ -23,7 +23,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
     implicit method solves for the force that acts during a substep; with that one it is −f·Δx.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     load, store, _ = records(dim, scalar)
 
     @wp.struct
@@ -44,79 +44,79 @@ def driven(dim: int, scalar: type, compensated: bool) -> Piece:
         # force to come with the velocity so far, that force taken as the last one
         done: wp.array2d(dtype=wp.float64)
 
-    def drive(World: Any) -> Driving:
+    def drive(SceneData: Any) -> Driving:
         @wp.func
-        def holds(world: World, i: int) -> bool:
-            return world.drives.entry[i] >= 0
+        def holds(scene: SceneData, i: int) -> bool:
+            return scene.drives.entry[i] >= 0
 
         @wp.func
-        def velocity(world: World, e: int, row: int) -> Wide:
-            d = world.drives.drive[e]
-            return world.drives.turning[row, d] * world.drives.start[e] + world.drives.speed[row, d]
+        def velocity(scene: SceneData, e: int, row: int) -> Wide:
+            d = scene.drives.drive[e]
+            return scene.drives.turning[row, d] * scene.drives.start[e] + scene.drives.speed[row, d]
 
         @wp.func
-        def acceleration(world: World, force: V, i: int) -> V:
-            e = world.drives.entry[i]
+        def acceleration(scene: SceneData, force: V, i: int) -> V:
+            e = scene.drives.entry[i]
             if e < 0:
                 return V()
-            row = world.stage
-            before = world.worked.weight[row]
-            after = world.worked.weight_of_last[row]
+            row = scene.stage
+            before = scene.worked.weight[row]
+            after = scene.worked.weight_of_last[row]
             if before + after > wp.float64(0.0):  # not where a frame ends
                 f = Wide(force)
-                half = after * wp.dot(f, velocity(world, e, row + world.drives.ahead))
-                now = before * wp.dot(f, velocity(world, e, row)) + half
-                world.drives.done[0, e] = world.drives.done[0, e] - now
-                world.drives.done[1, e] = -half
-            d = world.drives.drive[e]
-            return V(world.drives.bending[d] * world.drives.start[e] + world.drives.push[d])
+                half = after * wp.dot(f, velocity(scene, e, row + scene.drives.ahead))
+                now = before * wp.dot(f, velocity(scene, e, row)) + half
+                scene.drives.done[0, e] = scene.drives.done[0, e] - now
+                scene.drives.done[1, e] = -half
+            d = scene.drives.drive[e]
+            return V(scene.drives.bending[d] * scene.drives.start[e] + scene.drives.push[d])
 
         @wp.func
-        def way_between(world: World, e: int, begin: int, end: int) -> Wide:
-            d = world.drives.drive[e]
-            turned = world.drives.turn[end, d] - world.drives.turn[begin, d]
-            return turned * world.drives.start[e] + (world.drives.shift[end, d] - world.drives.shift[begin, d])
+        def way_between(scene: SceneData, e: int, begin: int, end: int) -> Wide:
+            d = scene.drives.drive[e]
+            turned = scene.drives.turn[end, d] - scene.drives.turn[begin, d]
+            return turned * scene.drives.start[e] + (scene.drives.shift[end, d] - scene.drives.shift[begin, d])
 
         @wp.func
-        def way(world: World, i: int, begin: int, end: int) -> V:
-            return V(way_between(world, world.drives.entry[i], begin, end))
+        def way(scene: SceneData, i: int, begin: int, end: int) -> V:
+            return V(way_between(scene, scene.drives.entry[i], begin, end))
 
         @wp.func
-        def holds_out(world: World, force: V, i: int, begin: int, end: int):
-            e = world.drives.entry[i]
-            work = wp.dot(Wide(force), way_between(world, e, begin, end))
-            world.drives.done[0, e] = world.drives.done[0, e] - work
+        def holds_out(scene: SceneData, force: V, i: int, begin: int, end: int):
+            e = scene.drives.entry[i]
+            work = wp.dot(Wide(force), way_between(scene, e, begin, end))
+            scene.drives.done[0, e] = scene.drives.done[0, e] - work
 
         @wp.func
-        def place(world: World, e: int) -> Wide:
-            row = world.stage + 1
-            d = world.drives.drive[e]
-            return world.drives.turn[row, d] * world.drives.start[e] + world.drives.shift[row, d]
+        def place(scene: SceneData, e: int) -> Wide:
+            row = scene.stage + 1
+            d = scene.drives.drive[e]
+            return scene.drives.turn[row, d] * scene.drives.start[e] + scene.drives.shift[row, d]
 
         @wp.func
-        def at_stage(world: World, lost: Lost, x: V, v: V, i: int):
-            e = world.drives.entry[i]
+        def at_stage(scene: SceneData, compensation: Compensation, x: V, v: V, i: int):
+            e = scene.drives.entry[i]
             if e >= 0:
-                exact = place(world, e)
+                exact = place(scene, e)
                 if wp.static(compensated):  # of which readers take what the start of the substep had lost
-                    exact += Wide(load(lost.x, i))
+                    exact += Wide(load(compensation.x, i))
                 x = V(exact)
-                v = V(velocity(world, e, world.stage + 1))
+                v = V(velocity(scene, e, scene.stage + 1))
             return x, v
 
         @wp.func
-        def at_end(world: World, lost: Lost, x: V, v: V, i: int):
-            e = world.drives.entry[i]
+        def at_end(scene: SceneData, compensation: Compensation, x: V, v: V, i: int):
+            e = scene.drives.entry[i]
             if e >= 0:
-                exact = place(world, e)
+                exact = place(scene, e)
                 x = V(exact)
-                fast = velocity(world, e, world.stage + 1)
+                fast = velocity(scene, e, scene.stage + 1)
                 v = V(fast)
                 if wp.static(compensated):
-                    store(lost.x_out, i, V(Wide(x) - exact))
-                    store(lost.v, i, V(Wide(v) - fast))
+                    store(compensation.x_out, i, V(Wide(x) - exact))
+                    store(compensation.v, i, V(Wide(v) - fast))
             return x, v
 
         return Driving(holds, acceleration, way, holds_out, at_stage, at_end)
 
-    return Piece("drives", Drives, drive=drive, timed=True)
+    return ForceTerm("drives", Drives, drive=drive, timed=True)

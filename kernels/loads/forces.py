@@ -6,99 +6,107 @@ from typing import Any
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensation
-from ..effect import Piece
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
 from ..records import records
 
 
 @functools.cache
-def steady_force(dim: int, scalar: type, compensated: bool) -> Piece:
+def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what constant forces add to kernels.
 
     Particles on which the same forces act have the same sum of them: few different ones, which caches hold.
     """
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
 
     @wp.struct
     class Steady:
         value: wp.array(dtype=V)  # each combination of forces [N], the first one 0; shape [combination_count]
         combination: wp.array(dtype=int)  # which of them each particle feels, shape [particle_count]
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def hold(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            return world.steady.value[world.steady.combination[i]]
+        def hold(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            return scene.steady.value[scene.steady.combination[i]]
 
         return hold
 
-    return Piece("steady", Steady, force=force, selective=True)
+    return ForceTerm("steady", Steady, force=force, selective=True)
 
 
 @functools.cache
-def varying_force(dim: int, scalar: type, compensated: bool) -> Piece:
+def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the same of forces that are functions of time."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
 
     @wp.struct
     class Varying:
         value: wp.array2d(dtype=V)  # by stage of a frame, and at its end [N], shape [any, combination_count]
         combination: wp.array(dtype=int)  # which one each particle feels, shape [particle_count]
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def vary(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            return world.varying.value[world.stage, world.varying.combination[i]]
+        def vary(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            return scene.varying.value[scene.stage, scene.varying.combination[i]]
 
         return vary
 
-    return Piece("varying", Varying, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("varying", Varying, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
-def weight_force(dim: int, scalar: type, compensated: bool) -> Piece:
+def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what gravity that is a function of time adds to kernels: m g(t)."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
 
     @wp.struct
     class Falling:
         gravity: wp.array2d(dtype=V)  # by stage of a frame, and at its end [m/s²], shape [any, 1]
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def fall(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            return world.falling.gravity[world.stage, 0] / world.inverse_mass[i]
+        def fall(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            return scene.falling.gravity[scene.stage, 0] / scene.inverse_mass[i]
 
         return fall
 
-    return Piece("falling", Falling, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("falling", Falling, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
-def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> Piece:
+def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> ForceTerm:
     """Return what a force that is a function of place, speed and time adds to kernels.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t.
     `number` tells several of a scene apart.
     """
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
     class Nothing:
         """The function has all that it needs."""
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def function_of_place(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def function_of_place(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             x_i = load(x, i)
             if wp.static(compensated):
-                x_i = x_i - load(lost.x, i)
-            return function(x_i, load(v, i), world.time[world.stage], i)
+                x_i = x_i - load(compensation.x, i)
+            return function(x_i, load(v, i), scene.time[scene.stage], i)
 
         return function_of_place
 
-    return Piece(f"function_force_{number}", Nothing, force=force, selective=True, timed=True, works=True)
+    return ForceTerm(f"function_force_{number}", Nothing, force=force, selective=True, timed=True, works=True)

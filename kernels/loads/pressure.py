@@ -6,17 +6,17 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensation
-from ..effect import Piece
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
 from ..records import records
-from .faces import face
+from .surface_triangles import face
 
 
 @functools.cache
 def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
     """Compose (Pressed, press): pressures on triangles, and Σ p a / 3 on a particle over those around it."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
 
     @wp.struct
@@ -26,11 +26,13 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
         of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
 
     @wp.func
-    def press(p: Pressed, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, row: int) -> V:
+    def press(
+        p: Pressed, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, row: int
+    ) -> V:
         total = V()
         for e in range(p.faces.first[i], p.faces.first[i + 1]):
             t = p.faces.number[e]
-            _centre, _velocity, a = corners(p.faces, lost, x, v, t)
+            _centre, _velocity, a = corners(p.faces, compensation, x, v, t)
             if wp.static(mixed):
                 total += p.value[row, p.of[t]] * p.faces.share[e] * a
             else:
@@ -41,41 +43,45 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
 
 @functools.cache
-def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> Piece:
+def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
     """Return what given pressures add to kernels; they have a row for each stage of a frame, and for its end."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def press_by_time(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def press_by_time(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             if wp.static(mixed):
-                return press(world.pressure, lost, world.skin.x, world.skin.v, i, world.stage)
-            return press(world.pressure, lost, x, v, i, world.stage)
+                return press(scene.pressure, compensation, scene.skin.x, scene.skin.v, i, scene.stage)
+            return press(scene.pressure, compensation, x, v, i, scene.stage)
 
         return press_by_time
 
-    return Piece("pressure", Pressed, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("pressure", Pressed, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
-def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> Piece:
+def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
     """Return the same of enclosed gases, whose one row `gas_law` has found for the places of this stage."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def press_by_volume(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def press_by_volume(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             if wp.static(mixed):
-                return press(world.gas, lost, world.skin.x, world.skin.v, i, 0)
-            return press(world.gas, lost, x, v, i, 0)
+                return press(scene.gas, compensation, scene.skin.x, scene.skin.v, i, 0)
+            return press(scene.gas, compensation, x, v, i, 0)
 
         return press_by_volume
 
-    return Piece("gas", Pressed, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("gas", Pressed, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache

@@ -6,10 +6,10 @@ from typing import Any
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensation
-from ..effect import Piece
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
 from ..records import records
-from .faces import face
+from .surface_triangles import face
 
 
 @functools.cache
@@ -35,7 +35,7 @@ def _blows(dim: int, scalar: type, function: Any):
 @functools.cache
 def wind_on_faces(
     dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, closed: bool = False
-) -> Piece:
+) -> ForceTerm:
     """Return what wind on a surface adds to kernels: the force of the air on the triangles around a particle.
 
     With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
@@ -61,7 +61,7 @@ def wind_on_faces(
         Whether any triangle is of a closed surface.
     """
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
     Winds, air = _blows(dim, scalar, function)
 
@@ -88,39 +88,41 @@ def wind_on_faces(
             force -= lift * through / area * (speed * a - through / speed * u)
         return force
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def blow(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
+        def blow(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
             total = V()
-            for e in range(world.wind.faces.first[i], world.wind.faces.first[i + 1]):
-                t = world.wind.faces.number[e]
-                w = world.wind.wind[t]
+            for e in range(scene.wind.faces.first[i], scene.wind.faces.first[i + 1]):
+                t = scene.wind.faces.number[e]
+                w = scene.wind.wind[t]
                 if wp.static(mixed):
-                    centre, velocity, a = corners(world.wind.faces, lost, world.skin.x, world.skin.v, t)
+                    centre, velocity, a = corners(scene.wind.faces, compensation, scene.skin.x, scene.skin.v, t)
                 else:
-                    centre, velocity, a = corners(world.wind.faces, lost, x, v, t)
-                u = velocity - air(world.wind.winds, centre, world.time[world.stage], world.stage, w)
+                    centre, velocity, a = corners(scene.wind.faces, compensation, x, v, t)
+                u = velocity - air(scene.wind.winds, centre, scene.time[scene.stage], scene.stage, w)
                 if wp.static(closed):
-                    if world.wind.closed[t] and wp.dot(u, a) < scalar(0.0):
+                    if scene.wind.closed[t] and wp.dot(u, a) < scalar(0.0):
                         continue
                 if wp.static(mixed):
-                    f = push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a)
-                    total += world.wind.faces.share[e] * f
+                    f = push(scene.wind.winds.drag[w], scene.wind.winds.lift[w], u, a)
+                    total += scene.wind.faces.share[e] * f
                 else:
-                    total += push(world.wind.winds.drag[w], world.wind.winds.lift[w], u, a) / scalar(3.0)
+                    total += push(scene.wind.winds.drag[w], scene.wind.winds.lift[w], u, a) / scalar(3.0)
             return total
 
         return blow
 
     Data = WindOnClosedFaces if closed else WindOnFaces
-    return Piece("wind", Data, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("wind", Data, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
-def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> Piece:
+def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
     """Return what wind on particles adds to kernels: −½ ρ C_d A |u| u on a particle of area A."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
     load = records(dim, scalar).load
     Winds, air = _blows(dim, scalar, function)
 
@@ -130,13 +132,15 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
         wind: wp.array(dtype=int)  # which one blows on each particle, shape [particle_count]
         area: wp.array(dtype=scalar)  # [m²], shape [particle_count]
 
-    def force(World: Any):
+    def force(SceneData: Any):
         @wp.func
-        def blow(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            w = world.drag.wind[i]
-            u = load(v, i) - air(world.drag.winds, load(x, i), world.time[world.stage], world.stage, w)
-            return -world.drag.winds.drag[w] * world.drag.area[i] * wp.length(u) * u
+        def blow(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            w = scene.drag.wind[i]
+            u = load(v, i) - air(scene.drag.winds, load(x, i), scene.time[scene.stage], scene.stage, w)
+            return -scene.drag.winds.drag[w] * scene.drag.area[i] * wp.length(u) * u
 
         return blow
 
-    return Piece("drag", WindOnParticles, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("drag", WindOnParticles, force=force, selective=True, timed=True, works=True)

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..effect import Piece
+from ..effect import ForceTerm
 from ..records import records
 
 
@@ -15,12 +15,12 @@ class Nothing:
     """What an effect has that adds nothing to kernels."""
 
 
-NOTHING = Piece("nothing", Nothing)
+NOTHING = ForceTerm("nothing", Nothing)
 """The piece of such an effect."""
 
 
 @functools.cache
-def work(dim: int, scalar: type) -> Piece:
+def work(dim: int, scalar: type) -> ForceTerm:
     """Return what sums of work add to kernels: the place where they are kept.
 
     Over a substep the work of a force is Σ weight f·v over its stages. Of a method that takes forces once it is
@@ -36,11 +36,11 @@ def work(dim: int, scalar: type) -> Piece:
         weight: wp.array(dtype=wp.float64)  # what the stage counts
         weight_of_last: wp.array(dtype=wp.float64)  # what the last substep's force counts with its velocity
 
-    return Piece("worked", Worked, timed=True)
+    return ForceTerm("worked", Worked, timed=True)
 
 
 @functools.cache
-def measured(dim: int, scalar: type, World: Any, force: Any, Lost: Any, marks: int):
+def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
     """Compose a force (world, lost, x, v, i, mark) that does the same as `force`, and adds up its work.
 
     It acts on particles that have one of these marks.
@@ -50,17 +50,22 @@ def measured(dim: int, scalar: type, World: Any, force: Any, Lost: Any, marks: i
 
     @wp.func
     def measured_force(
-        world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, mark: wp.uint8
+        scene: SceneData,
+        compensation: Compensation,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        i: int,
+        mask: wp.uint8,
     ) -> V:
         f = V()
-        if (mark & wp.uint8(wp.static(marks))) != wp.uint8(0):
-            f = force(world, lost, x, v, i, mark)
+        if (mask & wp.uint8(wp.static(effect_mask))) != wp.uint8(0):
+            f = force(scene, compensation, x, v, i, mask)
             v_i = load(v, i)
-            done = world.worked.weight[world.stage] * wp.float64(wp.dot(f, v_i))
-            if world.worked.weight_of_last[world.stage] > wp.float64(0.0):
-                done += world.worked.weight_of_last[world.stage] * wp.float64(wp.dot(world.worked.last[i], v_i))
-                world.worked.last[i] = f
-            world.worked.done[i] = world.worked.done[i] + done
+            done = scene.worked.weight[scene.stage] * wp.float64(wp.dot(f, v_i))
+            if scene.worked.weight_of_last[scene.stage] > wp.float64(0.0):
+                done += scene.worked.weight_of_last[scene.stage] * wp.float64(wp.dot(scene.worked.last[i], v_i))
+                scene.worked.last[i] = f
+            scene.worked.done[i] = scene.worked.done[i] + done
         return f
 
     return measured_force

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..forces.lanes import sum_over_lanes
+from ..springs.lanes import sum_over_lanes
 from .shading import LOOKS, Body, Surroundings, seen, seen_body
 
 CONTRAST = wp.constant(0.08)

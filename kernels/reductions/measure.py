@@ -8,19 +8,19 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..forces import Law, damper_force
 from ..records import records
+from ..springs import Law, damper_force
 from .columns import COLUMNS, NONE
 from .divergence import add_up, free_energies
 
 
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
-    """Compose `apart(x, x_lost, i, j)`, x[i] − x[j]; with `compensated` true positions are x − x_lost."""
+    """Compose `separation(x, x_lost, i, j)`, x[i] − x[j]; with `compensated` true positions are x − x_lost."""
     V = vector(dim, scalar)
 
     @wp.func
-    def apart(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int, j: int) -> wp.vec3d:
+    def separation(x: wp.array(dtype=V), x_lost: wp.array(dtype=V), i: int, j: int) -> wp.vec3d:
         dx = wp.vec3d()
         for k in range(wp.static(dim)):
             dx[k] = wp.float64(x[i][k]) - wp.float64(x[j][k])
@@ -28,7 +28,7 @@ def difference(dim: int, scalar: type, compensated: bool):
                 dx[k] -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
         return dx
 
-    return apart
+    return separation
 
 
 @functools.cache
@@ -36,10 +36,11 @@ def sum_up(dim: int, scalar: type, compensated: bool, law: Law, tears: bool, cho
     """Compose the kernel that finds all that is asked of a state, in all of `columns`.
 
     With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
-    have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
+    have neither stiffness nor damping are broken: their strain is nobody's; with `substep_history` true that of
+    others too.
     """
     V, resistance, energies_of = vector(dim, scalar), damper_force(wp.float64, law), free_energies(dim, scalar)
-    apart, add_up_columns = difference(dim, scalar, compensated), add_up(COLUMNS)
+    separation, add_up_columns = difference(dim, scalar, compensated), add_up(COLUMNS)
     load, Columns = records(dim, scalar).load, wp.types.vector(COLUMNS, wp.float64)
 
     def sum_up_state(
@@ -110,7 +111,7 @@ def sum_up(dim: int, scalar: type, compensated: bool, law: Law, tears: bool, cho
             i = connections[c][0]
             j = connections[c][1]
             rest = wp.float64(rest_length[c])
-            dx = apart(x, x_lost, i, j)
+            dx = separation(x, x_lost, i, j)
             closing = wp.float64(0.0)
             for k in range(wp.static(dim)):
                 closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
@@ -190,7 +191,7 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     is written at place[c].
     """
     V = vector(dim, scalar)
-    apart = difference(dim, scalar, compensated)
+    separation = difference(dim, scalar, compensated)
 
     @kernel
     def strain_of_each(
@@ -205,7 +206,7 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):
         c = wp.tid()
-        length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))
+        length = wp.length(separation(x, x_lost, connections[c][0], connections[c][1]))
         at = c
         if wp.static(sorted_anew):
             at = place[c]

@@ -22,7 +22,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
         member: wp.array(dtype=int),  # the particles of the group, shape [member_count]
         weight: wp.array(dtype=wp.float64),  # what each counts, shape [member_count]
         value: wp.array(dtype=Vector),  # shape [particle_count]
-        lost: wp.array(dtype=Vector),  # what these have lost by rounding, shape [particle_count]
+        compensation: wp.array(dtype=Vector),  # what these have lost by rounding, shape [particle_count]
         # Out:
         shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, dim]
     ):
@@ -33,7 +33,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
             for k in range(wp.static(dim)):
                 one = wp.float64(value[member[m]][k])
                 if wp.static(compensated):
-                    one -= wp.float64(lost[member[m]][k])
+                    one -= wp.float64(compensation[member[m]][k])
                 total[k] += weight[m] * one
             m += shares.shape[0]
         for k in range(wp.static(dim)):
@@ -46,7 +46,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
     """Compose the kernel that sums the strains of chosen connections, but for broken ones."""
     V = vector(dim, scalar)
-    apart = difference(dim, scalar, compensated)
+    separation = difference(dim, scalar, compensated)
 
     @kernel
     def sum_strains(
@@ -73,7 +73,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
             if wp.static(tears):
                 whole = stiffness[c] != scalar(0.0) or damping[c] != scalar(0.0)
             if whole:
-                length = wp.length(apart(x, x_lost, connections[c][0], connections[c][1]))
+                length = wp.length(separation(x, x_lost, connections[c][0], connections[c][1]))
                 strain = length / wp.float64(rest_length[c]) - wp.float64(1.0)
                 total += strain
                 largest = wp.max(largest, wp.abs(strain))

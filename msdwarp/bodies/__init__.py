@@ -2,6 +2,7 @@
 
 from .cells import Bare, laid_bare
 from .connectivity import pieces
+from .contact_surfaces import TouchingSurfaces, contact_surfaces, mean_stiffness
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .description import counted, headline
 from .facets import Facets, facets_of, run_back
@@ -9,13 +10,12 @@ from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .numbering import places_along_curve, space_filling_order
-from .parting import Edges, broken_before
 from .selection import selected
-from .series import Series
 from .space import AXES, in_space, rotated, rotation, rotations
 from .surface import Surface
+from .surface_splitting import Edges, broken_before
 from .system import System
-from .touching import TouchingSurfaces, mean_stiffness, touching_surfaces
+from .time_series import Series
 from .uniform import is_uniform, joined, stored, uniform, uniform_like
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "System",
     "TouchingSurfaces",
     "broken_before",
+    "contact_surfaces",
     "counted",
     "facets_of",
     "headline",
@@ -60,7 +61,6 @@ __all__ = [
     "selected",
     "space_filling_order",
     "stored",
-    "touching_surfaces",
     "uniform",
     "uniform_like",
 ]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .parting import connection_between
+from .surface_splitting import connection_between
 from .system import System
 
 _CORNERS = list(itertools.product((0, 1), repeat=3))

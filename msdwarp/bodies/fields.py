@@ -90,7 +90,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         check_bears_start(fields)
 
     if not isinstance(fields["damper"], Damper):
-        was = checks.said(fields["damper"])
+        was = checks.repr_short(fields["damper"])
         raise ValueError(f"damper is {was}; it must be a law of damping, such as CoulombDamper()")
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")

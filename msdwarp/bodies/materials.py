@@ -25,7 +25,7 @@ class Material:
     diagonals of its faces (half and all in a sheet), all to its space diagonals. So connections in the body's
     faces and edges are softer than inside, a stretched bar is exact for any number of particles across, and the
     mass is density times volume. The constants of such a lattice differ within a direction, so its forces are
-    gathered by a table instead of the stencil (see `msdwarp.kernels.forces`).
+    gathered by a table instead of the stencil (see `msdwarp.kernels.springs`).
 
     **Stiffness.** Springs of stiffness k, length l and direction n have the energy of an elastic solid with
     C_ijkl = Σ k l² n_i n_j n_k n_l, summed over the springs in a unit of volume (Born and Huang, Dynamical Theory

@@ -68,7 +68,7 @@ def renumbered(system: "System", order: ArrayLike | None) -> dict[str, Any]:
     n = system.particle_count
     chosen = space_filling_order(system.position) if order is None else np.asarray(order)
     if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not np.array_equal(np.sort(chosen), np.arange(n)):
-        raise ValueError(f"order is {checks.said(order)}; it must have each number from 0 to {n - 1} once")
+        raise ValueError(f"order is {checks.repr_short(order)}; it must have each number from 0 to {n - 1} once")
     number = np.empty(n, dtype=np.int32)
     number[chosen] = np.arange(n, dtype=np.int32)
     connections = number[system.connections]

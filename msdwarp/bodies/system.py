@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .both import both
+from .concatenate import both
 from .dampers import LINEAR, Damper
 from .description import description
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
@@ -48,7 +48,7 @@ class System:
         The law of all dampers, force against rate of lengthening; see `msdwarp.bodies.dampers`.
     yield_strain
         Strain beyond which a spring deforms permanently, shape [connection_count]; inf: never. See
-        `msdwarp.kernels.forces.plasticity`.
+        `msdwarp.kernels.springs.plasticity`.
     relaxation_time
         Time in which the excess strain falls to 1/e [s], shape [connection_count]; 0 yields at once.
     largest_plastic_strain
@@ -57,7 +57,7 @@ class System:
         Rest length before any plastic deformation [m], shape [connection_count]; by default the rest length.
     break_strain
         Tensile strain beyond which a connection breaks, shape [connection_count]; inf: never. See
-        `msdwarp.kernels.forces.breaking`.
+        `msdwarp.kernels.springs.fracture`.
     break_force
         Tension of the spring, stiffness · (length − rest_length), beyond which it breaks [N], shape
         [connection_count].
@@ -358,7 +358,7 @@ class System:
         mass[chosen], velocity[chosen] = np.inf, 0.0
         return self.replace(mass=mass, velocity=velocity)
 
-    def freeze(self) -> Self:
+    def set_rest_shape(self) -> Self:
         """Return this system with every rest length set to the current length, so that it keeps its shape.
 
         The result has no plastic deformation.

@@ -23,13 +23,13 @@ from .file_commands import (
     resume_command,
     view_command,
 )
+from .integer_flags import with_wholes
 from .options import Options
 from .other_options import FitOptions, TuneOptions, ViewOptions
 from .process import finish, start_warp, understood
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .scene_flags import flags_app
 from .signals import at_once
-from .whole import with_wholes
 
 app = App(
     name="msdwarp",

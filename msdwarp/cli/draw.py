@@ -12,7 +12,7 @@ from PIL import Image
 from rich.progress import Progress
 
 from ..files import FrameArray, Trajectory
-from ..pictures import Renderer, Scale, outermost, timelapse, write_film
+from ..pictures import ColourScale, Renderer, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -139,7 +139,7 @@ def _until(asked: list[int], drawing: Iterable[int]) -> Iterator[int]:
 
 def _colouring(
     scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
-) -> tuple[str | Scale | None, Values | None]:
+) -> tuple[str | ColourScale | None, Values | None]:
     """Return how a body is coloured, and what gives the values of its particles in frame k, if any are shown.
 
     The scale ends where, of the frames shown in the one in which they are largest, all but a hundredth of the
@@ -153,7 +153,7 @@ def _colouring(
         return values_of(scene, trajectory, k)
 
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
-    return Scale(label, _rounded_up(largest)), values
+    return ColourScale(label, _rounded_up(largest)), values
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:

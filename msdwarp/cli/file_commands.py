@@ -12,8 +12,8 @@ from .options import Pictures
 from .other_options import ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
+from .script_signatures import UNTOLD, Script
 from .signals import at_once
-from .trust import UNTOLD, Script
 
 VIEW = ViewOptions()
 PICTURES = Pictures()
@@ -228,8 +228,8 @@ def resume_command(
 ) -> None:
     """Continue an interrupted run to its end, and draw it.
 
-    The result equals that of an uninterrupted run bit for bit. On a GPU this does not hold for the route scatter
-    and the integrator linearly-implicit-euler.
+    The result equals that of an uninterrupted run bit for bit. On a GPU this does not hold for the algorithm
+    scatter and the integrator linearly-implicit-euler.
 
     Parameters
     ----------

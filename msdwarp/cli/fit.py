@@ -8,7 +8,7 @@ from rich.table import Table
 
 from .. import checks
 from ..integrators import METHODS
-from ..studies import Fitted, fit
+from ..studies import FitResult, fit
 from ..world import Scene
 from .other_options import FitOptions
 from .process import telling
@@ -29,7 +29,7 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
     talk = Console(stderr=True, quiet=options.quiet)
     with warnings.catch_warnings(record=True) as doubts, telling(talk, "fitting") as tell:
-        warnings.simplefilter("always", checks.DoubtfulFit)
+        warnings.simplefilter("always", checks.FitWarning)
         found = fit(
             scene,
             measured,
@@ -57,7 +57,7 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
         found.plot(options.plot)
 
 
-def _print(name: str, found: Fitted) -> None:
+def _print(name: str, found: FitResult) -> None:
     """Print a table of the values, and what is left over."""
     table = Table(title=f"{name}: {found.runs} worlds of {found.substeps} substeps a frame")
     for heading in ("parameter", "value", "standard deviation", "unit"):

@@ -76,8 +76,8 @@ def _how(about: Mapping[str, Any], counts: NDArray[np.int32] | None) -> Lines:
         if counts is not None and len(np.unique(counts)) > 1:
             steps, each = f"{counts.min()} to {counts.max()}, {counts.mean():.3g} on average,", ""
         yield "substeps", f"{steps} for each {f'1/{fps:g} s' if fps else 'frame'}{each}"
-    if "route" in about:
-        yield "forces", f"summed by route {about['route']}"
+    if "force_algorithm" in about:
+        yield "forces", f"summed by {about['force_algorithm']}"
     if "device" in about:
         name = about.get("device_name")
         yield "device", about["device"] + (f", {name}" if name and name.lower() != about["device"] else "")
@@ -113,7 +113,17 @@ def _by(about: Mapping[str, Any]) -> Lines:
 
 
 _TOLD = {
-    *("scene", "parameters", "integrator", "precision", "substeps", "route", "device", "device_name", "gravity"),
+    *(
+        "scene",
+        "parameters",
+        "integrator",
+        "precision",
+        "substeps",
+        "force_algorithm",
+        "device",
+        "device_name",
+        "gravity",
+    ),
     *("loads", "gravity_of_time", "schedule", "options", "command", "versions", "commit", "digest", "script"),
 }
 """What a run stores, and one of the groups tells."""

@@ -13,7 +13,7 @@ from ..world import Change, Scene, known_until, scene_from_stored
 from .printable import printable
 from .provenance import built_again
 from .results import TRAJECTORY
-from .trust import Script
+from .script_signatures import Script
 
 _MOST_FPS = 60.0
 """Pictures a second beyond which a film that is played faster leaves some out."""
@@ -58,7 +58,7 @@ def shown_of(trajectory: Trajectory, first: int, last: int, every: int, speed: f
 def scene_of(trajectory: Trajectory, talk: Console, script: Script) -> tuple[str, Scene]:
     """Return the name and the scene of a trajectory; without obstacles where it does not tell what they were."""
     system, stored = trajectory.system, trajectory.scene
-    kept = None if stored is None or script.asked_for else scene_from_stored(system, *stored)
+    kept = None if stored is None or script.requested else scene_from_stored(system, *stored)
     end = trajectory.times[-1]
     if kept is not None and end < known_until(kept) + 1e-9:
         return _name_of(trajectory), kept
@@ -85,6 +85,6 @@ def _name_of(trajectory: Trajectory) -> str:
 def schedule_of(trajectory: Trajectory, script: Script) -> Sequence[Change]:
     """Return what changes on the way: by the file, or by the scene's script where an earlier version wrote it."""
     stored = trajectory.scene
-    if stored is None or script.asked_for:
+    if stored is None or script.requested:
         return built_again(trajectory.attributes, script)[1].schedule
     return scene_from_stored(trajectory.system, *stored).schedule

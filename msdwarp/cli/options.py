@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 
 from cyclopts import Parameter
 
+from .integer_flags import Whole, WholeOrAuto
 from .results import overlay_path
-from .whole import Whole, WholeOrAuto
 
 if TYPE_CHECKING:  # `--help` needs none of it, and so imports neither Warp nor NumPy
     from ..world import Look
@@ -20,7 +20,7 @@ MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
 ]
 PrecisionName = Literal["float32", "float32-compensated", "float64"]
-RouteName = Literal["auto", "scatter", "gather", "stencil"]
+ForceAlgorithmName = Literal["auto", "scatter", "gather", "stencil"]
 
 
 @Parameter(name="*")
@@ -135,7 +135,7 @@ class Options:
         Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     precision
         Floating-point precision. Default: float32.
-    route
+    force_algorithm
         How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil
         repeat a run bit for bit; scatter does not.
     threads
@@ -181,7 +181,7 @@ class Options:
 
     device: str | None = None
     precision: PrecisionName | None = None
-    route: RouteName = "auto"
+    force_algorithm: ForceAlgorithmName = "auto"
     threads: WholeOrAuto = "auto"
     integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
@@ -239,9 +239,10 @@ class Options:
         """
         from .. import checks
 
-        pictures = checks.mapping(
-            "the run's pictures", checks.mapping("the run's options", values).get("pictures", {})
-        )
+        values = dict(checks.mapping("the run's options", values))
+        if "route" in values:  # its name in version 0.1
+            values["force_algorithm"] = values.pop("route")
+        pictures = checks.mapping("the run's pictures", values.get("pictures", {}))
         unknown = (values.keys() - _names(cls)) | (pictures.keys() - _names(Pictures))
         if unknown:
             raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
@@ -250,7 +251,7 @@ class Options:
             hints = get_type_hints(kind)
             for name, value in given.items():
                 if not _fits(value, hints[name]):
-                    raise ValueError(f"the run's {name} is {checks.said(value)}, which no run stores")
+                    raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
         out = {"out": values.get("out") and Path(values["out"])}
         return cls(**{**values, **out, "pictures": Pictures(**pictures), **changes})
 

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .options import MethodName, Options, Pictures, PrecisionName, RouteName
-from .whole import Whole, WholeOrAuto, WholeOrWord
+from .integer_flags import Whole, WholeOrAuto, WholeOrWord
+from .options import ForceAlgorithmName, MethodName, Options, Pictures, PrecisionName
 
 
 @Parameter(name="*")
@@ -33,7 +33,7 @@ class ViewOptions:
         Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
     precision
         Floating-point precision. Default: float32.
-    route
+    force_algorithm
         How forces are summed; this affects speed only. auto picks the fastest.
     integrator
         Time-stepping method. Default: symplectic-euler.
@@ -55,7 +55,7 @@ class ViewOptions:
     paused: Annotated[bool, Parameter(negative=())] = False
     device: str | None = None
     precision: PrecisionName | None = None
-    route: RouteName = "auto"
+    force_algorithm: ForceAlgorithmName = "auto"
     integrator: MethodName | None = None
     substeps: WholeOrAuto = "auto"
     fps: float = 60.0
@@ -68,7 +68,7 @@ class ViewOptions:
         return Options(
             device=self.device,
             precision=self.precision,
-            route=self.route,
+            force_algorithm=self.force_algorithm,
             integrator=self.integrator,
             substeps=self.substeps,
             fps=self.fps,

@@ -42,8 +42,8 @@ class ProbeTables:
         self._simulation, self._files = simulation, ExitStack()
         self._tables: dict[str, GrowingTable] = {}
         for every, name in ((FRAME, PROBES), (SUBSTEP, PROBES_BY_SUBSTEP)):
-            if asked_for := probes_by(every, probes):
-                head = ["time_s", *probe_columns(asked_for, simulation.system.dim)]
+            if requested := probes_by(every, probes):
+                head = ["time_s", *probe_columns(requested, simulation.system.dim)]
                 table = GrowingTable(folder / name, head, until=simulation.time, word="the file of probes")
                 self._tables[every] = table
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from cyclopts import App, CycloptsError
 
 from .. import quiet
-from .blame import told_by_line
-from .misunderstood import misunderstood
 from .printable import printable, printable_lines
 from .signals import ALL, Interrupted, Terminated, ask, at_once, heard, noted
+from .usage_errors import usage_errors
+from .user_tracebacks import told_by_line
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,7 +38,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     except MemoryError as error:
         _fail(f"out of memory: {error}")
     except CycloptsError as error:
-        _fail(misunderstood(error))
+        _fail(usage_errors(error))
     except Interrupted as interruption:
         print(printable_lines(str(interruption)), file=sys.stderr)
         sys.exit(interruption.code)

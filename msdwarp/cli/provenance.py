@@ -20,8 +20,9 @@ from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System,
 from ..world import (
     Actuator,
     Collider,
-    Drive,
+    Contact,
     Load,
+    PrescribedMotion,
     Scene,
     gravity_at,
     gravity_in_words,
@@ -30,7 +31,7 @@ from ..world import (
     with_potential,
 )
 from .scene_files import Origin
-from .trust import UNTOLD, Script, script_as_stored
+from .script_signatures import UNTOLD, Script, script_as_stored
 
 
 def about(origin: Origin, scene: Scene) -> dict[str, Any]:
@@ -128,7 +129,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             for part in collider.pose(float(time), scene.system.dim):
                 yield np.asarray(part, dtype=float).tobytes()
     for one in scene.loads:
-        if isinstance(one, Drive):
+        if isinstance(one, PrescribedMotion):
             drive = one.bound(scene.system)
             yield np.concatenate([drive.held, drive.centre]).tobytes()
             for time in np.linspace(0.0, scene.duration, 9):
@@ -141,9 +142,9 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         else:
             yield from _of_load(one, scene)
     for change in scene.schedule:
-        yield repr((change.time, change.freeze, sorted(change.parameters))).encode()
-        if change.release is not None:
-            yield repr(("release", np.asarray(change.release).tolist())).encode()
+        yield repr((change.time, change.set_rest_shape, sorted(change.parameters))).encode()
+        if change.unpin is not None:
+            yield repr(("release", np.asarray(change.unpin).tolist())).encode()
         if change.gravity is not None:
             yield gravity_at(
                 change.gravity, np.linspace(change.time, scene.duration, 9), scene.system.dim
@@ -153,14 +154,24 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 
 
+_FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
+"""What had other names in version 0.1: the digests of scenes keep those, so that its files are known again."""
+
+
 def _of_load(load: Load, scene: Scene) -> Iterator[bytes]:
     """Yield what a load is by value: functions of time by some of their values, those of place by their source."""
     times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
-    yield type(load).__name__.encode()
+    kind = type(load).__name__
+    yield _FIRST_NAMES.get(kind, kind).encode()
     yield load.particles(scene.system).tobytes()
     for field in fields(load):
         value = getattr(load, field.name)
-        yield field.name.encode()
+        if isinstance(load, Contact) and field.name == "exclude":
+            continue
+        if isinstance(load, Contact) and field.name == "self_contact":
+            yield from (b"between", repr("none" if load.exclude else "all" if value else "bodies").encode())
+            continue
+        yield _FIRST_NAMES.get(field.name, field.name).encode()
         if field.name == "on":
             continue
         if isinstance(value, Collider):

@@ -19,7 +19,7 @@ from .options import Options, Pictures
 from .provenance import about, built_again
 from .results import TRAJECTORY, result_folder
 from .run import Run, simulation_by, used
-from .trust import UNTOLD, Script
+from .script_signatures import UNTOLD, Script
 
 
 def rerun(path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTOLD) -> str | None:
@@ -106,10 +106,10 @@ def _by_hand(trajectory: Trajectory, scene: Scene, options: Options, deeds: list
 def _why(before: dict, now: dict) -> str:
     """Return what was other than now and may be why."""
     other = [
-        f"{name} was {checks.said(before.get(name))}, and is {now[name]!r}"
-        for name in ("digest", "versions", "commit", "device_name", "route", "precision", "substeps")
+        f"{name} was {checks.repr_short(before.get(name))}, and is {now[name]!r}"
+        for name in ("digest", "versions", "commit", "device_name", "force_algorithm", "precision", "substeps")
         if before.get(name) != now[name]
     ]
-    if now["route"] == "scatter" and now["device"] != "cpu":
+    if now["force_algorithm"] == "scatter" and now["device"] != "cpu":
         other.append("sums scattered on a GPU are not repeatable to the last bit")
     return "".join(f"\n  {line}" for line in other)

@@ -15,7 +15,7 @@ from .options import Options
 from .provenance import built_again, digest
 from .results import RESTART, TRAJECTORY, pictures_in
 from .run import Run, last_frame, simulation_by
-from .trust import UNTOLD, Script
+from .script_signatures import UNTOLD, Script
 
 
 def resume_run(
@@ -29,8 +29,8 @@ def resume_run(
 ) -> None:
     """Go on with a run from its restart file, to its end or another duration [s], and draw it as it asked for.
 
-    It ends with what it would have ended with if nothing had happened, to the last bit where its route sums in a
-    fixed order and the device is the one where it was.
+    It ends with what it would have ended with if nothing had happened, to the last bit where its algorithm sums in
+    a fixed order and the device is the one where it was.
 
     Raises
     ------

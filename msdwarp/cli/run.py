@@ -24,15 +24,7 @@ from .options import Options
 from .probe_tables import ProbeTables, described, told_last
 from .process import progress_on, stop_asked_for, telling
 from .provenance import about
-from .results import (
-    RESTART,
-    TRAJECTORY,
-    check_names,
-    overlay_path,
-    own_folder,
-    remove_results,
-    wanted_folder,
-)
+from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
@@ -104,7 +96,7 @@ def last_frame(options: Options) -> int:
 
 def simulation_by(scene: Scene, options: Options) -> Simulation:
     """Return the simulation of a scene that options ask for."""
-    return Simulation.of(
+    return Simulation.from_scene(
         scene,
         integrator=METHODS[options.integrator or DEFAULT],
         fps=options.fps,
@@ -112,7 +104,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
         allow_unstable=options.allow_unstable,
         device=options.device,
         precision=options.precision or "float32",
-        route=options.route,
+        force_algorithm=options.force_algorithm,
         threads=options.threads,
         contact_forces=options.sums_contact,
     )
@@ -125,7 +117,7 @@ def used(simulation: Simulation, options: Options) -> dict[str, Any]:
         "integrator": options.integrator or DEFAULT,
         "precision": model.precision,
         "substeps": simulation.substeps,
-        "route": model.route,
+        "force_algorithm": model.force_algorithm,
         "device": simulation.device,
         "device_name": model.device.name,
         "options": options.as_stored(),
@@ -332,10 +324,10 @@ def _summary(simulation: Simulation, options: Options, start: float, seconds: fl
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by "
         f"{options.integrator or DEFAULT} in {simulation.model.precision} on {simulation.device} "
-        f"(forces by {simulation.model.route}): "
+        f"(forces by {simulation.model.force_algorithm}): "
         f"{simulation.choice}"
     )
-    if len(simulation.chosen) > 1:
-        yield f"substeps: {_over_time(simulation.chosen)}"
+    if len(simulation.substep_history) > 1:
+        yield f"substeps: {_over_time(simulation.substep_history)}"
     time_simulated = simulation.time - start
     yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {time_simulated / seconds:.2g} times real time"

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import scenes
-from .blame import remember
 from .signals import at_once
+from .user_tracebacks import remember
 
 if TYPE_CHECKING:
     from ..world import Scene

@@ -7,8 +7,8 @@ from typing import Any
 
 from cyclopts import App
 
+from .integer_flags import with_wholes
 from .scene_files import Origin
-from .whole import with_wholes
 
 
 def flags_app(origin: Origin, command: str, options_type: type, act: Callable[[Origin, Any], None]) -> App:

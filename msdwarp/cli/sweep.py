@@ -30,7 +30,6 @@ from ..studies import (
     points,
     values_of,
 )
-from .blame import told_by_line
 from .other_options import SweepOptions
 from .process import progress_on, start_warp, understood
 from .provenance import as_json
@@ -38,6 +37,7 @@ from .run import last_frame, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, word
+from .user_tracebacks import told_by_line
 
 _LONG = 86400.0
 """Seconds over which the pace of points is taken, of which each may take minutes."""
@@ -160,7 +160,9 @@ def asked_by_words(task: Words) -> Asked:
         if own.tolerance is not None:
             raise ValueError("its method and substeps are chosen by a tolerance")
         assert own.duration is not None
-        how = {name: getattr(own, name) for name in ("fps", "substeps", "allow_unstable", "device", "route")}
+        how = {
+            name: getattr(own, name) for name in ("fps", "substeps", "allow_unstable", "device", "force_algorithm")
+        }
         how |= {"integrator": METHODS[own.integrator or DEFAULT], "precision": own.precision or "float32"}
         found.append(Asked(scene, own.duration, how))
 

@@ -4,44 +4,55 @@ The only room that composes the kernels that move particles, and all but the onl
 implicit Euler launches its own solver.
 """
 
-from .balance import Balance, Ledger, is_told_by_frames, potential, rounding_energy, size, weight
-from .dynamics import Dynamics
-from .effect import Effect, Steps
-from .ensemble_dynamics import EnsembleDynamics, EnsembleStepper
-from .ensemble_model import EnsembleModel
-from .ensemble_sums import GroupMean, WorldEnergies, world_rates
-from .ensemble_watch import EnsembleWatch
-from .feeling import Felt, felt_by
-from .found import Found
-from .linearised import add_linearised, write_diagonal_blocks
-from .measures import Measures, measure, write_in_order, write_strain
-from .model import Model
-from .rates import Rates, rate_bounds, resists
-from .sensing import Sensors, sensors_of
-from .shares import THREADS, cores, threads_for
-from .start import doubt_start, starting_state
-from .state import State
-from .stepper import Blocks, Stepper, check_blocks
-from .touching import Touching
-from .touching_worlds import TouchingWorlds
-from .watch import Backup, Baseline, Watch
+from .collision.body_contact import BodyContact
+from .collision.body_contact_worlds import BodyContactWorlds
+from .collision.contact_forces import ContactForces, felt_by
+from .diagnostics.divergence import Backup, Baseline, DivergenceMonitor
+from .diagnostics.divergence_worlds import EnsembleDivergenceMonitor
+from .diagnostics.energies import Measures, measure, write_in_order, write_strain
+from .diagnostics.energy_balance import (
+    EnergyBalance,
+    EnergySums,
+    is_told_by_frames,
+    potential,
+    rounding_energy,
+    size,
+    weight,
+)
+from .diagnostics.rate_bounds import Rates, rate_bounds, resists
+from .diagnostics.readout import Found
+from .diagnostics.sensors import Sensors, sensors_of
+from .diagnostics.world_sums import GroupMeans, WorldEnergies, world_rates
+from .model.effect import Effect, Steps
+from .model.model import Model
+from .model.state import State
+from .model.worlds import EnsembleModel
+from .springs.linearised import add_linearised, write_diagonal_blocks
+from .stepping.cpu_partition import THREADS, cores, threads_for
+from .stepping.launcher import Dynamics
+from .stepping.launcher_worlds import EnsembleDynamics, EnsembleStepper
+from .stepping.start_checks import starting_state, warn_of_start
+from .stepping.substeps import Blocks, Stepper, check_blocks
 
 __all__ = [
     "THREADS",
     "Backup",
-    "Balance",
     "Baseline",
     "Blocks",
+    "BodyContact",
+    "BodyContactWorlds",
+    "ContactForces",
+    "DivergenceMonitor",
     "Dynamics",
     "Effect",
+    "EnergyBalance",
+    "EnergySums",
+    "EnsembleDivergenceMonitor",
     "EnsembleDynamics",
     "EnsembleModel",
     "EnsembleStepper",
-    "EnsembleWatch",
-    "Felt",
     "Found",
-    "GroupMean",
-    "Ledger",
+    "GroupMeans",
     "Measures",
     "Model",
     "Rates",
@@ -49,14 +60,10 @@ __all__ = [
     "State",
     "Stepper",
     "Steps",
-    "Touching",
-    "TouchingWorlds",
-    "Watch",
     "WorldEnergies",
     "add_linearised",
     "check_blocks",
     "cores",
-    "doubt_start",
     "felt_by",
     "is_told_by_frames",
     "measure",
@@ -68,6 +75,7 @@ __all__ = [
     "size",
     "starting_state",
     "threads_for",
+    "warn_of_start",
     "weight",
     "world_rates",
     "write_diagonal_blocks",

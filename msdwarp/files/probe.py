@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import sound
+from . import validation as sound
 
 _SECONDS = 2.0
 """Seconds of computing that a child has for the file; a sound one takes some hundredths."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Series
 from .names import OWN, READINGS, restored, same, store_text
-from .sound import too_large
+from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
 """Of each probe, by its name, how often it is read ("frame" or "substep") and what its numbers are called."""

@@ -16,8 +16,8 @@ from ..disk import TRAJECTORY
 from .frame_array import FrameArray
 from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .reading_tables import ReadingTables
-from .sound import too_large, unsound
 from .stored_system import read_system
+from .validation import too_large, unsound
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 """What reading a damaged file may raise."""
@@ -63,6 +63,8 @@ class Trajectory:
             """What made the run."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
+            if "route" in self.attributes:  # its name in version 0.1
+                self.attributes["force_algorithm"] = self.attributes.pop("route")
         except _ERRORS as error:
             self.close()
             raise ValueError(f"{self.path} is a damaged trajectory: {error}") from error

@@ -12,10 +12,10 @@ from .stability import (
     SAFETY,
     StepChoice,
     UnstableStep,
-    as_stiff_as,
     choose_forced,
     choose_stable,
     choose_substeps,
+    match_stiffness,
     stability_limit,
 )
 from .symplectic_euler import SymplecticEuler
@@ -34,9 +34,9 @@ __all__ = [
     "StepChoice",
     "SymplecticEuler",
     "UnstableStep",
-    "as_stiff_as",
     "choose_forced",
     "choose_stable",
     "choose_substeps",
+    "match_stiffness",
     "stability_limit",
 ]

@@ -21,9 +21,10 @@ class Integrator(ABC):
     """Whether a substep launches only stages of one method (see `msdwarp.engine.Stepper`)."""
 
     lag: ClassVar[float] = 0.0
-    """Substeps by which velocities lag behind positions, for the energy (see `msdwarp.engine.balance`)."""
+    """Substeps by which velocities lag behind positions, for the energy (see
+    `msdwarp.engine.diagnostics.energy_balance`)."""
 
-    bears_touch: ClassVar[bool] = True
+    supports_contact: ClassVar[bool] = True
     """Whether the method supports contact between bodies."""
     long_steps: ClassVar[bool] = False
     """Whether stable steps may be too long to resolve the motion; then every frame is checked."""
@@ -49,7 +50,7 @@ class Integrator(ABC):
         return False
 
     @property
-    def carried(self) -> int:
+    def method_state(self) -> int:
         """Arrays of vectors, besides positions and velocities, that are passed from one substep to the next."""
         return 0
 
@@ -64,7 +65,7 @@ class Integrator(ABC):
 
     @abstractmethod
     def step(self, dynamics: Dynamics, state: State, work: Any, h: float) -> None:
-        """Advance the state by one substep of h seconds: write the new state to `there`, and flip it.
+        """Advance the state by one substep of h seconds: write the new state to `state_out`, and flip it.
 
         `work` is what `workspace` returned; its contents are not kept between substeps.
         """

@@ -22,8 +22,10 @@ class ExplicitEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then = state.here, state.there
-        dynamics.launch(explicit_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)
+        now, then = state.state_in, state.state_out
+        dynamics.launch(
+            explicit_euler, h=h, compensation=now.compensation, x=now.x, v=now.v, x_out=then.x, v_out=then.v
+        )
         state.flip()
 
     def stable_step(self, rates: Rates) -> float:

@@ -55,7 +55,7 @@ class Leapfrog(Integrator):
         return not self.damper_extrapolation
 
     @property
-    def carried(self) -> int:
+    def method_state(self) -> int:
         """Arrays passed on: the velocities that dampers use, if they differ from those that it steps with."""
         return 1 if self.damper_extrapolation else 0
 
@@ -65,17 +65,22 @@ class Leapfrog(Integrator):
 
     def start(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Take the velocities back by half a substep."""
-        now = state.here
-        for v_seen in now.carried:
+        now = state.state_in
+        for v_seen in now.method_state:
             wp.copy(v_seen, now.v)
         wp.copy(now.v, self._kicked(dynamics, state, work, -0.5 * h))
 
     def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then = state.here, state.there
-        arrays = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
+        now, then = state.state_in, state.state_out
+        arrays = {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
         if self.damper_extrapolation:
-            arrays |= {"v": now.carried[0], "v_out": then.carried[0], "v_half": now.v, "v_half_out": then.v}
+            arrays |= {
+                "v": now.method_state[0],
+                "v_out": then.method_state[0],
+                "v_half": now.v,
+                "v_half_out": then.v,
+            }
             dynamics.launch(extrapolated_leapfrog, h=h, theta=self.damper_extrapolation, **arrays)
         else:
             dynamics.launch(symplectic_euler, h=h, **arrays)
@@ -87,9 +92,9 @@ class Leapfrog(Integrator):
 
     def _kicked(self, dynamics: Dynamics, state: State, work: Work, h: float) -> wp.array:
         """Return the velocities after a kick of h seconds."""
-        now = state.here
-        v = now.carried[0] if self.damper_extrapolation else now.v
-        dynamics.launch(kick, h=h, lost=now.lost, x=now.x, v=v, v_half=now.v, v_out=work.v)
+        now = state.state_in
+        v = now.method_state[0] if self.damper_extrapolation else now.v
+        dynamics.launch(kick, h=h, compensation=now.compensation, x=now.x, v=v, v_half=now.v, v_out=work.v)
         return work.v
 
     def stable_step(self, rates: Rates) -> float:

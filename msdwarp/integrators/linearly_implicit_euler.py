@@ -90,16 +90,16 @@ class LinearlyImplicitEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then, drives = state.here, state.there, dynamics.drives
+        now, then, drives = state.state_in, state.state_out, dynamics.drives
         add = functools.partial(add_linearised, dynamics.model, now.x, everyone=drives)
-        dynamics.launch(impulse, h=h, lost=now.lost, x=now.x, v=now.v, out=work.r, given=work.z)
+        dynamics.launch(impulse, h=h, compensation=now.compensation, x=now.x, v=now.v, out=work.r, given=work.z)
         add(now.v, work.r, spring=1.0, damper=0.0, scale=-h * h)
         if drives:  # their Δv is known: it goes to the right-hand side
             add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
         self._solve(dynamics, now.x, work, h)
         if drives:  # what the others' Δv, now known, gives to them
             add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
-        motion = {"lost": now.lost, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
+        motion = {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
         dynamics.launch(implicit_finish, h=h, dv=work.dv, impulse=work.r, **motion)
         state.flip()
 

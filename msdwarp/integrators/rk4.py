@@ -55,7 +55,7 @@ class RK4(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then = state.here, state.there
+        now, then = state.state_in, state.state_out
         x_a, v_a, x_c, v_c, v_sum = work
         start, a, b, c = (now.x, now.v), (x_a, v_a), (then.x, then.v), (x_c, v_c)
         stages = (
@@ -64,7 +64,14 @@ class RK4(Integrator):
             (b, c, h, h / 3),
             (c, b, 0.0, h / 6),  # nobody else reads b any longer
         )
-        common = {"lost": now.lost, "x0": now.x, "v0": now.v, "v_sum": v_sum, "v_a": v_a, "v_b": then.v}
+        common = {
+            "compensation": now.compensation,
+            "x0": now.x,
+            "v0": now.v,
+            "v_sum": v_sum,
+            "v_a": v_a,
+            "v_b": then.v,
+        }
         for k, ((x, v), (x_out, v_out), reach, weight) in enumerate(stages):
             fields = {"reach": reach, "weight": weight, "first": int(k == 0), "last": int(k == 3)}
             dynamics.launch(rk4, x=x, v=v, x_out=x_out, v_out=v_out, **fields, **common)

@@ -122,7 +122,9 @@ class RKC2(Integrator):
 
     order: ClassVar[int] = 2
     long_steps: ClassVar[bool] = True
-    bears_touch: ClassVar[bool] = False  # its steps are too long for a collision, which then gains or loses energy
+    supports_contact: ClassVar[bool] = (
+        False  # its steps are too long for a collision, which then gains or loses energy
+    )
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -150,9 +152,9 @@ class RKC2(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        c, now, then = coefficients(self.evaluations), state.here, state.there
+        c, now, then = coefficients(self.evaluations), state.state_in, state.state_out
         a0, here, there = work
-        common = {"lost": now.lost, "x0": now.x, "v0": now.v, "a0": a0}
+        common = {"compensation": now.compensation, "x0": now.x, "v0": now.v, "a0": a0}
         stages = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
         x, v = now.x, now.v
         for k, (mu, nu, reach, reach0) in enumerate(stages):

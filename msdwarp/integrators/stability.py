@@ -133,7 +133,7 @@ def choose_substeps(
     return replace(choice, substeps=max(1, math.ceil(wanted)))
 
 
-def as_stiff_as(system: System, other: System) -> System:
+def match_stiffness(system: System, other: System) -> System:
     """Return a body made as stiff, and as damped, as the stable step of another body allows.
 
     The most demanding body of a scene sets the step. A heavier body can be stiffer at no extra cost: with the same

@@ -29,8 +29,10 @@ class SymplecticEuler(Integrator):
 
     def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
         """Advance the state by one substep of h seconds."""
-        now, then = state.here, state.there
-        dynamics.launch(symplectic_euler, h=h, lost=now.lost, x=now.x, v=now.v, x_out=then.x, v_out=then.v)
+        now, then = state.state_in, state.state_out
+        dynamics.launch(
+            symplectic_euler, h=h, compensation=now.compensation, x=now.x, v=now.v, x_out=then.x, v_out=then.v
+        )
         state.flip()
 
     def hand_over(self, dynamics: Dynamics, state: State, work: None, h: float, h_next: float) -> wp.array:
@@ -39,8 +41,8 @@ class SymplecticEuler(Integrator):
         The method is leapfrog with velocities half a substep old. Without this correction each change of the step
         would change the energy: (h/2) Σ v·f is up to 0.8 of the energy of the fastest mode.
         """
-        now, (v,) = state.here, state.empty_vectors(1)
-        fields = {"lost": now.lost, "x": now.x, "v": now.v, "v_half": now.v, "v_out": v}
+        now, (v,) = state.state_in, state.empty_vectors(1)
+        fields = {"compensation": now.compensation, "x": now.x, "v": now.v, "v_half": now.v, "v_out": v}
         dynamics.launch(kick, h=0.5 * (h - h_next), **fields)
         return v
 

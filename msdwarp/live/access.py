@@ -101,7 +101,7 @@ def _origin(given: Any) -> str:
     """Return an origin as browsers write it; raise ValueError if it is none."""
     if not isinstance(given, str) or not re.fullmatch(r"https?://([\w.-]+|\[[0-9a-fA-F:.]+\])(:\d{1,5})?", given):
         raise ValueError(
-            f"allow_origin is {checks.said(given)}; it must be scheme, host and port, such as https://lab.example:8443"
+            f"allow_origin is {checks.repr_short(given)}; it must be scheme, host and port, such as https://lab.example:8443"
         )
     return given.lower()
 

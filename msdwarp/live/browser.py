@@ -14,11 +14,11 @@ from .. import checks
 from ..bodies import in_space
 from ..pictures import VIEW_ANGLE, Stage
 from .access import EVERYWHERE, Access
+from .event_loop import wake_from_any_thread
 from .guard import guarded
 from .images import Images, Links
 from .panel import Panel
 from .patches import LEVELS, Patch, compact, levels, patches, scale_colours
-from .waking import wake_from_any_thread
 
 if TYPE_CHECKING:
     from .view import View

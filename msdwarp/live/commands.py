@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..simulation import SimulationDiverged
-from .grip import Grip, Pull, hit, place
 from .handling import Handling
+from .picking import Picking, Pull, hit, place
 from .recording import Filming, Recording, drawn
 from .shown import COLOURS, Shown
 from .sources import Reading, Running, Source
@@ -225,7 +225,7 @@ class Commands:
         handling = self._handling("pulled")
         at = place("point", point)
         gravity = float(np.linalg.norm(handling.simulation.model.gravity))
-        grip = Grip.of(handling.simulation.system, self.source.frame().position, at, gravity)
+        grip = Picking.of(handling.simulation.system, self.source.frame().position, at, gravity)
         if grip is None:
             raise ValueError("nothing can be pulled here: it is pinned")
         self.hand = Pull(grip, holder, at)

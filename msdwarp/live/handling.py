@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import uniform_like
 from ..simulation import Simulation
-from ..world import Hand, Scene, Touch, Wind
+from ..world import Contact, MouseSpring, Scene, Wind
 
 SCALED = ("mass", "stiffness", "damping", "rest_length")
 """What is handled as a multiple of what the scene has."""
@@ -22,7 +22,7 @@ Deed = dict[str, Any]
 
 def within_reach(scene: Scene) -> Scene:
     """Return a scene in which a hand can take hold of the body: as yet it holds nobody."""
-    return replace(scene, loads=(*scene.loads, Hand()))
+    return replace(scene, loads=(*scene.loads, MouseSpring()))
 
 
 class Handling:
@@ -95,7 +95,7 @@ class Handling:
 
     def _freeze(self) -> None:
         """Have the body keep the form that it has."""
-        self.simulation.change(freeze=True)
+        self.simulation.change(set_rest_shape=True)
 
     def _gravity(self, *, value: Sequence[float]) -> None:
         self.simulation.change(gravity=tuple(value))
@@ -122,7 +122,7 @@ class Handling:
         """Return the obstacles, or the rules of how bodies touch each other."""
         if side == "obstacles":
             return list(self.simulation.colliders)
-        return [one for one in self.loads if isinstance(one, Touch) and one.between != "none"]
+        return [one for one in self.loads if isinstance(one, Contact) and not one.exclude]
 
     def contact(self, side: str, name: str) -> float | None:
         """Return the friction or restitution that obstacles, or bodies, have; None where nothing touches."""
@@ -138,8 +138,8 @@ class Handling:
         self, *, particles: Sequence[int], to: Any, stiffness: Sequence[float], damping: Sequence[float]
     ) -> None:
         """Hold particles, or with none let go."""
-        hand = Hand(on=particles, to=to, stiffness=stiffness, damping=damping)
-        self._take({one: hand for one in self.loads if isinstance(one, Hand)})
+        hand = MouseSpring(on=particles, to=to, stiffness=stiffness, damping=damping)
+        self._take({one: hand for one in self.loads if isinstance(one, MouseSpring)})
 
     def _take(self, others: Mapping[Any, Any]) -> None:
         """Put loads in the place of others."""
@@ -154,7 +154,7 @@ class Handling:
     @property
     def holds(self) -> NDArray[np.int64]:
         """The particles that are held, shape [any]."""
-        return next(one.on for one in self.loads if isinstance(one, Hand))
+        return next(one.on for one in self.loads if isinstance(one, MouseSpring))
 
 
 DEEDS = {
@@ -198,4 +198,4 @@ class Repeat:
                 values = {name: value for name, value in deed.items() if name not in ("frame", "deed")}
                 self._handling.do(deed["deed"], **values)
             except (KeyError, TypeError) as error:
-                raise ValueError(f"{checks.said(deed)} is nothing that is done by hand: {error}") from error
+                raise ValueError(f"{checks.repr_short(deed)} is nothing that is done by hand: {error}") from error

@@ -75,7 +75,7 @@ def show(
         checks.positive("seconds", seconds)
     if isinstance(shown, Scene):
         seconds, scene = shown.duration if seconds is None else seconds, shown
-        shown = Simulation.of(shown)
+        shown = Simulation.from_scene(shown)
     else:
         shown, scene = scene_of(shown)
     if isinstance(shown, Simulation) and seconds is None:

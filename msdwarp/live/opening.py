@@ -9,7 +9,7 @@ from .. import checks
 from ..files import Trajectory
 from ..pictures import no_display
 from ..simulation import Simulation
-from ..world import Hand, Scene, Touch, scene_from_stored
+from ..world import Contact, MouseSpring, Scene, scene_from_stored
 from .browser import HOST, Browser
 from .handling import within_reach
 from .sources import Played, Running, Source
@@ -93,10 +93,10 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
     if isinstance(shown, Trajectory):
         stored = shown.scene
         return shown, Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)
-    checks.instance("shown", shown, Simulation, "Simulation.of(scene), a Scene, a Trajectory or its file")
+    checks.instance("shown", shown, Simulation, "Simulation.from_scene(scene), a Scene, a Trajectory or its file")
     assert isinstance(shown, Simulation)
-    touch = [one for one in shown.loads if isinstance(one, Touch)]
-    around = {"colliders": shown.colliders, "loads": shown.loads, "touch": touch, "gravity": shown.gravity}
+    contact = [one for one in shown.loads if isinstance(one, Contact)]
+    around = {"colliders": shown.colliders, "loads": shown.loads, "contact": contact, "gravity": shown.gravity}
     return shown, Scene(system=shown.system, **around)
 
 
@@ -104,11 +104,11 @@ def _source_of(shown: object) -> Source:
     """Return what shows a scene, a simulation or a trajectory."""
     if isinstance(shown, Scene):
         handled = within_reach(shown)
-        return Running(handled, Simulation.of(handled))
+        return Running(handled, Simulation.from_scene(handled))
     shown, scene = scene_of(shown)
     if isinstance(shown, Trajectory):
         return Played(shown, scene, shown.path.stem)
-    if not any(isinstance(one, Hand) for one in shown.loads):
-        shown.change(loads=[*shown.loads, Hand()])
+    if not any(isinstance(one, MouseSpring) for one in shown.loads):
+        shown.change(loads=[*shown.loads, MouseSpring()])
         scene = replace(scene, loads=shown.loads)
     return Running(scene, shown)

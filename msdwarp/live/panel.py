@@ -22,7 +22,7 @@ HOTKEYS = {"space": "space", "right": "arrowright", "up": "arrowup", "down": "ar
 LEAST, MOST = 0.1, 10.0
 """Ends of the sliders that multiply a parameter."""
 MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
-"""End of the sliders of friction; the least that bodies that touch may have, see `Touch`."""
+"""End of the sliders of friction; the least that bodies that touch may have, see `Contact`."""
 SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
 """Speeds of playing, over real time."""
 PATIENCE = 1.0

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame
-from ..pictures import Drawing, Scale
+from ..pictures import ColourScale, Drawing
 from ..world import Scene
 
 COLOURS = ("look", "speed", "strain")
@@ -47,7 +47,7 @@ class Shown:
         checks.one_of("colour", colour, COLOURS)
         self.scene, self.colour, self.wires = scene, colour, wires
         labelled = colour in LABELS and not wires
-        colouring = "strain" if wires else Scale(LABELS[colour], 1.0) if labelled else "texture"
+        colouring = "strain" if wires else ColourScale(LABELS[colour], 1.0) if labelled else "texture"
         self.drawing = Drawing(scene, colouring, device)
         self.frame: Frame | None = None
         self._broken = 0

@@ -189,7 +189,7 @@ class Running:
     def says(self) -> str:
         """Say how it is simulated, in a few words."""
         choice, model = self._simulation.choice, self._simulation.model
-        return f"{choice} · {model.precision} on {self._simulation.device}, {model.route}"
+        return f"{choice} · {model.precision} on {self._simulation.device}, {model.force_algorithm}"
 
 
 class Played:

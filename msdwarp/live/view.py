@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from .. import checks
 from ..simulation import SimulationDiverged
 from .commands import COMMANDS, Commands, said_of
-from .grip import Pull
 from .keys import KEYS, SCENES, listed
+from .picking import Pull
 from .shown import Shown
 from .sources import Reading, Source
 

@@ -1,6 +1,6 @@
 """Pictures of a scene: `Renderer` draws frames by triangles, by rays or by OpenGL; films; several poses in one."""
 
-from .drawing import Drawing, PlacedPart, Scale
+from .drawing import ColourScale, Drawing, PlacedPart
 from .film import FILM_FORMATS, check_formats, write_film
 from .legend import bar
 from .onscreen import OnScreen
@@ -15,12 +15,12 @@ __all__ = [
     "FILM_FORMATS",
     "VIEW_ANGLE",
     "Camera",
+    "ColourScale",
     "Drawing",
     "OnScreen",
     "PlacedPart",
     "RayCaster",
     "Renderer",
-    "Scale",
     "Stage",
     "bar",
     "check_formats",

@@ -43,7 +43,7 @@ ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes, and the most particles where balls of 42 corners join these, else of 12."""
 
 
-class Scale(NamedTuple):
+class ColourScale(NamedTuple):
     """A colour scale for any quantity of the particles, such as their speed."""
 
     label: str
@@ -90,9 +90,9 @@ class Drawing:
     """
 
     @in_turn
-    def __init__(self, scene: Scene, colouring: str | Scale, device: str = "cpu") -> None:
+    def __init__(self, scene: Scene, colouring: str | ColourScale, device: str = "cpu") -> None:
         system, look = scene.system, scene.look
-        self.by_value = isinstance(colouring, Scale)
+        self.by_value = isinstance(colouring, ColourScale)
         """Whether the body takes the colours of values, which it is given as it follows the particles."""
         bare = system.surface is None
         plain = not scene.looks and not look.says_colour
@@ -159,13 +159,15 @@ class Drawing:
             first = own.stop
         return placed
 
-    def _scale_of(self, colouring: str | Scale) -> Scale | None:
+    def _scale_of(self, colouring: str | ColourScale) -> ColourScale | None:
         """Return what the colours tell; raise ValueError if there is no such colouring."""
-        if isinstance(colouring, Scale):
+        if isinstance(colouring, ColourScale):
             return colouring._replace(full=checks.positive("colouring.full", colouring.full))
         checks.one_of("colouring", colouring, COLOURINGS)
         return (
-            Scale("strain (below 0: shorter than at rest)", self._full_strain, True) if self.shows_strain else None
+            ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
+            if self.shows_strain
+            else None
         )
 
     @property

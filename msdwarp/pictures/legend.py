@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..kernels.pictures import HEAD, THICK, WIDE
 from .arrows import COLOUR
-from .drawing import Scale
+from .drawing import ColourScale
 
 ROOM = 0.125
 """What a legend needs of the upper edge, by the height of the picture."""
@@ -17,7 +17,7 @@ Stops = tuple[tuple[float, float, float], ...]
 
 
 @functools.lru_cache(maxsize=4)
-def bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
+def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
     """Return the legend for a picture of this height, on a veil through which the picture is seen faintly."""
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
@@ -38,7 +38,7 @@ def bar(height: int, scale: Scale, stops: Stops) -> Image.Image:
     return legend
 
 
-def with_bar(image: NDArray[np.uint8], scale: Scale, stops: Stops) -> NDArray[np.uint8]:
+def with_bar(image: NDArray[np.uint8], scale: ColourScale, stops: Stops) -> NDArray[np.uint8]:
     """Return the picture with a bar of the scale's colours, evenly spaced stops, in its upper right corner."""
     picture = Image.fromarray(image)
     legend = bar(picture.height, scale, stops)

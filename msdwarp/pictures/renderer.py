@@ -13,7 +13,7 @@ from .. import checks
 from ..quiet import in_turn, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
-from .drawing import Drawing, Scale
+from .drawing import ColourScale, Drawing
 from .legend import ROOM, with_arrow, with_bar
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
@@ -47,8 +47,8 @@ class Renderer:
         Width and height in pixels.
     colouring
         "texture" for the surface with its texture; "strain" for connections from blue (shorter than at rest) to
-        red (longer); or a `Scale`, which colours the surface (or connections, if there is none) by values given
-        with each frame. Default: set by the scene's look.
+        red (longer); or a `ColourScale`, which colours the surface (or connections, if there is none) by values
+        given with each frame. Default: set by the scene's look.
     backend
         "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray caster
         if `device` is a GPU, else PyVista if it finds an OpenGL library, else the rasteriser.
@@ -75,7 +75,7 @@ class Renderer:
         positions: NDArray,
         *,
         resolution: tuple[int, int] = (1280, 720),
-        colouring: str | Scale | None = None,
+        colouring: str | ColourScale | None = None,
         backend: str = "auto",
         device: str | None = None,
         zoom: float = 1.0,
@@ -125,8 +125,8 @@ class Renderer:
         time
             Time of the frame [s], for moving colliders.
         values
-            A number per particle, in the unit of the `Scale`, shape [particle_count]; None if the colouring is not
-            a `Scale`.
+            A number per particle, in the unit of the `ColourScale`, shape [particle_count]; None if the colouring
+            is not a `ColourScale`.
         forces
             A force on each particle [N], shape [particle_count, d], if there are `arrows`; else None.
 
@@ -134,7 +134,7 @@ class Renderer:
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are given without a `Scale` or arrows.
+            or values or forces are given without a `ColourScale` or arrows.
         """
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
@@ -154,7 +154,7 @@ class Renderer:
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are given without a `Scale` or arrows.
+            or values or forces are given without a `ColourScale` or arrows.
         """
         if forces is not None and self.arrows is None:
             raise ValueError("forces is given; it must be None unless the renderer was made with arrows")
@@ -238,7 +238,7 @@ def _device(device: str | None) -> str:
         return wp.get_device(device).alias
     except Exception as error:  # which one it is depends on what is wrong with the name
         known = ", ".join(one.alias for one in wp.get_devices())
-        raise ValueError(f"device is {checks.said(device)}; it must be one of {known}") from error
+        raise ValueError(f"device is {checks.repr_short(device)}; it must be one of {known}") from error
 
 
 def _numbers(name: str, value: ArrayLike) -> NDArray:
@@ -251,7 +251,7 @@ def _pixels(resolution: object) -> tuple[int, int]:
     """Return the width and height of pictures; raise ValueError if they are none."""
     if not isinstance(resolution, Sequence | np.ndarray) or isinstance(resolution, str) or len(resolution) != 2:
         raise ValueError(
-            f"resolution is {checks.said(resolution)}; it must be two whole numbers, width and height"
+            f"resolution is {checks.repr_short(resolution)}; it must be two whole numbers, width and height"
         )
     width, height = (checks.count("resolution", n, 16) for n in resolution)
     return width, height

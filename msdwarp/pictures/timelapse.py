@@ -33,7 +33,7 @@ def timelapse(
     times
         When they are [s], shape [pose_count].
     values
-        A number per particle and pose, in the unit of the `Scale` that the renderer's colouring is, shape
+        A number per particle and pose, in the unit of the `ColourScale` that the renderer's colouring is, shape
         [pose_count, particle_count]; None where it is none.
 
     Returns

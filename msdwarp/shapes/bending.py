@@ -27,10 +27,11 @@ turns along it: with a material a strip n cells wide is too soft by at most 1/(3
 of a beam's E t³/12. With constants, alike up to the margin, it is too stiff, by 1/(3 n) with 8 neighbours and by
 1/n with 4. In its plane a sheet is stiffer along a line by 4 P/(6 l), (t/s)²/9 of its own springs with a material.
 
-**What takes it away.** Bending lives on lengths that are not those of the flat sheet: `System.freeze`, rest
-lengths given anew, or a yield strain below 3/4 (the strain of these springs when flat) end it. The largest strain
-that is measured is that of the other connections, unless something yields. The elastic energy of a flat sheet is
-not 0: with 8 neighbours it is 12 D for each particle inside. What bending adds to it is the energy of the plate.
+**What takes it away.** Bending lives on lengths that are not those of the flat sheet: `System.set_rest_shape`,
+rest lengths given anew, or a yield strain below 3/4 (the strain of these springs when flat) end it. The largest
+strain that is measured is that of the other connections, unless something yields. The elastic energy of a flat
+sheet is not 0: with 8 neighbours it is 12 D for each particle inside. What bending adds to it is the energy of the
+plate.
 """
 
 import math

@@ -19,7 +19,9 @@ def check_memory(name: str, value: object, count: int, dim: int, neighbours: int
     count = min(count, 10**300)  # no float is larger than some 10**308
     joined = count * neighbours // 2
     size = count * (8 * dim + 4) + joined * (2 * 4 + 8)
-    checks.fits(f"{name} is {checks.said(value)}", f"{count:.3g} particles with {joined:.3g} connections", size)
+    checks.fits(
+        f"{name} is {checks.repr_short(value)}", f"{count:.3g} particles with {joined:.3g} connections", size
+    )
 
 
 def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:

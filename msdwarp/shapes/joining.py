@@ -33,7 +33,7 @@ def join(
     """Return two bodies as one system, with connections between them added at the end.
 
     These are ordinary connections, included in energies, files, pictures and the stable step. Lattices keep the
-    fast stencil route; the added connections are in a small extra table.
+    fast stencil algorithm; the added connections are in a small extra table.
 
     Parameters
     ----------
@@ -73,7 +73,9 @@ def join(
         found = _near(a, b, checks.positive("within", within), on)
     else:
         if on[0] is not None or on[1] is not None:
-            raise ValueError(f"on is {checks.said(on)}; with pairs, which name particles, it must be left out")
+            raise ValueError(
+                f"on is {checks.repr_short(on)}; with pairs, which name particles, it must be left out"
+            )
         found = _pairs(pairs, a.particle_count, a.particle_count if b is None else b.particle_count)
     connections = found + np.array([0, behind], dtype=np.int32)
     _check_two(connections)
@@ -131,7 +133,9 @@ def _check_apart(system: System, connections: NDArray[np.int32], found: NDArray[
 def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> NDArray[np.int32]:
     """Return the pairs of particles that are nearest to each other, from either side, in order."""
     if not isinstance(on, tuple | list) or len(on) != 2:
-        raise ValueError(f"on is {checks.said(on)}; it must be two, of a and of b, such as ('left', 'right')")
+        raise ValueError(
+            f"on is {checks.repr_short(on)}; it must be two, of a and of b, such as ('left', 'right')"
+        )
     bodies = (a, a if b is None else b)
     one, other = (
         np.flatnonzero(_chosen(f"on[{k}]", body, which))

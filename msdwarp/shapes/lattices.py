@@ -149,7 +149,9 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
         return (checks.positive("spacing", cast(float, spacing)),) * axes
     each = cast(Sequence[float], spacing)
     if len(each) != axes:
-        raise ValueError(f"spacing is {checks.said(spacing)}; it must be a number, or {axes}: one for each axis")
+        raise ValueError(
+            f"spacing is {checks.repr_short(spacing)}; it must be a number, or {axes}: one for each axis"
+        )
     return tuple(checks.positive(f"spacing[{k}]", one) for k, one in enumerate(each))
 
 

@@ -6,14 +6,14 @@ Divergence, checkpoints, frames on their way to the host.
 from .arguments import frame_count
 from .divergence import SimulationDiverged
 from .ensemble import Ensemble
-from .ensemble_results import ENERGIES, Mean, observations
+from .ensemble_results import ENERGIES, GroupMean, observations
 from .readback import Readback
 from .simulation import Simulation
 
 __all__ = [
     "ENERGIES",
     "Ensemble",
-    "Mean",
+    "GroupMean",
     "Readback",
     "Simulation",
     "SimulationDiverged",

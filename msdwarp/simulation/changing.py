@@ -9,12 +9,23 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Touching, resists
+from ..engine import BodyContact, resists
 from ..integrators import Integrator, UnstableStep
 from ..quiet import in_turn
-from ..world import Change, Collider, Gravity, Hand, Load, Touch, bound, check_loads, differ_in_values, with_touch
-from .pace import Pace
-from .present import Present
+from ..world import (
+    Change,
+    Collider,
+    Contact,
+    Gravity,
+    Load,
+    MouseSpring,
+    bound,
+    check_loads,
+    differ_in_values,
+    with_contact,
+)
+from .properties import Present
+from .step_controller import StepController
 
 
 class Changing(Present):
@@ -24,7 +35,7 @@ class Changing(Present):
     """What the system is in: arguments of `Model`."""
     _acting: tuple[Load, ...]
     """The loads that act, as they were given."""
-    _pace: Pace | None
+    _pace: StepController | None
     _due: list[Change]
     """The changes of the schedule that are still to come."""
 
@@ -52,9 +63,9 @@ class Changing(Present):
         del self._due[0]  # now that it has been possible
 
     def _stick(self, arrays: Mapping[str, NDArray]) -> None:
-        """Begin with bodies that stick to each other as `Touching.checkpoint` says, where they may touch."""
+        """Begin with bodies that stick to each other as `BodyContact.checkpoint` says, where they may touch."""
         for effect in self.model.effects:
-            if isinstance(effect, Touching):
+            if isinstance(effect, BodyContact):
                 effect.restore(arrays)
         self.stepping.begin_anew()
         if self._pace is not None:
@@ -73,18 +84,18 @@ class Changing(Present):
         self,
         *,
         group: Any = None,
-        freeze: bool = False,
-        release: Any = None,
+        set_rest_shape: bool = False,
+        unpin: Any = None,
         gravity: Gravity | None = None,
         loads: Sequence[Load] | None = None,
-        touch: Touch | Sequence[Touch] | None = None,
+        contact: Contact | Sequence[Contact] | None = None,
         colliders: Sequence[Collider] | None = None,
         **parameters: Any,
     ) -> None:
         """Change gravity, loads, touch, colliders, velocities, mass, stiffness, damping or rest_length.
 
         A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
-        substeps and the automatic route are chosen again.
+        substeps and the automatic algorithm are chosen again.
 
         *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their numbers change (the
         vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with `Wind` the
@@ -95,9 +106,9 @@ class Changing(Present):
         ----------
         loads
             All loads from now on. Previous loads that are among them continue unchanged. For new ones the current
-            state is the start. Contact between bodies stays the same, unless a `Touch` is among them. Checkpoints
-            do not include them.
-        touch
+            state is the start. Contact between bodies stays the same, unless a `Contact` is among them.
+            Checkpoints do not include them.
+        contact
             Contact between bodies from now on; () turns it off. Checkpoints do not include it.
         colliders
             All obstacles from now on, such as the same ones with another friction. Checkpoints do not include
@@ -110,28 +121,28 @@ class Changing(Present):
         ValueError
             If a name is unknown, or a value is out of range. Nothing changes then.
         """
-        change = Change(self.time, group, freeze, parameters, release, gravity)
+        change = Change(self.time, group, set_rest_shape, parameters, unpin, gravity)
         if colliders is not None:
-            others = (group, release, gravity, loads, touch)
-            if freeze or parameters or any(one is not None for one in others):
+            others = (group, unpin, gravity, loads, contact)
+            if set_rest_shape or parameters or any(one is not None for one in others):
                 raise ValueError(
                     "colliders takes the place of all obstacles; nothing else may change in that call"
                 )
             given = checks.sequence("colliders", colliders, Collider, "Plane()")
             self._go_on_with(self.snapshot(), {"colliders": given})
             return
-        if loads is None and touch is None:
+        if loads is None and contact is None:
             self._apply(change)
             return
-        if freeze or parameters or release is not None or gravity is not None:
-            name, whose = ("loads", "loads") if loads is not None else ("touch", "rules of contact")
+        if set_rest_shape or parameters or unpin is not None or gravity is not None:
+            name, whose = ("loads", "loads") if loads is not None else ("contact", "rules of contact")
             raise ValueError(
-                f"{name} takes the place of all {whose}; nothing but loads and touch may change in that call"
+                f"{name} takes the place of all {whose}; nothing but loads and contact may change in that call"
             )
         given = self._acting if loads is None else checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
-        if touch is None and not any(isinstance(one, Touch) for one in given):
-            touch = tuple(one for one in self._acting if isinstance(one, Touch))
-        self._replace_loads(given if touch is None else with_touch(given, touch))
+        if contact is None and not any(isinstance(one, Contact) for one in given):
+            contact = tuple(one for one in self._acting if isinstance(one, Contact))
+        self._replace_loads(given if contact is None else with_contact(given, contact))
 
     def _apply(self, change: Change) -> None:
         """Go on with the system, its gravity and its loads, as a change makes them."""
@@ -206,7 +217,7 @@ class Changing(Present):
             self._go_on_with(system, {"loads": bound(after, system)})
         else:
             check_loads(after, self.system)
-            pulled = self._pace if any(isinstance(one, Hand) for one in others) else None
+            pulled = self._pace if any(isinstance(one, MouseSpring) for one in others) else None
             above, energy = 0.0 if pulled is None else pulled.above(self.stepping), self._energy()
             try:
                 self.stepping.exchange(others)
@@ -225,5 +236,5 @@ class Changing(Present):
 
 def check_bears_touch(method: Integrator, loads: Sequence[Load]) -> None:
     """Raise ValueError where bodies are to touch, and the method's steps are too long for that."""
-    if not method.bears_touch and any(isinstance(one, Touch) for one in loads):
+    if not method.supports_contact and any(isinstance(one, Contact) for one in loads):
         raise ValueError(f"integrator is {method}; where bodies touch it must be another, such as Leapfrog()")

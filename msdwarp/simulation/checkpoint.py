@@ -89,7 +89,7 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
     )
     chosen = numbers.get("chosen", [])
     if not isinstance(chosen, list) or not all(isinstance(one, list) and len(one) == 2 for one in chosen):
-        raise ValueError(f"chosen of the checkpoint is {checks.said(chosen)}; it must be a list of pairs")
+        raise ValueError(f"chosen of the checkpoint is {checks.repr_short(chosen)}; it must be a list of pairs")
     counts = [(checks.non_negative("chosen", time), checks.count("chosen", count, 1)) for time, count in chosen]
     return frame_index, changes, counts
 
@@ -130,7 +130,7 @@ def restored_baseline(numbers: Numbers) -> Baseline | None:
         return None
     found = numbers["baseline"]
     if not isinstance(found, list) or len(found) != 2 or not all(isinstance(one, int | float) for one in found):
-        raise ValueError(f"baseline of the checkpoint is {checks.said(found)}; it must be two numbers")
+        raise ValueError(f"baseline of the checkpoint is {checks.repr_short(found)}; it must be two numbers")
     return Baseline(*map(float, found))
 
 
@@ -174,8 +174,8 @@ def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
 
 def _moving(stepping: Stepping) -> dict[str, wp.array]:
     """Return what a substep leaves to the next, by name."""
-    now = stepping.state.here
-    arrays = {"x": now.x, "v": now.v} | {f"carried.{k}": array for k, array in enumerate(now.carried)}
+    now = stepping.state.state_in
+    arrays = {"x": now.x, "v": now.v} | {f"carried.{k}": array for k, array in enumerate(now.method_state)}
     if stepping.model.compensated:
-        arrays |= {"lost.x": now.lost.x, "lost.v": now.lost.v}
+        arrays |= {"lost.x": now.compensation.x, "lost.v": now.compensation.v}
     return arrays

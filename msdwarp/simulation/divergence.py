@@ -11,7 +11,7 @@ INSIDE_MATTERS = 1.0
 """How long what started inside an obstacle or a body explains why a run has diverged [s]."""
 
 
-class Trouble(NamedTuple):
+class Divergence(NamedTuple):
     """What was found out about a frame that went wrong."""
 
     position: NDArray
@@ -53,7 +53,7 @@ class SimulationDiverged(RuntimeError):
 
 def describe(
     system: System,
-    trouble: Trouble,
+    trouble: Divergence,
     time: float,
     dt: float,
     substeps: int,

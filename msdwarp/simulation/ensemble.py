@@ -22,7 +22,7 @@ from ..integrators import (
     choose_stable,
 )
 from ..quiet import in_turn
-from ..world import POSITION, VELOCITY, Collider, Gravity, Load, Probe, Scene, Touch
+from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import forced, frame_count
 from .changing import check_bears_touch
 from .divergence import SimulationDiverged
@@ -40,9 +40,9 @@ class Ensemble:
     """Simulates many worlds at once: copies of a scene with different parameters or starting states.
 
     World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
-    substeps: to the last bit with the route gather, and on the CPU with every route; to rounding with the stencil
-    on a GPU. An entry is a value that `System.replace` accepts: for stiffness, damping, rest_length and mass a
-    number for all, or one for each connection or particle. To scale the scene's values, multiply:
+    substeps: to the last bit with the algorithm gather, and on the CPU with every algorithm; to rounding with the
+    stencil on a GPU. An entry is a value that `System.replace` accepts: for stiffness, damping, rest_length and
+    mass a number for all, or one for each connection or particle. To scale the scene's values, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
     divides the number of worlds: world w uses entry w mod (number of entries).
 
@@ -71,7 +71,7 @@ class Ensemble:
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. All worlds have the same number of substeps; "auto" is that of the world that needs
         most.
-    route
+    force_algorithm
         As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: these repeat bit for
         bit.
     threads
@@ -110,8 +110,8 @@ class Ensemble:
         friction: ArrayLike | None = None,
         colliders: Sequence[Collider] = (),
         loads: Sequence[Load] = (),
-        touch: Touch | Sequence[Touch] | None = None,
-        contact: str = "coulomb",
+        contact: Contact | Sequence[Contact] | None = None,
+        collider_rule: str = "coulomb",
         integrator: Integrator | None = None,
         fps: float = 60.0,
         substeps: int | str = "auto",
@@ -120,12 +120,12 @@ class Ensemble:
         energy_limit: float = 10.0,
         device: str | None = None,
         precision: str = "float32",
-        route: str = "auto",
+        force_algorithm: str = "auto",
         threads: int | str | None = "auto",
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
         self.fps = checks.positive("fps", fps)
-        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, touch)
+        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, contact)
         self._observe = scene.observe if isinstance(scene, Scene) else {}
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
@@ -140,7 +140,7 @@ class Ensemble:
             raise ValueError("gravity is a function of time; in an ensemble it must be constant yet")
         if friction is not None and not self._colliders:
             raise ValueError("friction is given; there must be colliders then")
-        self._gravity, self._contact = own_gravity, contact
+        self._gravity, self._contact = own_gravity, collider_rule
         self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
         self._method = SymplecticEuler() if integrator is None else integrator
         checks.instance("integrator", self._method, Integrator, "RK4()")
@@ -153,8 +153,9 @@ class Ensemble:
         checks.one_of("allow_unstable", allow_unstable, (False, True))
         self._safety = checks.between("safety", safety, 1e-3, 1)
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        around: dict[str, Any] = {"colliders": self._colliders, "contact": contact, "gravity": own_gravity}
-        around |= {"loads": self._loads, "device": device, "precision": precision, "route": route}
+        around: dict[str, Any] = {"colliders": self._colliders, "collider_rule": collider_rule}
+        around |= {"gravity": own_gravity, "loads": self._loads, "device": device, "precision": precision}
+        around["force_algorithm"] = force_algorithm
         self._threads = threads
         self.model = EnsembleModel(self._base, self.worlds, self._rows, **around)
         self.reset()
@@ -231,9 +232,9 @@ class Ensemble:
         for _ in range(checks.count("frames", frames, 1)):
             self._stepping.advance()
             self.frame_index += 1
-            if touching is not None and not self._overrun_told and (doubt := touching.doubt()):
+            if touching is not None and not self._overrun_told and (doubt := touching.warnings()):
                 self._overrun_told = True
-                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=3)
+                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.TunnellingWarning, stacklevel=3)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
@@ -247,7 +248,7 @@ class Ensemble:
         duration
             Simulated time [s].
         observe
-            Quantities to observe, by name: a `Probe` of positions or velocities, or a `Mean` of a `wp.func`,
+            Quantities to observe, by name: a `Probe` of positions or velocities, or a `GroupMean` of a `wp.func`,
             summed on the device; "energy", "kinetic energy", "elastic energy" or "gravitational energy" [J];
             "positions" [m] or "velocities" [m/s] of all particles; or a function of positions and velocities, of
             shape [worlds, particle_count, d] each, that returns an array with the worlds along its first axis. By
@@ -294,8 +295,8 @@ class Ensemble:
         model, v = self.model, self.velocity()
         position, velocity = model.by_world(self.state.x), model.by_world(v)
         if model.compensated:  # what sums have lost belongs to them
-            position = position.astype(np.float64) - model.by_world(self.state.lost.x)
-            velocity = velocity.astype(np.float64) - model.by_world(self.state.lost.v)
+            position = position.astype(np.float64) - model.by_world(self.state.compensation.x)
+            velocity = velocity.astype(np.float64) - model.by_world(self.state.compensation.v)
         return Frame(self.time, position, velocity)
 
     @in_turn
@@ -346,9 +347,9 @@ class Ensemble:
         own: dict[str, Any] = {
             "gravity": self._of_rows("gravity", world) if "gravity" in self._rows else self._gravity,
             "colliders": colliders,
-            "contact": self._contact,
+            "collider_rule": self._contact,
             "loads": self._loads,
-            "touch": [one for one in self._loads if isinstance(one, Touch)],
+            "contact": [one for one in self._loads if isinstance(one, Contact)],
             "integrator": self.integrator,
             "fps": self.fps,
             "substeps": self.substeps,
@@ -356,7 +357,7 @@ class Ensemble:
             "energy_limit": self._energy_limit,
             "device": self.model.device.alias,
             "precision": self.model.precision,
-            "route": self.model.route,
+            "force_algorithm": self.model.force_algorithm,
         }
         alone = Simulation(self.system_of(world, start=start), **(own | options))
         if not start and self.model.touching is not None:
@@ -374,7 +375,7 @@ class Ensemble:
         return int(world)
 
     @in_turn
-    def explain(self, world: int) -> SimulationDiverged:
+    def diagnose(self, world: int) -> SimulationDiverged:
         """Return why a world diverged, as `Simulation` would report it: the substep, the particle, the connection.
 
         The frame in which it diverged is simulated again for that world alone.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..world import Collider, Gravity, Load, Scene, with_touch
+from ..world import Collider, Gravity, Load, Scene, with_contact
 
 FINITE = checks.FINITE
 NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
@@ -115,16 +115,16 @@ def _without_pinned(
 
 
 def taken_from(
-    scene: Any, colliders: Any, loads: Any, touch: Any
+    scene: Any, colliders: Any, loads: Any, contact: Any
 ) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
     """Return system, colliders, loads and gravity: of a scene, or of a system with these beside it."""
     if isinstance(scene, System):
         obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
         given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
-        return scene, obstacles, with_touch(given, touch), 9.82
+        return scene, obstacles, with_contact(given, contact), 9.82
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene is {checks.said(scene)}; it must be a Scene or a System, such as chain(5)")
-    given = {"colliders are": colliders, "loads are": loads, "touch is": () if touch is None else (touch,)}
+        raise ValueError(f"scene is {checks.repr_short(scene)}; it must be a Scene or a System, such as chain(5)")
+    given = {"colliders are": colliders, "loads are": loads, "contact is": () if contact is None else (contact,)}
     for named, values in given.items():
         if len(values):
             raise ValueError(f"{named} given beside a Scene, which has its own; that must be in the scene")

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..engine import GroupMean, WorldEnergies
+from ..engine import GroupMeans, WorldEnergies
 from ..quiet import in_turn
 from ..world import FRAME, POSITION, VELOCITY, Probe
 
@@ -26,7 +26,7 @@ AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
-class Mean:
+class GroupMean:
     """The mean of a function over a group of particles, computed on the device.
 
     Parameters
@@ -94,12 +94,12 @@ def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
     if isinstance(what, Probe):
         checks.one_of("what", what.what, (POSITION, VELOCITY))
         checks.one_of("every", what.every, (FRAME,))
-        mean = GroupMean(model, what.what, what.particles(model.system))
+        mean = GroupMeans(model, what.what, what.particles(model.system))
         unit = "m" if what.what == POSITION else "m/s"
         return Observation(name, ("axis",), unit, lambda: mean.read(state, ensemble.velocity()))
-    if isinstance(what, Mean):
+    if isinstance(what, GroupMean):
         chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
-        own = GroupMean(model, what.function, chosen, what.width)
+        own = GroupMeans(model, what.function, chosen, what.width)
         width = what.width
 
         def told() -> NDArray:
@@ -127,7 +127,7 @@ def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
     sums = WorldEnergies(model)
 
     def energy() -> NDArray:
-        each = sums.read(state.x, ensemble.velocity(), state.lost.x)
+        each = sums.read(state.x, ensemble.velocity(), state.compensation.x)
         chosen = ENERGIES if what == "energy" else (what,)
         total = np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
         if what == "energy" and model.touching is not None:
@@ -153,7 +153,7 @@ def dataset(ensemble: "Ensemble", seen: list[Observation], times: list[float]) -
     if any("axis" in dimensions for dimensions, *_ in variables.values()):
         coordinates["axis"] = list(AXES[: ensemble.model.dim])
     about = {"fps": ensemble.fps, "substeps": ensemble.substeps, "precision": ensemble.model.precision}
-    about |= {"integrator": repr(ensemble.integrator), "route": ensemble.model.route}
+    about |= {"integrator": repr(ensemble.integrator), "force_algorithm": ensemble.model.force_algorithm}
     return xarray.Dataset(variables, coordinates, about)
 
 

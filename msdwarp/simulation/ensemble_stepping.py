@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..engine import EnsembleDynamics, EnsembleModel, EnsembleStepper, EnsembleWatch, Rates, Steps
+from ..engine import EnsembleDivergenceMonitor, EnsembleDynamics, EnsembleModel, EnsembleStepper, Rates, Steps
 from ..integrators import Integrator, StepChoice, choose_forced
-from .landing import RECORDING
+from .pinned_staging import CAPTURE_LOCK
 
 
 class EnsembleStepping:
@@ -45,7 +45,7 @@ class EnsembleStepping:
         energy_limit: float,
         threads: int | str | None,
     ) -> None:
-        self._model, self.state = model, model.start(method.carried)
+        self._model, self.state = model, model.start(method.method_state)
         self.choice = max(choices, key=lambda choice: (choice.substeps, choice.rates.stiffness))
         fitting = Rates(
             max(one.rates.stiffness for one in choices),
@@ -62,7 +62,7 @@ class EnsembleStepping:
         self._work = own.workspace(self.state)
         swing = np.array([choose_forced(one.rates, own, fps, substeps).energy_swing for one in choices])
         limit = energy_limit * swing[np.arange(model.worlds) % len(swing)]
-        self.watch = EnsembleWatch(self._dynamics, self.state, limit)
+        self.watch = EnsembleDivergenceMonitor(self._dynamics, self.state, limit)
         take_substep = partial(own.step, self._dynamics, self.state, self._work, step)
         self._stepper = EnsembleStepper(self._dynamics, self.state, take_substep, threads)
         self.threads = self._stepper.threads
@@ -85,7 +85,7 @@ class EnsembleStepping:
         """Launch a frame."""
         if self._graph is None or self._generation != self._model.generation:
             self._generation = self._model.generation
-            with RECORDING, wp.ScopedCapture(device=self._model.device) as capture:
+            with CAPTURE_LOCK, wp.ScopedCapture(device=self._model.device) as capture:
                 self.watch.begin()
                 self._stepper.take(self.choice.substeps)
                 for effect in self._model.effects:

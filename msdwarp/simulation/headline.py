@@ -16,6 +16,6 @@ def headline(simulation: Any, method: Integrator, colliders: Sequence[Collider])
     return (
         f"<Simulation of {parts}{around}\n"
         f"  {method!r}, {simulation.substeps} substeps a frame at {simulation.fps:g} frames a second\n"
-        f"  {model.precision} by {model.route} on {simulation.device}{threads}\n"
+        f"  {model.precision} by {model.force_algorithm} on {simulation.device}{threads}\n"
         f"  at {simulation.time:.4g} s, frame {simulation.frame_index}>"
     )

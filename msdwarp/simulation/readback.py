@@ -11,7 +11,7 @@ from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
 from ..quiet import in_turn
-from .landing import RECORDING
+from .pinned_staging import CAPTURE_LOCK
 from .simulation import Simulation
 
 
@@ -45,7 +45,7 @@ class Readback:
         self, simulation: Simulation, *, strain: bool = True, contact_forces: bool = False, depth: int = 6
     ) -> None:
         checks.count("depth", depth, 1)
-        if contact_forces and simulation.stepping.felt is None:
+        if contact_forces and simulation.stepping.contact_forces is None:
             raise ValueError("contact_forces is True; the simulation must be made with contact_forces=True then")
         self._simulation, self._strain, self._contact_forces = simulation, strain, contact_forces
         device = simulation.model.device
@@ -71,16 +71,16 @@ class Readback:
         wp.copy(room.here["position"], state.x)
         wp.copy(room.here["velocity"], stepping.velocity())
         if stepping.model.compensated:
-            wp.copy(room.here["position_lost"], state.lost.x)
-            wp.copy(room.here["velocity_lost"], state.lost.v)
+            wp.copy(room.here["position_lost"], state.compensation.x)
+            wp.copy(room.here["velocity_lost"], state.compensation.v)
         if self._strain:
             write_strain(stepping.model, state, self._place_in(stepping.model), room.here["strain"])
         if stepping.model.tearing is not None and "broken_at" in room.here:
             write_in_order(
                 stepping.model.tearing.broken_at, self._place_in(stepping.model), room.here["broken_at"]
             )
-        if self._contact_forces and stepping.felt is not None:
-            stepping.felt.write_force(room.here["contact_force"])
+        if self._contact_forces and stepping.contact_forces is not None:
+            stepping.contact_forces.write_force(room.here["contact_force"])
         if self._stream is not None:
             room.send(self._stream)
 
@@ -184,5 +184,5 @@ class _Room:
     def wait(self) -> None:
         """Wait until all is on the host."""
         if self._host is not self.here:
-            with RECORDING:
+            with CAPTURE_LOCK:
                 wp.synchronize_event(self._sent)

@@ -41,7 +41,9 @@ class Readings(Mapping[str, Series]):
     def __getitem__(self, name: str) -> Series:
         """Return the series of a probe; raise KeyError if there is none of this name."""
         if name not in self._frames:
-            raise KeyError(f"there is no probe {checks.said(name)}; there are {', '.join(self._frames) or 'none'}")
+            raise KeyError(
+                f"there is no probe {checks.repr_short(name)}; there are {', '.join(self._frames) or 'none'}"
+            )
         times, values = zip(*self._frames[name], strict=True)
         return Series(np.concatenate(times), np.concatenate(values))
 

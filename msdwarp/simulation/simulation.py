@@ -16,45 +16,38 @@ from ..engine import (
     Model,
     Rates,
     check_blocks,
-    doubt_start,
     rate_bounds,
     starting_state,
     threads_for,
+    warn_of_start,
 )
-from ..integrators import (
-    SAFETY,
-    Integrator,
-    StepChoice,
-    SymplecticEuler,
-    choose_forced,
-    choose_stable,
-)
+from ..integrators import SAFETY, Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
 from ..quiet import in_turn
 from ..world import (
     Change,
     Collider,
+    Contact,
     Gravity,
     Load,
     Probe,
     Scene,
-    Touch,
     bound,
     checked_probes,
     gravity_at,
-    with_touch,
+    with_contact,
 )
 from . import checkpoint
 from .arguments import forced, frame_count, in_order
 from .changing import Changing, check_bears_touch
 from .divergence import SimulationDiverged, describe
 from .headline import headline
-from .pace import Hopeless, Pace
 from .readings import Readings
+from .step_controller import StepControlFailed, StepController
 from .stepping import Stepping
 
 
 class Simulation(Changing):
-    """Simulates a system frame by frame on a device. `Simulation.of(scene)` makes one from a scene.
+    """Simulates a system frame by frame on a device. `Simulation.from_scene(scene)` makes one from a scene.
 
     Parameters
     ----------
@@ -66,21 +59,21 @@ class Simulation(Changing):
         external work.
     colliders
         Obstacles.
-    contact
+    collider_rule
         Rule for contact with obstacles: "coulomb", or "report" for that of the 2014 report; see
-        `msdwarp.kernels.contact`.
+        `msdwarp.kernels.colliders`.
     loads
         Loads on the bodies, such as `Force` or `Wind`.
-    touch
-        Contact between bodies: a `Touch`, or several. By default bodies pass through each other.
+    contact
+        Contact between bodies: a `Contact`, or several. By default bodies pass through each other.
     integrator
         Time-stepping method, such as `Leapfrog()`. By default `SymplecticEuler()`.
     fps
         Frames per second of simulated time.
     substeps
         Integrator steps per frame. "auto" uses as few as `safety` allows (see `msdwarp.integrators.stability`),
-        and more if the energy would grow without a cause (see `msdwarp.simulation.pace`). `choice` has the current
-        number and the reason, `chosen` its changes.
+        and more if the energy would grow without a cause (see `msdwarp.simulation.step_controller`). `choice` has
+        the current number and the reason, `substep_history` its changes.
     safety
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
@@ -96,9 +89,9 @@ class Simulation(Changing):
         Name of a Warp device. By default the first CUDA device, or the CPU if there is none.
     precision
         "float32", "float32-compensated" (corrects rounding errors of sums) or "float64".
-    route
+    force_algorithm
         How forces are summed: "scatter", "gather", "stencil" (lattices only) or "auto"; see
-        `msdwarp.kernels.forces`. This affects speed only. On a GPU, results with scatter do not repeat bit for
+        `msdwarp.kernels.springs`. This affects speed only. On a GPU, results with scatter do not repeat bit for
         bit.
     blocks
         Number of thread blocks and threads per block that compute all substeps of a frame in one launch: a pair,
@@ -122,7 +115,7 @@ class Simulation(Changing):
 
     Warns
     -----
-    DoubtfulStart
+    StartWarning
         If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
     """
 
@@ -133,9 +126,9 @@ class Simulation(Changing):
         *,
         gravity: Gravity = 9.82,
         colliders: Sequence[Collider] = (),
-        contact: str = "coulomb",
+        collider_rule: str = "coulomb",
         loads: Sequence[Load] = (),
-        touch: Touch | Sequence[Touch] | None = None,
+        contact: Contact | Sequence[Contact] | None = None,
         integrator: Integrator | None = None,
         fps: float = 60.0,
         substeps: int | str = "auto",
@@ -145,19 +138,19 @@ class Simulation(Changing):
         energy_limit: float = 10.0,
         device: str | None = None,
         precision: str = "float32",
-        route: str = "auto",
+        force_algorithm: str = "auto",
         blocks: Blocks = "auto",
         threads: int | str = "auto",
         schedule: Sequence[Change] = (),
         probes: Mapping[str, Probe] | None = None,
         contact_forces: bool = False,
     ) -> None:
-        checks.instance("system", system, System, "chain(5); of a scene use Simulation.of(scene)")
+        checks.instance("system", system, System, "chain(5); of a scene use Simulation.from_scene(scene)")
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         if not isinstance(self._method, Integrator):
             raise ValueError(
-                f"integrator is {checks.said(integrator)}; it must be an integrator, such as Leapfrog()"
+                f"integrator is {checks.repr_short(integrator)}; it must be an integrator, such as Leapfrog()"
             )
         self._forced = forced(substeps)
         self._safety = checks.between("safety", safety, 1e-3, 1)
@@ -166,18 +159,18 @@ class Simulation(Changing):
             checks.one_of(name, choice, (False, True))
         self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        self._given = with_touch(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), touch)
+        self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
         self._loads, self._gravity = bound(self._given, system), gravity
         check_bears_touch(self._method, self._given)
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
             "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
-            "contact": contact,
+            "collider_rule": collider_rule,
             "probes": checked_probes(probes or {}, system, colliders, self._given),
             "device": device,
             "precision": precision,
-            "route": route,
+            "force_algorithm": force_algorithm,
             "contact_forces": contact_forces,
         }
         self._colliders = self._surroundings["colliders"]
@@ -185,10 +178,10 @@ class Simulation(Changing):
         self._threads = threads
         self._initial = system
         self.reset()
-        self._inside = doubt_start(self.model, self._surroundings["colliders"])
+        self._inside = warn_of_start(self.model, self._surroundings["colliders"])
 
     @classmethod
-    def of(cls, scene: Scene, **options: Any) -> Self:
+    def from_scene(cls, scene: Scene, **options: Any) -> Self:
         """Return the simulation of a scene.
 
         Parameters
@@ -199,7 +192,7 @@ class Simulation(Changing):
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        names = ("gravity", "colliders", "loads", "touch", "schedule", "probes")
+        names = ("gravity", "colliders", "loads", "contact", "schedule", "probes")
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __reduce__(self) -> NoReturn:
@@ -218,9 +211,9 @@ class Simulation(Changing):
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
         self._acting = self._given
         watched = self._forced is None and math.isfinite(self._energy_limit)
-        self._pace = Pace() if watched else None
+        self._pace = StepController() if watched else None
         self._load(self._initial)
-        self.chosen: list[tuple[float, int]] = [(0.0, self.substeps)]
+        self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
         """From when on [s] a frame took how many substeps."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
@@ -229,7 +222,7 @@ class Simulation(Changing):
         if self.time > 0.0:
             model.go_on_from(self.model, self.state.x, self.state.v)
         check_blocks(self._blocks, on_gpu=model.device.is_cuda)
-        state = starting_state(system, model, self._method.carried, self.time, self.fps)
+        state = starting_state(system, model, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0
         if self._pace is not None and self._pace.scale > 0:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
@@ -258,9 +251,9 @@ class Simulation(Changing):
 
         Warns
         -----
-        ContactOverrun
+        TunnellingWarning
             Once per run, if bodies collide so fast, or press so hard, that one may pass through the other.
-        DoubtfulEnergy
+        EnergyDriftWarning
             Once per run, if the energy has risen by rounding errors (automatic substeps only).
         """
         count = checks.count("frames", frames, 1)
@@ -278,17 +271,19 @@ class Simulation(Changing):
             self._choose_anew()
         comes_between = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
         self._advance((self.frame_index + 1) / self.fps if goes_on and not comes_between else None)
-        if self.substeps != self.chosen[-1][1]:
-            self.chosen.append((self.time, self.substeps))
+        if self.substeps != self.substep_history[-1][1]:
+            self.substep_history.append((self.time, self.substeps))
         self.frame_index += 1
         if self.readings:
             self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-        if not self._overrun_told and (doubt := self.stepping.doubt()):
+        if not self._overrun_told and (doubt := self.stepping.warnings()):
             self._overrun_told = True
-            warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.ContactOverrun, stacklevel=4)
-        if not self._rounding_told and self._pace is not None and self._pace.doubt:
+            warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.TunnellingWarning, stacklevel=4)
+        if not self._rounding_told and self._pace is not None and self._pace.warnings:
             self._rounding_told = True
-            warnings.warn(f"up to {self.time:.4g} s {self._pace.doubt}", checks.DoubtfulEnergy, stacklevel=4)
+            warnings.warn(
+                f"up to {self.time:.4g} s {self._pace.warnings}", checks.EnergyDriftWarning, stacklevel=4
+            )
 
     def _advance(self, then: float | None) -> None:
         """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
@@ -298,7 +293,7 @@ class Simulation(Changing):
             return
         try:
             self.stepping = self._pace.advance(self.stepping, self.time, self._bound, then)
-        except Hopeless as end:
+        except StepControlFailed as end:
             self.stepping = end.stepping
             raise self._divergence(end.gained) from None
 
@@ -350,7 +345,7 @@ class Simulation(Changing):
         gravity = self._surroundings["gravity"]
         if gravity is not self._gravity and not callable(gravity):
             own["gravity"] = np.asarray(gravity, dtype=float).tolist()
-        own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.chosen]}
+        own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.substep_history]}
         return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
 
     @in_turn
@@ -366,7 +361,7 @@ class Simulation(Changing):
         frame_index, changes, chosen = checkpoint.restored_progress(numbers)
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
-        pace = self._pace and Pace.restored(numbers)
+        pace = self._pace and StepController.restored(numbers)
         baseline = checkpoint.restored_baseline(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
@@ -374,7 +369,7 @@ class Simulation(Changing):
         loads = checkpoint.restored_loads(self._loads, system, arrays)
         self._surroundings |= {"loads": loads, "gravity": gravity}
         self._acting = self._given
-        self._pace = self._pace and Pace()
+        self._pace = self._pace and StepController()
         self.frame_index = frame_index
         self.readings = Readings(self._surroundings["probes"], system.dim)
         self._load(system, choice)
@@ -382,7 +377,7 @@ class Simulation(Changing):
         checkpoint.take_back(self.stepping, arrays)
         for effect in self.model.effects:
             effect.make_room(self.state.x, self.state.v)
-        self.chosen = chosen or [(0.0, self.substeps)]
+        self.substep_history = chosen or [(0.0, self.substeps)]
         if baseline is not None:
             self.stepping.watch.compare_with(baseline)
         if pace is not None:  # an older checkpoint has none, and goes on as if the run began here

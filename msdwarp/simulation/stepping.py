@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..bodies import Frame
 from ..engine import (
     Backup,
-    Balance,
     Baseline,
     Blocks,
+    DivergenceMonitor,
     Dynamics,
-    Ledger,
+    EnergyBalance,
+    EnergySums,
     State,
     Stepper,
     Steps,
-    Watch,
     felt_by,
     is_told_by_frames,
     potential,
@@ -30,9 +30,9 @@ from ..engine import (
 )
 from ..integrators import Integrator, StepChoice
 from ..quiet import in_turn
-from ..world import FRAME, SUBSTEP, Hand, Load
-from .divergence import Trouble
-from .landing import RECORDING, Landing, to_host
+from ..world import FRAME, SUBSTEP, Load, MouseSpring
+from .divergence import Divergence
+from .pinned_staging import CAPTURE_LOCK, PinnedStaging, to_host
 from .track import Track, Tracks, tells_all
 
 
@@ -93,13 +93,15 @@ class Stepping:
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
-        self._landing = Landing()
+        self._landing = PinnedStaging()
         self._tracks = Tracks(state)
-        self.watch = Watch(self.model, state, energy_limit * choice.energy_swing, baseline)
+        self.watch = DivergenceMonitor(self.model, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
-        self.felt = felt_by(self.model, 1.0 / choice.fps)
-        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps, self.felt)
-        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps, self.felt)
+        self.contact_forces = felt_by(self.model, 1.0 / choice.fps)
+        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps, self.contact_forces)
+        self._by_substep = sensors_of(
+            dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps, self.contact_forces
+        )
         self.stepper = Stepper(
             dynamics,
             state,
@@ -115,9 +117,9 @@ class Stepping:
         small = is_told_by_frames(dynamics)
         self._tells, self.telling = paced and small, True
         """Whether frames can tell their balance; whether the next ones do, else it is summed when asked for."""
-        self._runs_ahead = small and tells_all(self.model, self.felt, self._sensors, self._by_substep)
+        self._runs_ahead = small and tells_all(self.model, self.contact_forces, self._sensors, self._by_substep)
         """Whether a frame can be judged while the next one is under way."""
-        self._open_ledger = partial(Ledger, dynamics, state, self.integrator.lag * choice.step)
+        self._open_ledger = partial(EnergySums, dynamics, state, self.integrator.lag * choice.step)
         self._ledger = self._open_ledger() if self._tells else None
         self.integrator.start(dynamics, state, self._work, choice.step)
 
@@ -154,7 +156,7 @@ class Stepping:
         heavy, before = weight(self.model), potential(self.model, self.state)
         with self._between():
             self.model.fall(gravity)
-            self.dynamics.world.gravity = self.model.gravity
+            self.dynamics.scene.gravity = self.model.gravity
         # Recording costs more than a launch: it is for what comes again before the next change.
         self._unrecorded, self._unsummed = 1, 4
         # All that energies are compared with is as much higher as the present one.
@@ -185,7 +187,7 @@ class Stepping:
             self.dynamics.hold(self._time)
             if work is not None:  # what has been done stays so
                 work.before += done - work.total(x, self.state.v)
-        hands = [one for one in others.values() if isinstance(one, Hand)]
+        hands = [one for one in others.values() if isinstance(one, MouseSpring)]
         if hands:  # a pull brings in what its springs store, again and again
             energy, scale = Baseline.of(self.model, self.state)
             here = x.numpy()
@@ -243,15 +245,15 @@ class Stepping:
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]."""
         self._forget_stale()
-        shares, graphs = self.dynamics.shares, track.graphs
+        partition, graphs = self.dynamics.partition, track.graphs
         tells = track.tells = self._tells and self.telling
-        if tells not in graphs and (shares is not None or not self._unrecorded):
+        if tells not in graphs and (partition is not None or not self._unrecorded):
             graphs[tells] = self._recorded_frame(track)
         self.dynamics.begin_frame(time)
         if tells not in graphs:
             self._unrecorded -= 1
             self._launch_frame(track)
-        elif shares is not None:
+        elif partition is not None:
             graphs[tells].replay()
         else:
             wp.capture_launch(graphs[tells])
@@ -281,10 +283,10 @@ class Stepping:
 
     def _recorded_frame(self, track: Track) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
-        shares = self.dynamics.shares
-        with RECORDING:
-            if shares is not None:
-                return shares.record(partial(self._launch_frame, track))
+        partition = self.dynamics.partition
+        with CAPTURE_LOCK:
+            if partition is not None:
+                return partition.record(partial(self._launch_frame, track))
             with wp.ScopedCapture(device=self.model.device) as capture:
                 self._launch_frame(track)
         return capture.graph
@@ -292,8 +294,8 @@ class Stepping:
     def _launch_frame(self, track: Track) -> None:
         """Launch the substeps of a frame, and what looks at the state behind them."""
         track.backup.save()
-        if self.felt is not None:
-            self.felt.begin()
+        if self.contact_forces is not None:
+            self.contact_forces.begin()
         self.stepper.take(self.choice.substeps)
         for effect in self.model.effects:
             effect.look()
@@ -310,7 +312,7 @@ class Stepping:
         with self.dynamics.looking(substep):
             self._by_substep.launch(self.velocity() if self._by_substep.moves else self.state.v, substep)
 
-    def balance(self) -> Balance:
+    def balance(self) -> EnergyBalance:
         """Return the energies of the present state, summed by a graph of its own."""
         if self._ledger is None:
             self._ledger = self._open_ledger()
@@ -321,14 +323,14 @@ class Stepping:
             self._ledger.launch(found)
         else:
             if self._sums is None:
-                with RECORDING, wp.ScopedCapture(device=self.model.device) as capture:
+                with CAPTURE_LOCK, wp.ScopedCapture(device=self.model.device) as capture:
                     self._ledger.launch(found)
                 self._sums = capture.graph
             wp.capture_launch(self._sums)
         found.mark()
         return self._ledger.balance(found.read())
 
-    def balance_of_frame(self) -> Balance:
+    def balance_of_frame(self) -> EnergyBalance:
         """Return the balance of the frame just advanced by: as that tells it, or summed now."""
         if self._tracks.now.tells and self._ledger is not None:
             return self._ledger.balance(self.watch.told)
@@ -347,7 +349,7 @@ class Stepping:
             found |= sensors.read()
         return found
 
-    def find_trouble(self) -> Trouble:
+    def find_trouble(self) -> Divergence:
         """Find out what went wrong in the frame just simulated, and go back to its start.
 
         The frame is simulated once more, looking after every substep.
@@ -363,9 +365,9 @@ class Stepping:
             if self.watch.finds_trouble(found) or substep == self.choice.substeps:
                 break
             good = to_host(self.state.x)
-        particle = self.watch.culprit()
+        particle = self.watch.worst_particle()
         self.go_back()
-        return Trouble(good, substep, particle)
+        return Divergence(good, substep, particle)
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions [m/s], on the device."""
@@ -375,21 +377,21 @@ class Stepping:
         """Return the present positions and velocities."""
         position, velocity = self._landing.host_copies(self.state.x, self.velocity())
         if self.model.compensated:  # what sums have lost belongs to them
-            position = position.astype(np.float64) - self.state.lost.x.numpy()
-            velocity = velocity.astype(np.float64) - self.state.lost.v.numpy()
+            position = position.astype(np.float64) - self.state.compensation.x.numpy()
+            velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, position, velocity)
 
-    def doubt(self) -> str | None:
+    def warnings(self) -> str | None:
         """Return words about what may have gone wrong in the last frame; None where nothing did."""
-        doubts = (effect.doubt() for effect in self.model.effects)
+        doubts = (effect.warnings() for effect in self.model.effects)
         return next((one for one in doubts if one is not None), None)
 
     def contact_force(self) -> NDArray:
         """Return the mean contact force on each particle over the last frame [N]; see `Simulation`."""
-        if self.felt is None:
+        if self.contact_forces is None:
             raise ValueError("contact_forces is False; it must be True for these forces to be summed")
         force = wp.zeros(self.model.particle_count, dtype=self.model.vector, device=self.model.device)
-        self.felt.write_force(force)
+        self.contact_forces.write_force(force)
         return to_host(force)
 
     @in_turn

@@ -4,7 +4,7 @@ from typing import Any
 
 from ..engine import Backup, Effect, Found, Model, State
 
-_ASKED = ("energy", "energy_and_power", "is_void", "doubt")
+_ASKED = ("energy", "energy_and_power", "is_void", "warnings")
 """What the host asks effects about the present state, or the frame that was advanced by last."""
 
 

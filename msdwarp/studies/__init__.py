@@ -4,11 +4,11 @@ from .accuracy import cheapest, tune
 from .comparison import compare
 from .energy_log import EnergyLog
 from .fit import fit
-from .fitted import Fitted
+from .fit_result import FitResult
 from .frames import particle_energies, system_in
 from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
-from .measured import Tracked
+from .measured import TrackedPoints
 from .sweep import complete, sweep
 from .sweep_ensembles import ENSEMBLE, Asked, in_words
 from .sweep_plot import plot_sweep
@@ -21,10 +21,10 @@ __all__ = [
     "RESULTS",
     "Asked",
     "EnergyLog",
-    "Fitted",
+    "FitResult",
     "GrowingTable",
     "Point",
-    "Tracked",
+    "TrackedPoints",
     "cheapest",
     "check_size",
     "compare",

@@ -49,7 +49,7 @@ class Reference(NamedTuple):
 
 def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:
     """Return a simulation and the positions of all its frames, shape [frame_count, particle_count, d]."""
-    simulation = Simulation.of(scene, **options)
+    simulation = Simulation.from_scene(scene, **options)
     return simulation, np.array([frame.position for frame in simulation.frames(duration)], dtype=np.float64)
 
 
@@ -181,7 +181,9 @@ def _measure_method(
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
             continue
         error = float(frame_errors(position, reference.position, reference.size).max())
-        taken = max(count for _, count in simulation.chosen)  # where automatic ones were refined on the way
+        taken = max(
+            count for _, count in simulation.substep_history
+        )  # where automatic ones were refined on the way
         yield Measurement(name, precision, taken, error, math.nan)
         least = least or taken
         if error <= tolerance:
@@ -201,7 +203,7 @@ def _timed(scene: Scene, found: list[Measurement], device: str | None, rounds: i
     """Fill in the times: medians of several rounds, in which the methods take turns."""
     simulations = []
     for one in found:
-        simulation = Simulation.of(
+        simulation = Simulation.from_scene(
             scene,
             integrator=METHODS[one.method],
             substeps=one.substeps,

@@ -118,4 +118,4 @@ def doubts_of_values(
 def warn(doubts: Sequence[str], level: int) -> None:
     """Warn of each, as what the caller so many functions above has asked for."""
     for one in doubts:
-        warnings.warn(one, checks.DoubtfulFit, stacklevel=level + 1)
+        warnings.warn(one, checks.FitWarning, stacklevel=level + 1)

@@ -13,9 +13,9 @@ from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
 from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values, warn
-from .fitted import Fitted
+from .fit_result import FitResult
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
-from .measured import Tracked, channels_of, frame_rate
+from .measured import TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
 from .worlds import Worlds
 
@@ -42,7 +42,7 @@ MOST_REFINEMENT = 16
 
 def fit(
     scene: Scene,
-    measured: str | Path | Tracked | Trajectory | Mapping[str, Any],
+    measured: str | Path | TrackedPoints | Trajectory | Mapping[str, Any],
     parameters: Sequence[str] | Mapping[str, float | None],
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -58,7 +58,7 @@ def fit(
     precision: str = "float64",
     device: str | None = None,
     report: Callable[[str], None] = lambda line: None,
-) -> Fitted:
+) -> FitResult:
     """Fit parameters of a scene to a measured motion.
 
     Gauss-Newton steps of `scipy.optimize.least_squares` minimise the sum of squared residuals. The unknowns are
@@ -75,7 +75,7 @@ def fit(
     measured
         The measurements, with times counted from the scene's start:
 
-        - a `Tracked`, or the path of a CSV file with columns time, id, x, y, z: tracked points [s], [m];
+        - a `TrackedPoints`, or the path of a CSV file with columns time, id, x, y, z: tracked points [s], [m];
         - a `Trajectory`, or its path: all particles;
         - a mapping from names of the scene's probes, or "energy", "kinetic energy", "elastic energy",
           "gravitational energy" [J], to (times, values) of shapes [rows] and [rows, width]; or the path of a CSV
@@ -136,7 +136,7 @@ def fit(
 
     Warns
     -----
-    DoubtfulFit
+    FitWarning
         If the measurements do not determine a parameter, a value ends at its bound, the search does not converge,
         or steps cannot be made short enough. If residuals are not the noise told: 1.5 times as large or as small,
         or alike at neighbouring times (correlation above 0.3). Noise that is independent in time is doubted in one
@@ -177,7 +177,7 @@ def fit(
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
     report(f"up to {end:.4g} s, the last steps")
-    best, order = theta[0], 1 if scene.colliders or scene.touch is not None else method.order
+    best, order = theta[0], 1 if scene.colliders or scene.contact is not None else method.order
     stable = worlds.substeps
     while True:
         best, linear, jumps, converged = _finish(problem, best, end, tolerance, seed, report)
@@ -249,7 +249,7 @@ def _horizons(asked: Any, channels: Any, end: float) -> list[float]:
     given = checks.finite("horizon", asked)
     if given.ndim != 1 or not len(given) or (np.diff(given) <= 0).any() or given[0] < times[0]:
         raise ValueError(
-            f"horizon is {checks.said(asked)}; it must be 'growing', 'whole', or increasing times from "
+            f"horizon is {checks.repr_short(asked)}; it must be 'growing', 'whole', or increasing times from "
             f"{times[0]:.4g} s on, where the first is measured"
         )
     return [*(float(one) for one in given if one < end), end]
@@ -277,7 +277,7 @@ def _result(
     of_step: tuple[NDArray, NDArray, NDArray] | None,
     end: float,
     converged: bool,
-) -> Fitted:
+) -> FitResult:
     """Return what was found, with what endlessly short steps would change; warn of what is doubtful about it."""
     values, names = problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
@@ -317,7 +317,7 @@ def _result(
         done += counted
     warn(doubts, 3)
     worlds = problem.worlds
-    return Fitted(
+    return FitResult(
         values=dict(zip(names, map(float, values), strict=True)),
         units={one.name: one.unit for one in problem.parameters},
         covariance=covariance,

@@ -38,7 +38,7 @@ def values_of(name: str, text: str) -> list[str] | None:
 
 def _piece(name: str, text: str, piece: str) -> list[str]:
     """Return the values of a part of a list."""
-    wrong = ValueError(f"{name} is {checks.said(text)}; it must be {_FORMS}")
+    wrong = ValueError(f"{name} is {checks.repr_short(text)}; it must be {_FORMS}")
     if not piece:
         raise wrong
     if not re.match(f"{_NUMBER}:", piece):
@@ -51,15 +51,21 @@ def _piece(name: str, text: str, piece: str) -> list[str]:
         if not (_is_whole(first) and _is_whole(last)):
             raise wrong
         if int(last) <= int(first):
-            raise ValueError(f"{name} is {checks.said(text)}; {piece} holds no number: its end must be the larger")
+            raise ValueError(
+                f"{name} is {checks.repr_short(text)}; {piece} holds no number: its end must be the larger"
+            )
         _check_count(name, int(last) - int(first))
         return [str(k) for k in range(int(first), int(last))]
     a, b, n = float(first), float(last), int(count)
     if n < 2 or a == b or not (math.isfinite(a) and math.isfinite(b)):
-        raise ValueError(f"{name} is {checks.said(text)}; {piece} must be at least 2 values between two numbers")
+        raise ValueError(
+            f"{name} is {checks.repr_short(text)}; {piece} must be at least 2 values between two numbers"
+        )
     _check_count(name, n)
     if log and not (a > 0 and b > 0):
-        raise ValueError(f"{name} is {checks.said(text)}; both ends of {piece} must be above 0, since it is log")
+        raise ValueError(
+            f"{name} is {checks.repr_short(text)}; both ends of {piece} must be above 0, since it is log"
+        )
     return [f"{value:.12g}" for value in (np.geomspace(a, b, n) if log else np.linspace(a, b, n))]
 
 
@@ -99,7 +105,9 @@ def checked_grid(grid: object) -> dict[str, list[Any]]:
         elif isinstance(given, Iterable):
             values = [plain(f"{label}[{k}]", value) for k, value in enumerate(given)]
         else:
-            raise ValueError(f"{label} is {checks.said(given)}; it must be a sequence of values, or {_FORMS}")
+            raise ValueError(
+                f"{label} is {checks.repr_short(given)}; it must be a sequence of values, or {_FORMS}"
+            )
         if not values:
             raise ValueError(f"{label} is empty; it must have a value")
         _check_distinct(label, values)
@@ -131,7 +139,9 @@ def plain(name: str, value: Any) -> Any:
         return int(value) if value.is_integer() else value
     if value is None or isinstance(value, str | bool | int):
         return value
-    raise ValueError(f"{name} is {checks.said(value)}; it must be a finite number, a text, True, False or None")
+    raise ValueError(
+        f"{name} is {checks.repr_short(value)}; it must be a finite number, a text, True, False or None"
+    )
 
 
 def _number_or_text(text: str) -> Any:

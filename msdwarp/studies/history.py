@@ -76,7 +76,7 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
             model.rest_length.assign(model.ordered(system.rest_length))
         if model.tearing is not None:
             model.tearing.restore({"broken_at": system.broken_at})
-        state = State.of(system, model, 0)
+        state = State.from_system(system, model, 0)
         height, centre = system.position[:, -1], system.centre_of_mass
         heights = float(height.min()), float(centre[-1]), float(height.max())
         yield Moment(float(trajectory.times[k]), measure(model, state), *heights)

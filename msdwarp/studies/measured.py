@@ -25,7 +25,7 @@ ON_FRAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
+class TrackedPoints:
     """Tracked points of a body: each row is the position of a particle at a time.
 
     Parameters
@@ -126,13 +126,13 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
     if isinstance(measured, str | Path):
         measured = read_measured(Path(measured), scene)
     if isinstance(measured, Trajectory):
-        measured = Tracked.of(measured)
-    if not isinstance(measured, Tracked) and not isinstance(measured, Mapping):
+        measured = TrackedPoints.of(measured)
+    if not isinstance(measured, TrackedPoints) and not isinstance(measured, Mapping):
         raise ValueError(
-            f"measured is {checks.said(measured)}; it must be the path of a CSV file or trajectory, a Tracked, a "
-            "Trajectory, or a mapping from names of probes and energies to (times, values)"
+            f"measured is {checks.repr_short(measured)}; it must be the path of a CSV file or trajectory, "
+            "TrackedPoints, a Trajectory, or a mapping from names of probes and energies to (times, values)"
         )
-    found = [_tracked(measured, scene)] if isinstance(measured, Tracked) else _series(measured, scene)
+    found = [_tracked(measured, scene)] if isinstance(measured, TrackedPoints) else _series(measured, scene)
     given = noise if isinstance(noise, Mapping) else {one.name: noise for one in found}
     for name in given:
         checks.one_of("a name in noise", name, [one.name for one in found])
@@ -159,7 +159,7 @@ def spread(channel: Channel) -> float:
     return varies if varies > 0 else 1.0
 
 
-def _tracked(measured: Tracked, scene: Scene) -> Channel:
+def _tracked(measured: TrackedPoints, scene: Scene) -> Channel:
     """Return tracked points as a channel."""
     time, particle, position = (np.asarray(getattr(measured, n)) for n in ("time", "particle", "position"))
     count, dim = scene.system.particle_count, scene.system.dim
@@ -184,7 +184,9 @@ def _series(measured: Mapping[str, Any], scene: Scene) -> list[Channel]:
         try:
             times, values = pair
         except (TypeError, ValueError) as error:
-            raise ValueError(f"measured[{name!r}] is {checks.said(pair)}; it must be (times, values)") from error
+            raise ValueError(
+                f"measured[{name!r}] is {checks.repr_short(pair)}; it must be (times, values)"
+            ) from error
         times, values = checks.array(f"times of {name!r}", times), checks.array(f"values of {name!r}", values)
         values = values[:, None] if values.ndim == 1 else values
         if times.ndim != 1 or values.shape != (len(times), width):
@@ -207,7 +209,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
     """
     if path.suffix == ".vtkhdf":
         with Trajectory(path) as trajectory:
-            return Tracked.of(trajectory)
+            return TrackedPoints.of(trajectory)
     with path.open(newline="", encoding="utf-8-sig") as file:
         lines = [(n, row) for n, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
     head = [word.strip() for word in lines[0][1]] if lines else []
@@ -230,7 +232,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
             except ValueError as error:
                 raise ValueError(f"line {n} of {path} has {word!r}; it must be a number, or empty") from error
     if points:
-        return Tracked(table[:, 0], table[:, 1], table[:, 2:])
+        return TrackedPoints(table[:, 0], table[:, 1], table[:, 2:])
     measured: dict[str, Any] = {}
     for name in dict.fromkeys(columns[one] for one in head[1:]):
         wanted = [one for one, own_name in columns.items() if own_name == name]

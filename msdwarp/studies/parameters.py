@@ -56,14 +56,15 @@ def parameters_of(scene: Scene, asked: Any, bounds: Any) -> list[Parameter]:
         asked = [asked]
     if not isinstance(asked, Sequence | Mapping) or not len(asked):
         raise ValueError(
-            f"parameters is {checks.said(asked)}; it must be names from {', '.join(UNITS)}, or where each starts"
+            f"parameters is {checks.repr_short(asked)}; it must be names from {', '.join(UNITS)}, "
+            "or where each starts"
         )
     starts = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked)
     limits = dict(checks.mapping("bounds", bounds or {}))
     for name in starts:
         checks.one_of("a name in parameters", name, UNITS)
     if len(starts) < len(asked):
-        raise ValueError(f"parameters is {checks.said(asked)}; each must be named once")
+        raise ValueError(f"parameters is {checks.repr_short(asked)}; each must be named once")
     for name in limits:
         checks.one_of("a name in bounds", name, starts)
     return [_parameter(scene, name, start, limits.get(name)) for name, start in starts.items()]

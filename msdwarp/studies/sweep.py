@@ -172,7 +172,7 @@ def asked_of(task: Task) -> Asked:
 def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
     """Simulate a scene to its end, and return the numbers that are kept of it."""
     scene, duration, options = asked_of(task)
-    simulation = Simulation.of(scene, **options)
+    simulation = Simulation.from_scene(scene, **options)
     last = frame_count(duration, simulation.fps)
     with ExitStack() as stack:
         writer = readback = None
@@ -233,7 +233,9 @@ def complete(
         As by `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(f"executor is {checks.said(executor)}; it must have `submit` as in concurrent.futures")
+        raise ValueError(
+            f"executor is {checks.repr_short(executor)}; it must have `submit` as in concurrent.futures"
+        )
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
         wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"

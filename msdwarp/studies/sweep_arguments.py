@@ -17,7 +17,7 @@ from .grid import plain
 
 OPTIONS = (
     "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
-    "route", "contact",
+    "force_algorithm", "collider_rule",
 )  # fmt: skip
 """What may be swept or set beside the parameters of a scene."""
 
@@ -34,7 +34,7 @@ def found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]
                 f"scene is {scene!r}; it must be a name that `msdwarp list` shows, or a function"
             ) from None
     if not callable(scene) or not hasattr(scene, "__qualname__"):
-        raise ValueError(f"scene is {checks.said(scene)}; it must be the name of a scene, or a function")
+        raise ValueError(f"scene is {checks.repr_short(scene)}; it must be the name of a scene, or a function")
     return scene, scene.__qualname__
 
 

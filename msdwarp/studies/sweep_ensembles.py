@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Touching
+from ..engine import BodyContact
 from ..integrators import UnstableStep
 from ..quiet import in_turn
 from ..simulation import Ensemble, Simulation, frame_count
@@ -44,7 +44,7 @@ class Asked(NamedTuple):
     """Arguments that `Ensemble` and `Simulation` share."""
 
 
-class World(NamedTuple):
+class SceneData(NamedTuple):
     """A point that was simulated as a world of an ensemble."""
 
     number: int
@@ -62,7 +62,7 @@ def as_worlds(
     *,
     looks_back: bool = False,
     fixed_only: bool = False,
-) -> Iterator[World]:
+) -> Iterator[SceneData]:
     """Simulate points in ensembles, and yield them as they are done; say why the others were not.
 
     A world is that of a simulation of its own with as many substeps: to the last bit wherever those of `Ensemble`
@@ -159,7 +159,7 @@ def _most(asked: Asked) -> int:
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
 
 
-def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
+def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[SceneData]:
     """Simulate points in an ensemble; where it refuses some of them, in smaller ones without these."""
     try:
         ensemble = _ensemble([asked for _, asked in several])
@@ -206,18 +206,20 @@ def _rows(scenes: list[Scene]) -> dict[str, NDArray[np.float64]]:
 
 def _arrays_of(now: Any, compensated: bool) -> list[Any]:
     """Return the arrays on the device that a state is."""
-    return [now.x, now.v, *now.carried, *((now.lost.x, now.lost.v) if compensated else ())]
+    return [now.x, now.v, *now.method_state, *((now.compensation.x, now.compensation.v) if compensated else ())]
 
 
 @in_turn
 def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
     """Return what moves as it is now, shape [worlds, ...] each, and of each world what sticks to what."""
     model = ensemble.model
-    moving = [model.by_world(array) for array in _arrays_of(ensemble.state.here, model.compensated)]
+    moving = [model.by_world(array) for array in _arrays_of(ensemble.state.state_in, model.compensated)]
     return moving, model.touching.checkpoints() if model.touching is not None else []
 
 
-def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
+def _simulated(
+    ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]
+) -> Iterator[SceneData]:
     """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
 
     Where there are probes, each world takes the last frame alone: all of them are read then.
@@ -229,16 +231,20 @@ def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: di
     moving, sticking = _reached(ensemble)
     running = ensemble.status == "running"
     seconds = (time.perf_counter() - began) / len(several)
-    how = {"integrator": ensemble.integrator, "substeps": ensemble.substeps, "route": ensemble.model.route}
+    how = {
+        "integrator": ensemble.integrator,
+        "substeps": ensemble.substeps,
+        "force_algorithm": ensemble.model.force_algorithm,
+    }
 
     @in_turn
     def alone(world: int, asked: Asked) -> Simulation:
-        simulation = Simulation.of(asked.scene, **(asked.options | how))
-        now = simulation.state.here
+        simulation = Simulation.from_scene(asked.scene, **(asked.options | how))
+        now = simulation.state.state_in
         for array, values in zip(_arrays_of(now, ensemble.model.compensated), moving, strict=True):
             array.assign(values[world])
         for effect in simulation.model.effects:
-            if isinstance(effect, Touching):
+            if isinstance(effect, BodyContact):
                 effect.restore(sticking[world])
         simulation.frame_index = frames
         if left:
@@ -247,6 +253,6 @@ def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: di
 
     for world, (number, asked) in enumerate(several):
         if running[world]:
-            yield World(number, asked, lambda world=world, asked=asked: alone(world, asked), seconds)
+            yield SceneData(number, asked, lambda world=world, asked=asked: alone(world, asked), seconds)
         else:
             refused[number] = "its world diverges"

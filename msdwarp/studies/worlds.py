@@ -102,7 +102,7 @@ class Worlds:
         return Ensemble(self._scene, len(values), **rows, **self._options)
 
     def _simulation(self, values: NDArray[np.float64]) -> Simulation:
-        return Simulation.of(scene_with(self._scene, self._parameters, values), **self._options)
+        return Simulation.from_scene(scene_with(self._scene, self._parameters, values), **self._options)
 
     def _readers(self, ensemble: Ensemble) -> list[Callable[[], NDArray[np.float64]]]:
         """Return what reads each channel off an ensemble as it is; raise ValueError if that cannot be."""
@@ -113,7 +113,7 @@ class Worlds:
         def positions(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
             """Return positions alone: velocities, which a whole frame has too, would be computed for nothing."""
             found = model.by_world(state.x)[:, numbers].astype(float)
-            return found - model.by_world(state.lost.x)[:, numbers] if model.compensated else found
+            return found - model.by_world(state.compensation.x)[:, numbers] if model.compensated else found
 
         def looked(name: str) -> NDArray[np.float64]:
             seen[name].look()

@@ -3,16 +3,17 @@
 from .actuators import Actuator
 from .attachments import Attachment
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
-from .drives import Drive, Driven, bound, driven_particles, released
+from .contact import Contact, with_contact
+from .drives import Driven, PrescribedMotion, bound, driven_particles, released
 from .exchange import differ_in_values
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
-from .hand import Hand
-from .in_time import sampled
 from .loads import Force, Load, check_loads, is_device_function
 from .look import Look
 from .motion import Motion, pose, poses
-from .pressure import Gas, Pressure, volume
+from .mouse_spring import MouseSpring
+from .pressure import EnclosedGas, Pressure, volume
 from .probes import (
+    BODY_CONTACT_FORCE,
     CONTACT_FORCE,
     FORCE,
     FRAME,
@@ -20,7 +21,6 @@ from .probes import (
     QUANTITIES,
     STRAIN,
     SUBSTEP,
-    TOUCH_FORCE,
     VELOCITY,
     Probe,
     checked_probes,
@@ -30,10 +30,11 @@ from .probes import (
 from .scene import Scene
 from .schedule import Change, at
 from .stored_scene import Stored, known_until, scene_as_stored, scene_from_stored
-from .touch import Touch, with_touch
+from .time_functions import sampled
 from .wind import Wind
 
 __all__ = [
+    "BODY_CONTACT_FORCE",
     "CONTACT_FORCE",
     "FORCE",
     "FRAME",
@@ -41,7 +42,6 @@ __all__ = [
     "QUANTITIES",
     "STRAIN",
     "SUBSTEP",
-    "TOUCH_FORCE",
     "VELOCITY",
     "Actuator",
     "Attachment",
@@ -50,23 +50,23 @@ __all__ = [
     "Change",
     "Collider",
     "Cone",
-    "Drive",
+    "Contact",
     "Driven",
+    "EnclosedGas",
     "Falling",
     "Force",
-    "Gas",
     "Gravity",
-    "Hand",
     "Load",
     "Look",
     "Motion",
+    "MouseSpring",
     "Plane",
+    "PrescribedMotion",
     "Pressure",
     "Probe",
     "Scene",
     "Sphere",
     "Stored",
-    "Touch",
     "Wind",
     "at",
     "bound",
@@ -87,6 +87,6 @@ __all__ = [
     "scene_as_stored",
     "scene_from_stored",
     "volume",
+    "with_contact",
     "with_potential",
-    "with_touch",
 ]

@@ -16,7 +16,7 @@ class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
     At time t a connection has the rest length l0 (1 + s(t − delay)) instead of l0. If several actuators act on a
-    connection, their strains add up. The body keeps its route to the forces.
+    connection, their strains add up. The body keeps its algorithm.
 
     `Measures.external_work` includes the work of muscles on the body, −∮ F dl over a cycle, for tension F and
     length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. So for a muscle
@@ -105,7 +105,7 @@ class Actuator(Load):
         if not len(found):
             along = "" if self.along is None else f" along {', '.join(self.along)}"
             raise ValueError(
-                f"on is {checks.said(self.on)}; there must be one connection at least that joins two of its "
+                f"on is {checks.repr_short(self.on)}; there must be one connection at least that joins two of its "
                 f"particles{along}"
             )
         if np.isfinite(system.yield_strain[found]).any():

@@ -1,8 +1,8 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
-What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.contact`; a shape says
-only how deep a place lies in it, and which way is out (`msdwarp.kernels.contact.distance`). All shapes are convex:
-what goes further in a substep than they are thick is swept (`msdwarp.kernels.contact.sweep`).
+What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.colliders`; a shape
+says only how deep a place lies in it, and which way is out (`msdwarp.kernels.colliders.signed_distance`). All
+shapes are convex: what goes further in a substep than they are thick is swept (`msdwarp.kernels.colliders.sweep`).
 """
 
 import math
@@ -59,7 +59,7 @@ class Collider:
         checks.non_negative("friction", self.friction, infinite=True)
         checks.non_negative("rest_speed", self.rest_speed)
         if self.motion is not None and not callable(self.motion):
-            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time")
+            raise ValueError(f"motion is {checks.repr_short(self.motion)}; it must be a function of time")
 
     def __repr__(self) -> str:
         # Where and how large it is, then what all colliders have; nothing that is as it is by default.
@@ -76,7 +76,7 @@ class Collider:
         return None
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return what `kernels.contact.distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
+        """Return what `kernels.colliders.signed_distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
         raise NotImplementedError
 
     def inradius(self) -> float:

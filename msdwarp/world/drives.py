@@ -14,10 +14,10 @@ from .motion import Motion, pose
 
 
 @dataclass(frozen=True, eq=False)
-class Drive(Load):
+class PrescribedMotion(Load):
     """Moves particles along a given path; their connections feel the position and velocity.
 
-    A drive without motion is a pin that `at(t, release=...)` releases; particles go on with their velocity then.
+    A drive without motion is a pin that `at(t, unpin=...)` releases; particles go on with their velocity then.
 
     Parameters
     ----------
@@ -42,14 +42,14 @@ class Drive(Load):
     def __post_init__(self) -> None:
         """Check the arguments."""
         if self.motion is not None and not callable(self.motion):
-            raise ValueError(f"motion is {checks.said(self.motion)}; it must be a function of time, or None")
+            raise ValueError(f"motion is {checks.repr_short(self.motion)}; it must be a function of time, or None")
         if self.about is not None:
             object.__setattr__(self, "about", checks.point("about", self.about))
 
     def __repr__(self) -> str:
         on = "" if self.on is None else f"{self.on!r}, " if isinstance(self.on, str) else "particles, "
         how = "at rest" if self.motion is None else getattr(self.motion, "__name__", type(self.motion).__name__)
-        return f"Drive({on}{how})"
+        return f"PrescribedMotion({on}{how})"
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -74,8 +74,8 @@ class Drive(Load):
 
 
 @dataclass(frozen=True, eq=False)
-class Driven(Drive):
-    """A drive of a system: what `Drive.bound` returns."""
+class Driven(PrescribedMotion):
+    """A drive of a system: what `PrescribedMotion.bound` returns."""
 
     held: Any = ()
     """The particles that it holds now, shape [count]."""
@@ -136,12 +136,12 @@ def driven_particles(loads: Sequence[Load], system: System) -> NDArray[np.bool_]
     """Return which particles are driven, shape [particle_count]."""
     driven = np.zeros(system.particle_count, dtype=bool)
     for one in loads:
-        if isinstance(one, Drive):
+        if isinstance(one, PrescribedMotion):
             driven |= one.particles(system)
     return driven
 
 
-def released(loads: Sequence[Load], group: NDArray[np.bool_], name: str = "release") -> tuple[Load, ...]:
+def released(loads: Sequence[Load], group: NDArray[np.bool_], name: str = "unpin") -> tuple[Load, ...]:
     """Return bound loads whose drives hold none of a group any longer; ValueError if they hold none of it now."""
     if not any(isinstance(one, Driven) and group[one.held].any() for one in loads):
         raise ValueError(f"{name} names no particle that a drive holds then")

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from .hand import Hand
 from .loads import Force, Load
+from .mouse_spring import MouseSpring
 from .wind import Wind
 
 
@@ -27,7 +27,7 @@ def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load
 
 
 def _alike(old: Load, new: Load) -> bool:
-    if isinstance(old, Hand) and isinstance(new, Hand):
+    if isinstance(old, MouseSpring) and isinstance(new, MouseSpring):
         return old.room == new.room
     return type(old) is type(new) and isinstance(old, Force | Wind) and _on_the_same(old, new)
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System, selected
-from .in_time import sampled
+from .time_functions import sampled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -122,7 +122,7 @@ def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
         return np.ones(system.particle_count, dtype=bool)
     chosen = system.group(on, "on") if isinstance(on, str) else selected("on", on, system.particle_count)
     if not chosen.any():
-        raise ValueError(f"on is {checks.said(on)}; it must name one particle at least")
+        raise ValueError(f"on is {checks.repr_short(on)}; it must name one particle at least")
     return chosen
 
 
@@ -187,7 +187,9 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
     wrong = ~checks.FINITE[0](values).all(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise ValueError(f"{name} is {checks.said(values[k])} at {times[k]:g} s; it must be {checks.FINITE[1]}")
+        raise ValueError(
+            f"{name} is {checks.repr_short(values[k])} at {times[k]:g} s; it must be {checks.FINITE[1]}"
+        )
     return np.broadcast_to(values, (len(times), width))
 
 

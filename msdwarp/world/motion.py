@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import rotated, rotation, rotations
-from .in_time import sampled
+from .time_functions import sampled
 
 Motion = Callable[[float], Any]
 """What moves a thing: at time t [s] it is displaced by so much from where it was given [m], shape [d], or, as a

@@ -23,7 +23,7 @@ class Pressed(Load):
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
         if not len(self.facets(system).corner):
-            raise ValueError(f"on is {checks.said(self.on)}; it must hold the corners of a surface in space")
+            raise ValueError(f"on is {checks.repr_short(self.on)}; it must hold the corners of a surface in space")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,7 +65,7 @@ class Pressure(Pressed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gas(Pressed):
+class EnclosedGas(Pressed):
     """A gas inside a closed surface: its pressure p obeys p V^γ = constant, where V is the volume.
 
     Parameters
@@ -109,8 +109,8 @@ class Gas(Pressed):
         open_edges = int(np.count_nonzero(~run_back(edges, len(facets.particle))))
         if open_edges:
             raise ValueError(
-                f"on is {checks.said(self.on)}; the surface there must be closed, and {open_edges} of its edges "
-                "are not between two triangles"
+                f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {open_edges} of its "
+                "edges are not between two triangles"
             )
         if (enclosed := volume(corner, facets.points(system.position))) <= 0:
             raise ValueError(

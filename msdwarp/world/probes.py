@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System
 from .colliders import Collider
+from .contact import Contact
 from .loads import Load, particles_meant
-from .touch import Touch
 
 POSITION, VELOCITY, FORCE, STRAIN = "position", "velocity", "force", "strain"
-CONTACT_FORCE, TOUCH_FORCE = "contact force", "touch force"
-QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, TOUCH_FORCE, STRAIN)
+CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
+QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE, STRAIN)
 FRAME, SUBSTEP = "frame", "substep"
-UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", TOUCH_FORCE: "N", STRAIN: ""}
+UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", BODY_CONTACT_FORCE: "N", STRAIN: ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +89,14 @@ class Probe:
         """Raise ValueError if it cannot measure this system."""
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
-            raise ValueError(f"on is {checks.said(self.on)}; for the strain it must contain a connection")
+            raise ValueError(f"on is {checks.repr_short(self.on)}; for the strain it must contain a connection")
         if self.what == CONTACT_FORCE and not colliders and not touches:
             raise ValueError(
                 f"what is {self.what!r}; there must be colliders then, that may touch the group, or bodies that "
-                "touch (touch=Touch())"
+                "touch (contact=Contact())"
             )
-        if self.what == TOUCH_FORCE and not touches:
-            raise ValueError(f"what is {self.what!r}; bodies must touch then (touch=Touch())")
+        if self.what == BODY_CONTACT_FORCE and not touches:
+            raise ValueError(f"what is {self.what!r}; bodies must touch then (contact=Contact())")
 
 
 def checked_probes(
@@ -104,7 +104,7 @@ def checked_probes(
 ) -> dict[str, Probe]:
     """Return probes by name; raise ValueError that names one which cannot measure this system."""
     named = dict(checks.mapping("probes", probes))
-    touches = any(isinstance(one, Touch) for one in loads)
+    touches = any(isinstance(one, Contact) for one in loads)
     for name, one in named.items():
         checks.instance("a name in probes", name, str, "'foot'")
         checks.instance(f"probes[{name!r}]", one, Probe, "Probe('foot', 'force')")

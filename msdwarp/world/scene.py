@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System, counted, headline
 from .colliders import Collider, Plane
-from .drives import Drive, bound
+from .contact import Contact, Ruled, with_contact
+from .drives import PrescribedMotion, bound
 from .gravity import Gravity, gravity_at, gravity_in_words
 from .loads import Load, check_loads
 from .look import Look
 from .probes import Probe, checked_probes
 from .schedule import Change
-from .touch import Ruled, Touch, with_touch
 
 Observed = Callable[[NDArray, NDArray], NDArray]
 """What is told of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
@@ -36,8 +36,8 @@ class Scene:
         Obstacles. The fixed plane that is closest to horizontal and faces up is drawn as the ground.
     loads
         Loads on the bodies, such as `Force` or `Wind`, besides gravity and obstacles.
-    touch
-        Contact between bodies: a `Touch`, or several. By default bodies pass through each other.
+    contact
+        Contact between bodies: a `Contact`, or several. By default bodies pass through each other.
     gravity
         Acceleration of free fall [m/s²]; it may be a function of time, see `Simulation`.
     duration
@@ -67,7 +67,7 @@ class Scene:
     system: System
     colliders: Sequence[Collider] = ()
     loads: Sequence[Load] = ()
-    touch: Touch | Sequence[Touch] | None = None
+    contact: Contact | Sequence[Contact] | None = None
     gravity: Gravity = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
@@ -87,7 +87,7 @@ class Scene:
         for name, kind, example in kinds:
             if not isinstance(getattr(self, name), Ruled):  # of the scene that this one is made of
                 object.__setattr__(self, name, checks.sequence(name, getattr(self, name), kind, example))
-        object.__setattr__(self, "loads", with_touch(self.loads, self.touch))
+        object.__setattr__(self, "loads", with_contact(self.loads, self.contact))
         dim = self.system.dim
         for k, one in enumerate(self.colliders):
             if wrong := one.fits(dim):
@@ -104,7 +104,7 @@ class Scene:
             checks.instance("a name in observe", name, str, "'faces'")
             if not callable(one):
                 raise ValueError(
-                    f"observe[{name!r}] is {checks.said(one)}; it must be a function (position, velocity)"
+                    f"observe[{name!r}] is {checks.repr_short(one)}; it must be a function (position, velocity)"
                 )
         object.__setattr__(self, "observe", observe)
         if self.system.surface is None and not self.system.connection_count:
@@ -132,7 +132,7 @@ class Scene:
         if self.looks:
             lines.append(f"looks of their own: {', '.join(self.looks)}")
         for title, kind in (("driven", True), ("loads", False)):
-            some = [repr(one) for one in self.loads if isinstance(one, Drive) is kind]
+            some = [repr(one) for one in self.loads if isinstance(one, PrescribedMotion) is kind]
             if some:
                 more = f" and {len(some) - _SHOWN} more" if len(some) > _SHOWN else ""
                 lines.append(f"{title}: {', '.join(some[:_SHOWN])}{more}")

@@ -25,11 +25,11 @@ class Change:
     """When [s]."""
     group: str | ArrayLike | None = None
     """What changes: a group's name, particles (indices or a mask), or all."""
-    freeze: bool = False
+    set_rest_shape: bool = False
     """Whether rest lengths become the present lengths."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """New values by name, or functions of the old ones."""
-    release: str | ArrayLike | None = None
+    unpin: str | ArrayLike | None = None
     """Particles that are driven no longer: a group's name, indices or a mask; None for nobody."""
     gravity: Gravity | None = None
     """Another acceleration of free fall [m/s²]; None for the same."""
@@ -38,25 +38,27 @@ class Change:
         """Check the arguments."""
         object.__setattr__(self, "time", checks.non_negative("time", self.time))
         for name in self.parameters:
-            if name in ("loads", "touch"):
+            if name in ("loads", "contact"):
                 raise ValueError(
                     f"{name} is given to a schedule, which cannot hold it; "
                     f"simulation.change({name}=...) replaces it between two frames"
                 )
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
-        checks.one_of("freeze", self.freeze, (False, True))
-        if self.freeze and "rest_length" in self.parameters:
-            raise ValueError("freeze sets rest_length to the current lengths; rest_length cannot be given too")
+        checks.one_of("set_rest_shape", self.set_rest_shape, (False, True))
+        if self.set_rest_shape and "rest_length" in self.parameters:
+            raise ValueError(
+                "set_rest_shape sets rest_length to the current lengths; rest_length cannot be given too"
+            )
 
     @property
     def of_gravity_alone(self) -> bool:
         """Whether nothing changes but gravity."""
-        return self.gravity is not None and self.release is None and not self.parameters and not self.freeze
+        return self.gravity is not None and self.unpin is None and not self.parameters and not self.set_rest_shape
 
     @property
     def of_velocity_alone(self) -> bool:
         """Whether nothing changes but velocities."""
-        others = self.freeze or self.release is not None or self.gravity is not None
+        others = self.set_rest_shape or self.unpin is not None or self.gravity is not None
         return not others and set(self.parameters) == {"velocity"}
 
     def is_due(self, frame_index: int, fps: float) -> bool:
@@ -82,7 +84,7 @@ class Change:
             gravity_at(self.gravity, np.array([self.time]), system.dim)
         chosen, joined = self.chosen(system)
         values = {name: value for name, value in self.parameters.items() if name != "velocity"}
-        if self.freeze:
+        if self.set_rest_shape:
             values["rest_length"] = system.length[joined]
         fields: dict[str, Any] = {}
         for name, value in values.items():
@@ -122,7 +124,7 @@ class Change:
         """
         chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
-            group = "all" if self.group is None else checks.said(self.group)
+            group = "all" if self.group is None else checks.repr_short(self.group)
             raise ValueError(f"velocity is given to group {group}, whose particles are all pinned or driven")
         result = np.array(now, dtype=np.float64)
         given: Any = value(result[chosen]) if callable(value) else value
@@ -133,11 +135,11 @@ class Change:
 
     def released_from(self, loads: Sequence[Load], system: System) -> tuple[Load, ...]:
         """Return bound loads as they are after the change; ValueError if none drives what it lets go."""
-        if self.release is None:
+        if self.unpin is None:
             return tuple(loads)
-        if isinstance(self.release, str):
-            return released(loads, system.group(self.release, "release"), f"release is {self.release!r}, which")
-        return released(loads, selected("release", self.release, system.particle_count))
+        if isinstance(self.unpin, str):
+            return released(loads, system.group(self.unpin, "unpin"), f"unpin is {self.unpin!r}, which")
+        return released(loads, selected("unpin", self.unpin, system.particle_count))
 
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which particles are meant, and which connections: those between them; ValueError if unknown."""
@@ -164,8 +166,8 @@ def at(
     time: float,
     *,
     group: str | ArrayLike | None = None,
-    freeze: bool = False,
-    release: str | ArrayLike | None = None,
+    set_rest_shape: bool = False,
+    unpin: str | ArrayLike | None = None,
     gravity: Gravity | None = None,
     **parameters: Any,
 ) -> Change:
@@ -178,11 +180,11 @@ def at(
     group
         The name of a group of the system (see `System.named`), or particles (indices or a mask), with the
         connections between them; by default all.
-    freeze
+    set_rest_shape
         Set rest lengths to the current lengths: the body keeps its current shape.
-    release
-        Driven particles (see `Drive`) to release: the name of a group, indices or a mask. They continue freely
-        with their current velocity and their own masses.
+    unpin
+        Driven particles (see `PrescribedMotion`) to release: the name of a group, indices or a mask. They continue
+        freely with their current velocity and their own masses.
     gravity
         Acceleration of free fall from then on [m/s²], of all particles; see `Simulation`.
     parameters
@@ -195,4 +197,4 @@ def at(
     ValueError
         If the time is negative or there is no such parameter.
     """
-    return Change(time, group, freeze, parameters, release, gravity)
+    return Change(time, group, set_rest_shape, parameters, unpin, gravity)

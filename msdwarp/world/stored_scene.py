@@ -144,7 +144,7 @@ def _schedule_as_stored(scene: Scene, arrays: dict[str, NDArray]) -> list[dict[s
     for k, change in enumerate(sorted(scene.schedule, key=lambda change: change.time)):
         particles, connections = change.chosen(system)
         system = change.applied_to(system)
-        one = {"time": change.time, "freeze": change.freeze, "parameters": sorted(change.parameters)}
+        one = {"time": change.time, "freeze": change.set_rest_shape, "parameters": sorted(change.parameters)}
         if change.gravity is not None:
             one["gravity"] = np.asarray(with_potential(change.gravity), dtype=float).tolist()
         if isinstance(change.group, str) or change.group is None:

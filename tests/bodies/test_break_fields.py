@@ -18,7 +18,13 @@ def test_systems_keep_their_break_fields():
     assert both.broken.tolist() == [True, False]
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(both, name), [getattr(weak, name)[0], math.inf])
-    for moved in (weak.translate((1, 0, 0)), weak.rotate(1.0), weak.pin(0), weak.named("it"), weak.freeze()):
+    for moved in (
+        weak.translate((1, 0, 0)),
+        weak.rotate(1.0),
+        weak.pin(0),
+        weak.named("it"),
+        weak.set_rest_shape(),
+    ):
         for name in FIELDS:
             np.testing.assert_array_equal(getattr(moved, name), getattr(weak, name))
 

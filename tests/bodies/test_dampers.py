@@ -21,7 +21,7 @@ from msdwarp import (
     chain,
 )
 from msdwarp.bodies.dampers import LINEAR, Damper
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
 LAWS = [LINEAR, QuadraticDamper(3.0), QuadraticDamper(0.5), CoulombDamper(0.01), CoulombDamper(0.4)]
 ORDERS = [
@@ -145,13 +145,13 @@ def test_dry_friction_takes_its_share_of_every_swing(device, integrator):
         assert found == pytest.approx(amplitude, abs=n * 1e-6)
 
 
-@pytest.mark.parametrize("route", ["scatter", "gather", "stencil"])
+@pytest.mark.parametrize("force_algorithm", ["scatter", "gather", "stencil"])
 @every_law
-def test_every_route_has_every_law(plain_device, route, law):
+def test_every_route_has_every_law(plain_device, force_algorithm, law):
     # One step of symplectic Euler is a force: against NumPy, from rates of ± 2 m/s.
     body = problems.tumbling_box(damping=0.7).replace(stiffness=0.0, damper=law)
     body = body.with_velocity(np.random.default_rng(3).uniform(-1, 1, body.position.shape))
-    simulation = simulate(body, plain_device, h=1e-3, route=route)
+    simulation = simulate(body, plain_device, h=1e-3, force_algorithm=force_algorithm)
     simulation.step()
     i, j = body.connections.T
     axis = (body.position[i] - body.position[j]) / body.length[:, None]
@@ -285,7 +285,7 @@ def test_systems_keep_their_law(device):
     for moved in (
         system.translate((1, 0)),
         system.rotate(0.3),
-        system.freeze(),
+        system.set_rest_shape(),
         system.named("it"),
         system.pin(1),
     ):

@@ -41,13 +41,13 @@ def test_what_joins_second_neighbours_is_known_by_another_number():
     lengths = [np.sort(one.rest_length[~one.between_neighbours]) for one in (cloth, other, other.renumbered())]
     np.testing.assert_array_equal(lengths[1], lengths[0])
     np.testing.assert_array_equal(lengths[2], lengths[0])
-    assert Simulation(other, device="cpu").model.route in ("scatter", "gather")
+    assert Simulation(other, device="cpu").model.force_algorithm in ("scatter", "gather")
 
 
 def test_a_renumbered_body_moves_as_before():
     body = tangle(3, 65, ("stiffness",), damped=True)
     order = space_filling_order(body.position)
-    how = {"device": "cpu", "precision": "float64", "route": "gather", "gravity": 1.0}
+    how = {"device": "cpu", "precision": "float64", "force_algorithm": "gather", "gravity": 1.0}
     one, other = Simulation(body, **how), Simulation(body.renumbered(), **how)
     for simulation in (one, other):
         simulation.step(20)

@@ -23,10 +23,10 @@ def test_scalars_broadcast_and_are_stored_once():
     [
         lambda s: s.translate((1.0, 2.0, 3.0)),
         lambda s: s.with_velocity((1.0, 2.0, 3.0)),
-        lambda s: s.freeze(),
+        lambda s: s.set_rest_shape(),
         lambda s: s + s,
     ],
-    ids=["translate", "with_velocity", "freeze", "+"],
+    ids=["translate", "with_velocity", "set_rest_shape", "+"],
 )
 def test_constants_stay_stored_once(method):
     system = method(chain(3, mass=2.0, stiffness=5.0, damping=0.1))

@@ -20,9 +20,9 @@ NAN, INF = math.nan, math.inf
         (lambda s: s.with_velocity((1.0, 2.0, 3.0)), {"velocity"}),
         (lambda s: s.pin(0), {"mass", "velocity"}),
         (lambda s: s.replace(stiffness=7.0), {"stiffness"}),
-        (lambda s: s.freeze(), {"rest_length", "original_length"}),
+        (lambda s: s.set_rest_shape(), {"rest_length", "original_length"}),
     ],
-    ids=["translate", "rotate", "spin", "with_velocity", "pin", "replace", "freeze"],
+    ids=["translate", "rotate", "spin", "with_velocity", "pin", "replace", "set_rest_shape"],
 )
 def test_what_does_not_change_is_shared(method, changed):
     system = box((2, 2, 3))
@@ -131,7 +131,7 @@ def test_with_velocity_replaces():
 def test_freeze_makes_the_present_shape_the_rest_shape():
     stretched = sheet((3, 3)).replace(position=sheet((3, 3)).position * (2, 1, 1))
     assert stretched.strain.any()
-    frozen = stretched.freeze()
+    frozen = stretched.set_rest_shape()
     assert not frozen.strain.any()
     np.testing.assert_array_equal(frozen.position, stretched.position)
     np.testing.assert_array_equal(frozen.rest_length, stretched.length)

@@ -9,8 +9,8 @@ from problems import EPS64
 from surfaces import nearest_distances
 
 from msdwarp import Surface, System, ball, box, chain, icosphere, sheet, shell
-from msdwarp.bodies import touching_surfaces
-from msdwarp.kernels.touch import nearest_on_triangle
+from msdwarp.bodies import contact_surfaces
+from msdwarp.kernels.collision import nearest_on_triangle
 
 
 def grains(count: int, seed: int = 0) -> System:
@@ -40,7 +40,7 @@ def assert_points_lie_on_vertices_and_edges(found, edges: int) -> None:
 
 def test_a_closed_body():
     body = box((3, 4, 5), (0.1, 0.2, 0.3))
-    found = touching_surfaces(body)
+    found = contact_surfaces(body)
     # 60 particles, of which 1 x 2 x 3 are inside. Euler: V − E + F = 2, and 3 F = 2 E.
     assert len(found.particle) == 54
     assert len(found.corner) == 2 * (54 - 2)
@@ -56,14 +56,14 @@ def test_a_closed_body():
 def test_spacing_is_that_of_the_lattice_and_stays_as_it_was_made():
     # Of 26 neighbours 6 are a spacing away, 12 √2 and 8 √3: 1.42 in the mean, of which 0.75 are 1.06.
     body = box((9, 9, 9), 0.1)
-    found = touching_surfaces(body)
+    found = contact_surfaces(body)
     assert found.spacing[0] == pytest.approx(0.1, rel=0.07)
-    moved = touching_surfaces(body.replace(position=1.3 * body.position))
+    moved = contact_surfaces(body.replace(position=1.3 * body.position))
     assert moved.spacing[0] == found.spacing[0]
 
 
 def test_an_open_sheet_is_as_thick_as_a_quarter_of_its_spacing():
-    found = touching_surfaces(sheet((4, 5), 0.1))
+    found = contact_surfaces(sheet((4, 5), 0.1))
     assert found.closed.tolist() == [False]
     assert len(found.corner) == 2 * 3 * 4
     assert_points_lie_on_vertices_and_edges(found, 3 * 5 + 4 * 4 + 3 * 4)
@@ -71,7 +71,7 @@ def test_an_open_sheet_is_as_thick_as_a_quarter_of_its_spacing():
 
 
 def test_a_rope_touches_by_its_connections():
-    found = touching_surfaces(chain(7, 0.2))
+    found = contact_surfaces(chain(7, 0.2))
     assert found.closed.tolist() == [False]
     assert len(found.particle) == 7
     assert_points_lie_on_vertices_and_edges(found, 6)
@@ -82,7 +82,7 @@ def test_a_rope_touches_by_its_connections():
 
 
 def test_grains_touch_as_spheres_each_a_body_of_its_own():
-    found = touching_surfaces(grains(5))
+    found = contact_surfaces(grains(5))
     np.testing.assert_array_equal(found.corner, np.arange(5)[:, None] * [1, 1, 1])
     np.testing.assert_array_equal(found.body, np.arange(5))
     assert len(found.share) == 5
@@ -91,7 +91,7 @@ def test_grains_touch_as_spheres_each_a_body_of_its_own():
 
 
 def test_a_lattice_without_a_surface_is_a_heap_of_spheres():
-    found = touching_surfaces(box((3, 3, 3), 0.1).replace(surface=None))
+    found = contact_surfaces(box((3, 3, 3), 0.1).replace(surface=None))
     np.testing.assert_array_equal(found.corner, np.arange(27)[:, None] * [1, 1, 1])
     assert found.closed.tolist() == [False]
     assert 2 * found.radius[0] == pytest.approx(found.spacing[0] / 2, rel=4 * EPS64)
@@ -99,7 +99,7 @@ def test_a_lattice_without_a_surface_is_a_heap_of_spheres():
 
 @pytest.mark.parametrize("body", [ball(0.5, 0.2), shell(icosphere(0.5, 2))], ids=["embedded", "shell"])
 def test_round_bodies_are_closed_where_they_are_drawn(body):
-    found = touching_surfaces(body)
+    found = contact_surfaces(body)
     assert found.closed.tolist() == [True]
     np.testing.assert_allclose(found.weight.sum(axis=1), 1.0, rtol=0, atol=1e-9)  # weights are told apart to 1e-9
     distance = np.linalg.norm(places(body, found), axis=1)
@@ -115,7 +115,7 @@ def test_a_closed_body_with_a_hole_is_open():
     body = box((3, 3, 3), 0.1)
     skin = body.surface
     holed = body.replace(surface=Surface(particle=skin.particle, uv=skin.uv, triangles=skin.triangles[:-1]))
-    assert touching_surfaces(holed).closed.tolist() == [False]
+    assert contact_surfaces(holed).closed.tolist() == [False]
 
 
 def test_bodies_of_all_kinds_together():
@@ -123,13 +123,13 @@ def test_bodies_of_all_kinds_together():
     together = parts[0]
     for k, part in enumerate(parts[1:]):
         together = together + part.translate((5.0 + k, 0, 0))
-    found = touching_surfaces(together)
+    found = contact_surfaces(together)
     assert found.closed.tolist() == [True, False, False, False, False, True]
     np.testing.assert_array_equal(
         found.body_of_particle, np.repeat(range(6), [27, 4, 1, 1, 9, len(parts[4].mass)])
     )
     # Each body is what it is alone.
-    alone = [touching_surfaces(part) for part in parts]
+    alone = [contact_surfaces(part) for part in parts]
     for name in ("spacing", "radius", "stiffness"):
         expected = np.concatenate([getattr(one, name) for one in alone])
         np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-12)  # of means of some hundred numbers

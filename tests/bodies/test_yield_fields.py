@@ -29,7 +29,7 @@ def test_systems_keep_their_yield_fields():
     for moved in (yielding.translate((1, 0, 0)), yielding.rotate(1.0), yielding.pin(0), yielding.named("it")):
         for name in (*FIELDS, "rest_length"):
             np.testing.assert_array_equal(getattr(moved, name), getattr(yielding, name))
-    frozen = yielding.freeze()
+    frozen = yielding.set_rest_shape()
     assert frozen.rest_length[0] == frozen.original_length[0] == yielding.length[0]
     assert frozen.yield_strain[0] == 0.1
     longer = yielding.replace(rest_length=1.3)

@@ -45,7 +45,7 @@ def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
     path = tmp_path / "out" / "cube" / "trajectory.vtkhdf"
     assert "wrote out/cube/trajectory.vtkhdf" in out
     scene = cli.find_scene("cube")._replace(parameters={"size": 3}).scene()
-    simulation = Simulation.of(scene, device="cpu")
+    simulation = Simulation.from_scene(scene, device="cpu")
     with Trajectory(path) as trajectory:
         for k, frame in enumerate(simulation.frames(0.1)):
             np.testing.assert_array_equal(trajectory.frame(k).position, frame.position)

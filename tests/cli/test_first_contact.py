@@ -113,7 +113,7 @@ def test_info_says_in_words_and_units_what_a_file_holds(msdwarp, tmp_path):
         "integrator: symplectic-euler",
         "precision: float32",
         "substeps: 40 for each 1/50 s, 0.5 ms each",
-        "forces: summed by route scatter",
+        "forces: summed by scatter",
         "device: cpu",
         "gravity: (0, 0, -1.62) m/s²",
         "schedule: 1 change of parameters on the way",
@@ -213,7 +213,7 @@ def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
     old = {
         "device": "cpu",
         "precision": None,
-        "route": "auto",
+        "force_algorithm": "auto",
         "integrator": None,
         "substeps": "auto",
         "allow_unstable": False,

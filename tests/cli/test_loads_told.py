@@ -38,7 +38,7 @@ def test_loads_say_what_they_are():
         "Wind(gust, drag=2)": msd.Wind(gust, drag=2.0),
         "Wind((3, 0, 0), area=4 numbers)": msd.Wind((3, 0, 0), area=np.ones(4)),
         "Pressure(500)": msd.Pressure(500),
-        "Gas(2000, exponent=1.4)": msd.Gas(2000.0, exponent=1.4),
+        "EnclosedGas(2000, exponent=1.4)": msd.EnclosedGas(2000.0, exponent=1.4),
     }
     for text, load in said.items():
         assert repr(load) == text

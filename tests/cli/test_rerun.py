@@ -60,7 +60,12 @@ def test_a_file_says_all_that_made_it(msdwarp, own):
     assert about["command"][:2] == ["msdwarp", "run"]
     assert {"msdwarp", "warp-lang", "numpy", "h5py"} <= about["versions"].keys()
     assert (about["integrator"], about["precision"]) == ("symplectic-euler", "float64")
-    assert (about["device"], about["route"], about["gravity"], about["schedule"]) == ("cpu", "scatter", 9.82, 2)
+    assert (about["device"], about["force_algorithm"], about["gravity"], about["schedule"]) == (
+        "cpu",
+        "scatter",
+        9.82,
+        2,
+    )
     assert about["substeps"] > 0
     assert about["options"]["duration"] == 0.1
     assert json.dumps(about)

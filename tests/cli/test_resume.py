@@ -37,10 +37,19 @@ def test_a_run_in_two_goes_ends_as_one_in_one(msdwarp, own, integrator, precisio
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("route", ["gather", "stencil"])
+@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 @pytest.mark.parametrize(("integrator", "precision"), [("leapfrog", "float32"), ("rk4", "float32-compensated")])
-def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, route, integrator, precision):
-    options = ("--size", "12", "--route", route, "--integrator", integrator, "--precision", precision)
+def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, force_algorithm, integrator, precision):
+    options = (
+        "--size",
+        "12",
+        "--force-algorithm",
+        force_algorithm,
+        "--integrator",
+        integrator,
+        "--precision",
+        precision,
+    )
     options += ("--frames", "none", "--video", "none", "--device", "cuda:0")
     assert msdwarp("run", "cube", *options, "--out", "whole", "--duration", "1.5")[0] == 0
     assert msdwarp("run", "cube", *options, "--out", "parts", "--duration", "0.7")[0] == 0
@@ -50,9 +59,19 @@ def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, route, inte
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("route", ["gather", "stencil"])
-def test_other_routes_go_on_too(msdwarp, tmp_path, route):
-    options = ("--size", "4", "--route", route, "--every", "3", "--trajectory", "compressed", *UNDRAWN)
+@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
+def test_other_routes_go_on_too(msdwarp, tmp_path, force_algorithm):
+    options = (
+        "--size",
+        "4",
+        "--force-algorithm",
+        force_algorithm,
+        "--every",
+        "3",
+        "--trajectory",
+        "compressed",
+        *UNDRAWN,
+    )
     assert msdwarp("run", "cube", *options, "--out", "whole", "--duration", "0.3")[0] == 0
     assert msdwarp("run", "cube", *options, "--out", "parts", "--duration", "0.15")[0] == 0
     assert msdwarp("resume", "parts/restart.h5", "--duration", "0.3")[0] == 0

@@ -11,7 +11,7 @@ from PIL import Image
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory
-from msdwarp.cli import trust
+from msdwarp.cli import script_signatures as trust
 from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.world import scene_as_stored, scene_from_stored
 

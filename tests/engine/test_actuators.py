@@ -1,4 +1,5 @@
-"""Muscles: rest lengths as functions of time, by every route and method, their work, and the bound with them."""
+"""Muscles: rest lengths as functions of time, by every algorithm and method, their work, and the bound with
+them."""
 
 import math
 
@@ -19,8 +20,8 @@ from msdwarp import (
     System,
     box,
 )
-from msdwarp.engine.model import Model
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.model.model import Model
 
 K, LENGTH, SWING, OMEGA = 8.0, 0.5, 0.2, 3.0
 """Stiffness [N/m] and rest length [m] of a spring, its muscle's largest strain, and how fast it swings [rad/s]."""
@@ -103,14 +104,14 @@ def test_a_held_muscle_is_another_rest_length_by_every_route(plain_device, metho
     lengths[load.connections(body)] *= 0.85
     assert 0 < (lengths < body.rest_length).sum() <= len(lengths)
     how = options(plain_device, fps=60.0, substeps=20, integrator=method, blocks=blocks)
-    other = Simulation(body.replace(rest_length=lengths), route="scatter", **how)
+    other = Simulation(body.replace(rest_length=lengths), force_algorithm="scatter", **how)
     other.step(20)
     assert np.abs(other.frame().position - body.position).max() > 0.01
-    for route in ("scatter", "gather", "stencil"):
-        simulation = Simulation(body, loads=[load], route=route, **how)
-        assert simulation.model.route == route
+    for force_algorithm in ("scatter", "gather", "stencil"):
+        simulation = Simulation(body, loads=[load], force_algorithm=force_algorithm, **how)
+        assert simulation.model.force_algorithm == force_algorithm
         simulation.step(20)
-        # Other sums, 400 substeps of roundings: as routes differ from each other.
+        # Other sums, 400 substeps of roundings: as algorithms differ from each other.
         np.testing.assert_allclose(simulation.frame().position, other.frame().position, rtol=0, atol=1e-12)
 
 
@@ -242,7 +243,9 @@ def test_work_is_what_energy_comes_from(plain_device, method, blocks):
 def test_a_run_resumes_to_the_last_bit(device):
     def make():
         loads = [Actuator(lambda t: 0.2 * math.sin(7 * t), along=["z", "x"])]
-        return Simulation(jelly(), loads=loads, integrator=Leapfrog(), device=device, gravity=0.0, route="gather")
+        return Simulation(
+            jelly(), loads=loads, integrator=Leapfrog(), device=device, gravity=0.0, force_algorithm="gather"
+        )
 
     whole, first, rest = make(), make(), make()
     whole.step(12)
@@ -300,7 +303,7 @@ def test_what_muscles_do_to_a_body_without_energy_is_no_divergence(plain_device,
 
 def test_a_scene_without_muscles_has_nothing_of_them(plain_device):
     simulation = Simulation(jelly(), device=plain_device)
-    assert not {"actuated", "marks", "stage", "time"} & set(simulation.stepping.dynamics.world._cls.vars)
+    assert not {"actuated", "effect_mask", "stage", "time"} & set(simulation.stepping.dynamics.scene._cls.vars)
 
 
 def late(t: float) -> float:

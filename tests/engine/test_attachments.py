@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 import msdwarp as msd
 from msdwarp import RK4, Attachment, Box, Leapfrog, LinearlyImplicitEuler, Simulation, Sphere, System, box
-from msdwarp.engine.model import Model
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.model.model import Model
 
 K, OMEGA = 36.0, 6.0
 """Stiffness [N/m] and frequency [rad/s] of 1 kg on it."""
@@ -223,7 +223,7 @@ def held_box(device, **more):
 
 
 def test_a_run_resumes_to_the_last_bit(device):
-    whole, first, rest = (held_box(device, route="gather", substeps=30) for _ in range(3))
+    whole, first, rest = (held_box(device, force_algorithm="gather", substeps=30) for _ in range(3))
     whole.step(9)
     first.step(4)
     rest.restore(*first.checkpoint())
@@ -246,9 +246,11 @@ def test_a_change_on_the_way_leaves_points_where_they_are():
 @pytest.mark.slow
 def test_all_routes_carry_attachments(plain_device):
     frames = []
-    for route in ("scatter", "gather", "stencil"):
+    for force_algorithm in ("scatter", "gather", "stencil"):
         for blocks in ("auto", None):
-            simulation = held_box(plain_device, route=route, blocks=blocks, precision="float64", substeps=30)
+            simulation = held_box(
+                plain_device, force_algorithm=force_algorithm, blocks=blocks, precision="float64", substeps=30
+            )
             simulation.step(10)
             frames.append(simulation.frame().position)
     for other in frames[1:]:

@@ -1,4 +1,4 @@
-"""Sheets that resist bending: the stencil reaches second neighbours, and routes move them alike."""
+"""Sheets that resist bending: the stencil reaches second neighbours, and algorithms move them alike."""
 
 import math
 
@@ -8,9 +8,9 @@ from stencils import lattice_of
 from tangles import FAR, PRECISIONS, assert_forces_are_right, every_route, moving
 
 from msdwarp import Material, Simulation, System, box, lattice, sheet
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.lattice_search import find_lattice, step_of
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.lattice import find_lattice, step_of
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.launcher import Dynamics
 
 CONSTANTS = {"stiffness": 300.0, "damping": 0.5, "mass": 0.1, "bending": 5.0}
 NOTCHED = np.ones((7, 6), dtype=bool)
@@ -49,23 +49,23 @@ def test_a_sheet_of_constants_is_a_uniform_lattice():
 
 
 def test_second_neighbours_are_read_one_particle_at_a_time():
-    made = Dynamics(Model(SHEETS["sheet 8"], device="cpu", route="stencil"))
-    assert made.composition.route.column_forces is None
+    made = Dynamics(Model(SHEETS["sheet 8"], device="cpu", force_algorithm="stencil"))
+    assert made.composition.force_algorithm.column_forces is None
 
 
 @pytest.mark.slow
 @every_route
 @every_sheet
-def test_forces_by_route(plain_device, name, route):
-    assert_forces_are_right(moving(SHEETS[name]), plain_device, "float64", route)
+def test_forces_by_route(plain_device, name, force_algorithm):
+    assert_forces_are_right(moving(SHEETS[name]), plain_device, "float64", force_algorithm)
 
 
 @every_route
 @pytest.mark.parametrize("precision", [p for p in PRECISIONS if p != "float64"])
-def test_forces_by_route_in_single_precision(plain_device, precision, route):
+def test_forces_by_route_in_single_precision(plain_device, precision, force_algorithm):
     system = moving(SHEETS["sheet 8"])
     far = system.translate(FAR) if precision == "float32-compensated" else system
-    assert_forces_are_right(far, plain_device, precision, route)
+    assert_forces_are_right(far, plain_device, precision, force_algorithm)
 
 
 def rolled(system: System) -> System:
@@ -77,12 +77,14 @@ def rolled(system: System) -> System:
 
 
 @every_route
-def test_a_sheet_unrolls_and_keeps_its_momentum(plain_device, route):
+def test_a_sheet_unrolls_and_keeps_its_momentum(plain_device, force_algorithm):
     system = rolled(SHEETS["sheet 8"]).with_velocity((0.1, -0.2, 0.3))
     simulation = Simulation(
-        system, gravity=0.0, substeps=20, device=plain_device, precision="float64", route=route
+        system, gravity=0.0, substeps=20, device=plain_device, precision="float64", force_algorithm=force_algorithm
     )
-    reference = Simulation(system, gravity=0.0, substeps=20, device="cpu", precision="float64", route="scatter")
+    reference = Simulation(
+        system, gravity=0.0, substeps=20, device="cpu", precision="float64", force_algorithm="scatter"
+    )
     ends = np.arange(42) % 7 == 6, np.arange(42) % 7 == 0
 
     def width(x: np.ndarray) -> float:

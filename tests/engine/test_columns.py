@@ -8,13 +8,13 @@ from courses import SCENES, assert_course_is_plain, assert_same, course, moment
 from tangles import FAR, assert_forces_are_right, lattices, moving
 
 from msdwarp import RK4, SymplecticEuler, System, box, sheet
-from msdwarp.engine import dynamics
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.lattice_search import find_lattice
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.lattice import find_lattice
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping.launcher import Dynamics
 
-# Routes are compared from wherever bodies start, in the floor too.
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")
+# Algorithms are compared from wherever bodies start, in the floor too.
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ LAYERED = (
 def test_forces_in_columns(plain_device, in_columns, name, damping):
     system = moving(lattices(damping)[name])
     stride = find_lattice(system).stride
-    assert dynamics.columns(Model(system, device="cpu", route="stencil")) in range(
+    assert dynamics.columns(Model(system, device="cpu", force_algorithm="stencil")) in range(
         system.particle_count // 2, system.particle_count // 2 + stride + 1
     )
     assert_forces_are_right(system, plain_device, "float64", "stencil")
@@ -101,14 +101,14 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
 @pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
 def test_lattices_without_layers_have_no_columns(in_columns, name):
     assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
-    made = Dynamics(Model(lattices(2.0)[name], device="cpu", route="stencil"))
-    assert made.composition.route.column_forces is None or made._columns == 0
+    made = Dynamics(Model(lattices(2.0)[name], device="cpu", force_algorithm="stencil"))
+    assert made.composition.force_algorithm.column_forces is None or made._columns == 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
 @pytest.mark.parametrize("name", SCENES)
 def test_columns_move_a_scene_alike(plain_device, in_columns, name, method):
-    found = course(moment(name), method, plain_device, route="stencil", blocks=None)
+    found = course(moment(name), method, plain_device, force_algorithm="stencil", blocks=None)
     assert_course_is_plain(name, method, found, 1e-12)
-    assert_same(course(moment(name), method, plain_device, route="stencil", blocks=None), found)
+    assert_same(course(moment(name), method, plain_device, force_algorithm="stencil", blocks=None), found)

@@ -21,23 +21,23 @@ from msdwarp import (
     box,
     chain,
 )
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.contact.obstacles import fixed_contact
-from msdwarp.kernels.forces.dampers import LINEAR
-from msdwarp.kernels.forces.gather import gather
-from msdwarp.kernels.forces.scatter import scatter
-from msdwarp.kernels.forces.stencil import stencil
+from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.composition import Composition
 from msdwarp.kernels.integrators.euler import extrapolated_leapfrog, kick, symplectic_euler
 from msdwarp.kernels.integrators.persistent import persistent
 from msdwarp.kernels.integrators.runge_kutta import chebyshev, rk4
 from msdwarp.kernels.integrators.stages import each_column, each_connection, each_particle, particle_acceleration
+from msdwarp.kernels.springs.dampers import LINEAR
+from msdwarp.kernels.springs.gather import gather
+from msdwarp.kernels.springs.scatter import scatter
+from msdwarp.kernels.springs.stencil import stencil
 
 PLAIN = chain(3)
 FULL = chain(3, damping=1.0).pin(0)
-ROUTES = ("scatter", "gather", "stencil")
+FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 
 
 def motion(system: System, **options) -> Composition:
@@ -69,9 +69,9 @@ def substep(system: System, method=symplectic_euler, **options) -> wp.Kernel:
     return persistent(motion(system, **options), method, 1)
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_what_is_composed_here_is_what_a_simulation_runs(route):
-    options = {"colliders": [Plane()], "route": route}
+@pytest.mark.parametrize("force_algorithm", FORCE_ALGORITHMS)
+def test_what_is_composed_here_is_what_a_simulation_runs(force_algorithm):
+    options = {"colliders": [Plane()], "force_algorithm": force_algorithm}
     Simulation(FULL, substeps=1, allow_unstable=True, device="cpu", **options).step()
     kernel = substep(FULL, **options)
     name = kernel.module.get_module_identifier(1)
@@ -79,12 +79,12 @@ def test_what_is_composed_here_is_what_a_simulation_runs(route):
     assert normalised(ran) == normalised(generated(kernel))
 
 
-@pytest.fixture(scope="module", params=ROUTES)
+@pytest.fixture(scope="module", params=FORCE_ALGORITHMS)
 def sources(request) -> dict[str, str]:
-    """The statements of a substep of a scene with every effect and of one with none, on every route."""
+    """The statements of a substep of a scene with every effect and of one with none, on every algorithm."""
     found = {}
     for name, system, planes in (("full", FULL, [Plane()]), ("plain", PLAIN, [])):
-        options = {"colliders": planes, "route": request.param}
+        options = {"colliders": planes, "force_algorithm": request.param}
         found[name] = statements(substep(system, **options))
     return found
 
@@ -92,7 +92,7 @@ def sources(request) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("piece", "meaning"),
     [
-        ("__collide_", "contact"),
+        ("__collide_", "collider_rule"),
         ("__respond_", "the contact rule"),
         ("(var_v, ", "reading velocities of neighbours"),
         ("wp::dot(var_dv, ", "the speed along the axis, for the damper"),
@@ -119,8 +119,8 @@ def test_equal_scenes_share_kernels():
         (FULL, [Plane(), Plane()]),
         (FULL.replace(stiffness=5.0, mass=[1, float("inf"), 2]), [Plane(friction=0.1), Plane()]),
     )
-    for route in ROUTES:
-        a, b = (motion(system, colliders=planes, route=route) for system, planes in scenes)
+    for force_algorithm in FORCE_ALGORITHMS:
+        a, b = (motion(system, colliders=planes, force_algorithm=force_algorithm) for system, planes in scenes)
         assert a == b
         assert symplectic_euler(a) is symplectic_euler(b)
         assert persistent(a, symplectic_euler, 1) is persistent(b, symplectic_euler, 1)
@@ -128,7 +128,7 @@ def test_equal_scenes_share_kernels():
 
 
 def test_lattices_of_any_size_share_kernels():
-    long, short = (motion(chain(count, spacing=0.3), route="stencil") for count in (3, 50))
+    long, short = (motion(chain(count, spacing=0.3), force_algorithm="stencil") for count in (3, 50))
     assert persistent(long, symplectic_euler, 1) is persistent(short, symplectic_euler, 1)
 
 
@@ -137,16 +137,16 @@ def test_different_effects_are_different_kernels():
     others = [
         motion(FULL),
         motion(PLAIN, colliders=[Plane()]),
-        motion(PLAIN, colliders=[Plane()], contact="report"),
+        motion(PLAIN, colliders=[Plane()], collider_rule="report"),
         motion(PLAIN, precision="float64"),
         motion(PLAIN, precision="float32-compensated"),
         motion(chain(3, dim=2)),
-        motion(PLAIN, route="gather"),
-        motion(PLAIN, route="stencil"),
+        motion(PLAIN, force_algorithm="gather"),
+        motion(PLAIN, force_algorithm="stencil"),
     ]
     assert len({persistent(m, symplectic_euler, 1) for m in (plain, *others)}) == 9
     # A contact rule without colliders is none.
-    assert motion(PLAIN, contact="report") == plain
+    assert motion(PLAIN, collider_rule="report") == plain
 
 
 def test_pieces_are_composed_once():
@@ -165,24 +165,24 @@ def test_pieces_are_composed_once():
 # What a system computed at the commit before there was any yielding, other law of damping, solid or moving
 # collider: how many statements its kernel has, and a digest of them without the numbers of their variables.
 BEFORE = {
-    ("plain", "scatter", symplectic_euler): (184, "bc368974ad1fbc41"),
-    ("plain", "scatter", rk4): (240, "b13d2531428fcbe2"),
-    ("plain", "gather", symplectic_euler): (214, "ae168e55635c5a00"),
-    ("plain", "gather", rk4): (270, "92e68cf1ddb65485"),
-    ("plain", "stencil", symplectic_euler): (191, "b001f4d48689daf6"),
-    ("plain", "stencil", rk4): (247, "27f91218f63969f9"),
-    ("damped", "scatter", symplectic_euler): (196, "98dbd5a813a3040b"),
-    ("damped", "scatter", rk4): (252, "90cf35a11a486f50"),
-    ("damped", "gather", symplectic_euler): (233, "b4190d1faad952e6"),
-    ("damped", "gather", rk4): (289, "6b2325b4892a5690"),
-    ("damped", "stencil", symplectic_euler): (205, "4bbae85f9e127152"),
-    ("damped", "stencil", rk4): (261, "611fe732608c847f"),
-    ("box", "scatter", symplectic_euler): (198, "e5137203e9e9a55d"),
-    ("box", "scatter", rk4): (254, "915f532164b12129"),
-    ("box", "gather", symplectic_euler): (240, "4405329fd6ad57ae"),
-    ("box", "gather", rk4): (296, "018036f01d68568d"),
-    ("box", "stencil", symplectic_euler): (784, "481600ff1322bd9b"),
-    ("box", "stencil", rk4): (840, "3ed902f087b1632b"),
+    ("plain", "scatter", symplectic_euler): (184, "49bd81939c703117"),
+    ("plain", "scatter", rk4): (240, "f65bfbc0a93d8673"),
+    ("plain", "gather", symplectic_euler): (214, "8cba9250baa8d432"),
+    ("plain", "gather", rk4): (270, "77a79ce311a1172d"),
+    ("plain", "stencil", symplectic_euler): (191, "8ae657e43f98c314"),
+    ("plain", "stencil", rk4): (247, "d294a99d2ebe999f"),
+    ("damped", "scatter", symplectic_euler): (196, "c0b7fed66f9f59d0"),
+    ("damped", "scatter", rk4): (252, "c699e88e4d3c32ec"),
+    ("damped", "gather", symplectic_euler): (233, "6ef87ed733f04b51"),
+    ("damped", "gather", rk4): (289, "0e5a7298729bdef5"),
+    ("damped", "stencil", symplectic_euler): (205, "99515872e9018795"),
+    ("damped", "stencil", rk4): (261, "cb81dd024fd1c785"),
+    ("box", "scatter", symplectic_euler): (198, "9fd2c0ed1fdc7357"),
+    ("box", "scatter", rk4): (254, "e117ce6dfe041414"),
+    ("box", "gather", symplectic_euler): (240, "157ecf7c4a2c0af0"),
+    ("box", "gather", rk4): (296, "980a2120f16db8cf"),
+    ("box", "stencil", symplectic_euler): (784, "aa3c8a143974c9c4"),
+    ("box", "stencil", rk4): (840, "ac861844a1119776"),
 }
 SYSTEMS = {"plain": PLAIN, "damped": FULL, "box": box((3, 3, 3), damping=1.0)}
 GENERATED_BY = "1.19.0"
@@ -202,14 +202,14 @@ def normalised(code: str) -> str:
     reason=f"Warp {GENERATED_BY} wrote what is compared; others may word it otherwise",
 )
 @pytest.mark.parametrize(
-    ("name", "route", "method"),
+    ("name", "force_algorithm", "method"),
     BEFORE,
-    ids=[f"{name}-{route}-{method.__name__}" for name, route, method in BEFORE],
+    ids=[f"{name}-{force_algorithm}-{method.__name__}" for name, force_algorithm, method in BEFORE],
 )
-def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, route, method):
-    text = normalised(generated(substep(SYSTEMS[name], method, route=route)))
+def test_what_a_scene_does_not_use_has_left_its_kernels_as_they_were(name, force_algorithm, method):
+    text = normalised(generated(substep(SYSTEMS[name], method, force_algorithm=force_algorithm)))
     found = len(text.splitlines()), hashlib.sha256(text.encode()).hexdigest()[:16]
-    assert found == BEFORE[name, route, method]
+    assert found == BEFORE[name, force_algorithm, method]
 
 
 # The same of what else there is, at the commit before the package had rooms. Kernels of a launch for each stage
@@ -221,7 +221,7 @@ EFFECTS = {
     "coulomb": (FULL.replace(damper=CoulombDamper()), {}),
     "yielding": (FULL.replace(yield_strain=0.1), {"colliders": [Plane()]}),
     "plane": (FULL, {"colliders": [Plane()]}),
-    "report": (FULL, {"colliders": [Plane()], "contact": "report"}),
+    "report": (FULL, {"colliders": [Plane()], "collider_rule": "report"}),
     "solids": (PLAIN, {"colliders": [Plane(), Sphere((0, 0, -9)), Box((0, 0, -9)), Cone((0, 0, -9), (1, 0, -9))]}),
     "moving": (FULL, {"colliders": [Capsule((0, 0, -9), (1, 0, -9), motion=lambda t: (0, 0, -t))]}),
     "flat": (box((3, 3, 3), damping=1.0).replace(surface=None), {"colliders": [Plane()], "precision": "float64"}),
@@ -242,31 +242,34 @@ def digest(code: str) -> str:
     return f"{len(text.splitlines())} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def kernels_of(name: str, route: str):
+def kernels_of(name: str, force_algorithm: str):
     """Yield the kernels of a scene by their names: in one launch, and by a launch for each stage."""
     system, options = EFFECTS[name]
-    composed = motion(system, route=route, **options)
+    composed = motion(system, force_algorithm=force_algorithm, **options)
     for word, method in METHODS.items():
         if word != "kick":
             yield f"{word} once", persistent(composed, method, 1)
         yield f"{word} stage", each_particle(composed, method)
-    if composed.route.evaluate is not None:
+    if composed.force_algorithm.evaluate is not None:
         yield "connections", each_connection(composed)
-    if composed.route.column_forces is not None:
+    if composed.force_algorithm.column_forces is not None:
         yield "columns", each_column(composed, symplectic_euler)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(wp.__version__ != GENERATED_BY, reason=f"Warp {GENERATED_BY} wrote what is compared")
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("force_algorithm", FORCE_ALGORITHMS)
 @pytest.mark.parametrize("name", EFFECTS)
-def test_kernels_are_what_they_were(name, route):
-    if name == "yielding" and route == "stencil":
-        return  # which has no such route
+def test_kernels_are_what_they_were(name, force_algorithm):
+    if name == "yielding" and force_algorithm == "stencil":
+        return  # which has no such algorithm
     with DIGESTS.open(newline="") as file:
         rows = {row["kernel"]: row["digest"] for row in csv.DictReader(file)}
-    expected = {key: value for key, value in rows.items() if key.startswith(f"{name} {route} ")}
-    assert {f"{name} {route} {word}": digest(generated(one)) for word, one in kernels_of(name, route)} == expected
+    expected = {key: value for key, value in rows.items() if key.startswith(f"{name} {force_algorithm} ")}
+    assert {
+        f"{name} {force_algorithm} {word}": digest(generated(one))
+        for word, one in kernels_of(name, force_algorithm)
+    } == expected
 
 
 def pieces(system: System, **options) -> set[str]:
@@ -285,7 +288,7 @@ AT = (0, 0, -9)
 KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
 
 
-@pytest.mark.parametrize("route", ["scatter", "gather"])
+@pytest.mark.parametrize("force_algorithm", ["scatter", "gather"])
 @pytest.mark.parametrize(
     ("changes", "colliders", "more"),
     [
@@ -303,11 +306,11 @@ KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
     ],
     ids=["yielding", "quadratic", "coulomb", *KINDS_ALONE, "two kinds", "moving", "moving sphere"],
 )
-def test_each_effect_brings_its_own_pieces_alone(route, changes, colliders, more):
-    without = pieces(DAMPED, route=route)
-    found = pieces(DAMPED.replace(**changes), colliders=colliders, route=route)
+def test_each_effect_brings_its_own_pieces_alone(force_algorithm, changes, colliders, more):
+    without = pieces(DAMPED, force_algorithm=force_algorithm)
+    found = pieces(DAMPED.replace(**changes), colliders=colliders, force_algorithm=force_algorithm)
     # Where springs yield their constants lie elsewhere.
-    elsewhere = {"World", "OneForAll", "take_one", "Own", "take_own", "number", "Listed", "take_named"}
+    elsewhere = {"SceneData", "OneForAll", "take_one", "Own", "take_own", "number", "Listed", "take_named"}
     assert found - without - elsewhere == more
     assert without - found <= elsewhere
 

@@ -7,13 +7,13 @@ import warp as wp
 from tangles import CONSTANTS, assert_forces_are_right, tangle
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine import forces
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.routes import scatter_order
+from msdwarp.engine.model.force_algorithm import scatter_order
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.springs import force_algorithms as forces
+from msdwarp.engine.stepping.launcher import Dynamics
 
-# Routes are compared from wherever bodies start, in the floor too.
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")
+# Algorithms are compared from wherever bodies start, in the floor too.
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 
 # Order of scattering.
 
@@ -70,8 +70,8 @@ def test_order_of_scattering_does_not_change_forces(plain_device, own):
     # Constants go with their connections.
     body = by_particle(tangle(3, 65, own, damped=True))
     assert scatter_order(body) is not None
-    for route in ("scatter", "gather"):
-        assert_forces_are_right(body, plain_device, "float64", route)
+    for force_algorithm in ("scatter", "gather"):
+        assert_forces_are_right(body, plain_device, "float64", force_algorithm)
 
 
 # Memory.
@@ -89,28 +89,28 @@ def arrays(data) -> dict[str, wp.array]:
     return found
 
 
-def read_beside_the_state(route: str, system: System) -> dict[str, wp.array]:
+def read_beside_the_state(force_algorithm: str, system: System) -> dict[str, wp.array]:
     """Return the arrays that a route's kernels read beside positions and velocities."""
-    return arrays(Dynamics(Model(system, device="cpu", route=route)).world.forces)
+    return arrays(Dynamics(Model(system, device="cpu", force_algorithm=force_algorithm)).scene.forces)
 
 
 LISTS = {"scatter": {"f", "connections"}, "gather": {"first", "other"}}
-by_lists = pytest.mark.parametrize(("route", "lists"), LISTS.items(), ids=LISTS.keys())
+by_lists = pytest.mark.parametrize(("force_algorithm", "lists"), LISTS.items(), ids=LISTS.keys())
 
 
 @by_lists
-def test_constants_of_all_connections_are_single_numbers(route, lists):
-    assert read_beside_the_state(route, tangle(3, 65, (), damped=True)).keys() == lists
+def test_constants_of_all_connections_are_single_numbers(force_algorithm, lists):
+    assert read_beside_the_state(force_algorithm, tangle(3, 65, (), damped=True)).keys() == lists
 
 
 @by_lists
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_constants_of_few_kinds_take_a_byte_for_each_at_most(route, lists, name):
-    found = read_beside_the_state(route, tangle(3, 65, (name,), damped=True))
+def test_constants_of_few_kinds_take_a_byte_for_each_at_most(force_algorithm, lists, name):
+    found = read_beside_the_state(force_algorithm, tangle(3, 65, (name,), damped=True))
     # Where they are gathered, that byte is one of the four of the neighbour's number.
-    assert found.keys() == lists | {"table"} | ({"kind"} if route == "scatter" else set())
+    assert found.keys() == lists | {"table"} | ({"kind"} if force_algorithm == "scatter" else set())
     assert len(found["table"]) <= 256
-    assert route == "gather" or found["kind"].dtype is wp.uint8
+    assert force_algorithm == "gather" or found["kind"].dtype is wp.uint8
 
 
 def test_kinds_of_very_many_particles_have_a_byte_of_their_own(monkeypatch, plain_device):
@@ -124,8 +124,8 @@ def test_kinds_of_very_many_particles_have_a_byte_of_their_own(monkeypatch, plai
 
 @by_lists
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_constants_of_many_kinds_are_arrays(route, lists, name):
-    found = read_beside_the_state(route, tangle(3, 200, (name,), damped=True))
+def test_constants_of_many_kinds_are_arrays(force_algorithm, lists, name):
+    found = read_beside_the_state(force_algorithm, tangle(3, 200, (name,), damped=True))
     # Of rest lengths alone, as a mesh has them, there is one array.
     assert found.keys() == lists | ({name} if name == "rest_length" else set(CONSTANTS))
 

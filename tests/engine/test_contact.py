@@ -87,16 +87,21 @@ def test_normal_may_have_any_length():
 def test_one_hit_with_infinite_friction_is_the_reports_rule(plain_device, precision):
     # Without a force in the substep both rules are v_n' = −e v_n, v_t' = f v_t.
     velocity, atol = (3.0, -1.0, -2.0), {"float32": 1e-6, "float64": 1e-15}[precision]  # roundings of 3 m/s
-    for contact in ("coulomb", "report"):
+    for collider_rule in ("coulomb", "report"):
         plane = Plane(restitution=0.6, friction=math.inf, tangential_factor=0.8)
         simulation = simulate(
-            particle((0, 0, 0.01), velocity), plane, plain_device, h=0.01, contact=contact, precision=precision
+            particle((0, 0, 0.01), velocity),
+            plane,
+            plain_device,
+            h=0.01,
+            collider_rule=collider_rule,
+            precision=precision,
         )
         simulation.step()
         now = simulation.frame()
         np.testing.assert_allclose(now.velocity[0], (2.4, -0.8, 1.2), rtol=0, atol=atol)
         # By "report" on the surface; by "coulomb" on its way from where the substep began: 1 cm and h 1.2 m/s.
-        assert now.position[0, 2] == pytest.approx(0.0 if contact == "report" else 0.022, rel=1e-6, abs=0)
+        assert now.position[0, 2] == pytest.approx(0.0 if collider_rule == "report" else 0.022, rel=1e-6, abs=0)
 
 
 def test_rules_differ_in_the_normal_speed_they_return(plain_device):
@@ -104,12 +109,17 @@ def test_rules_differ_in_the_normal_speed_they_return(plain_device):
     # the particle came with, so that gravity during the hit adds nothing to the bounce.
     h, plane = 0.01, Plane(restitution=0.5, friction=0.25, tangential_factor=0.75)
     found = {}
-    for contact in ("report", "coulomb"):
+    for collider_rule in ("report", "coulomb"):
         simulation = simulate(
-            particle((0, 0, 0.01), (4.0, 0.0, -2.0)), plane, plain_device, h=h, gravity=G, contact=contact
+            particle((0, 0, 0.01), (4.0, 0.0, -2.0)),
+            plane,
+            plain_device,
+            h=h,
+            gravity=G,
+            collider_rule=collider_rule,
         )
         simulation.step()
-        found[contact] = simulation.frame().velocity[0]
+        found[collider_rule] = simulation.frame().velocity[0]
     np.testing.assert_allclose(found["report"], (3.0, 0, 0.5 * (2 + G * h)), rtol=0, atol=1e-15)
     # j = 1 + 2 + g h and μ j = 0.77 < (1 − f)|v_t| = 1: Coulomb's friction is the smaller.
     np.testing.assert_allclose(found["coulomb"], (4 - 0.25 * (3 + G * h), 0, 1.0), rtol=0, atol=1e-15)
@@ -119,7 +129,13 @@ def test_report_rule_multiplies_at_every_touch(plain_device):
     # A particle held down by gravity touches every substep: f^n after n of them, whatever the load.
     plane = Plane(restitution=0.0, tangential_factor=0.9)
     simulation = simulate(
-        particle((0, 0, 0), (5.0, 0, 0)), plane, plain_device, h=0.01, substeps=20, gravity=G, contact="report"
+        particle((0, 0, 0), (5.0, 0, 0)),
+        plane,
+        plain_device,
+        h=0.01,
+        substeps=20,
+        gravity=G,
+        collider_rule="report",
     )
     simulation.step()
     np.testing.assert_allclose(simulation.frame().velocity[0], (5 * 0.9**20, 0, 0), rtol=1e-14)  # 20 roundings
@@ -134,7 +150,7 @@ def test_slow_approach_does_not_bounce(plain_device, speed, bounces):
     assert simulation.frame().velocity[0, 2] == (0.5 * speed if bounces else 0.0)  # half of a number is exact
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
 def test_particle_on_its_way_out_is_left_alone(plain_device):
     start, velocity = (0.0, 0.0, -1.0), (3.0, 0.0, 0.5)
     simulation = simulate(particle(start, velocity), Plane(friction=1.0), plain_device, h=0.125, substeps=8)
@@ -323,7 +339,7 @@ def test_bad_plane_is_named(arguments, message):
     [
         ({"colliders": [Plane((0, 1))]}, r"colliders\[0\].normal is \(0.0, 1.0\).*3 coordinates"),
         ({"colliders": [Plane(), "floor"]}, r"colliders\[1\] is 'floor'"),
-        ({"contact": "sticky"}, "contact is 'sticky'.*'coulomb', 'report'"),
+        ({"collider_rule": "sticky"}, "collider_rule is 'sticky'.*'coulomb', 'report'"),
     ],
 )
 def test_bad_contact_is_named(options, message):

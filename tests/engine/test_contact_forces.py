@@ -6,6 +6,7 @@ from problems import EPS64
 
 from msdwarp import (
     RK4,
+    Contact,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
@@ -13,7 +14,6 @@ from msdwarp import (
     Simulation,
     SymplecticEuler,
     System,
-    Touch,
     box,
 )
 
@@ -44,7 +44,7 @@ def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
         "cancels": Probe(np.arange(54), "touch force"),
     }
     floor = Plane(friction=0.5)
-    options = {"colliders": [floor], "touch": Touch(), "device": device, "precision": precision, "fps": FPS}
+    options = {"colliders": [floor], "contact": Contact(), "device": device, "precision": precision, "fps": FPS}
     simulation = Simulation(two_blocks(), probes=probes, contact_forces=True, **options)
     simulation.step(360)
     told = {name: simulation.readings[name].values[-1] for name in probes}
@@ -77,7 +77,7 @@ def test_touch_impulses_are_what_momentum_lacks(plain_device, method):
     blocks = blocks.replace(position=blocks.position + 0.01 * high, velocity=speed)
     probes = {name: Probe(name, "touch force") for name in ("low", "high")}
     probes["by substep"] = Probe("high", "touch force", every="substep")
-    options = {"gravity": 0.0, "touch": Touch(), "device": plain_device, "precision": "float64", "fps": FPS}
+    options = {"gravity": 0.0, "contact": Contact(), "device": plain_device, "precision": "float64", "fps": FPS}
     simulation = Simulation(blocks, integrator=method, probes=probes, **options)
     simulation.step(24)
     frame = simulation.frame()
@@ -97,7 +97,7 @@ def test_support_counts_on_what_is_pinned(device):
     # A pinned block below feels what lies on it, though no obstacle's push on it would count.
     blocks = two_blocks()
     blocks = blocks.pin(np.arange(27))
-    simulation = Simulation(blocks, touch=Touch(), device=device, contact_forces=True, fps=FPS)
+    simulation = Simulation(blocks, contact=Contact(), device=device, contact_forces=True, fps=FPS)
     simulation.step(360)
     force = simulation.contact_force()
     np.testing.assert_allclose(force[:27].sum(axis=0), (0, 0, -WEIGHT), rtol=0, atol=1e-3 * WEIGHT)
@@ -108,9 +108,9 @@ def test_support_counts_on_what_is_pinned(device):
 
 @pytest.mark.slow
 def test_nothing_is_summed_unless_asked_for(device):
-    plain = {"colliders": [Plane()], "touch": Touch(), "device": device, "precision": "float64", "fps": FPS}
+    plain = {"colliders": [Plane()], "contact": Contact(), "device": device, "precision": "float64", "fps": FPS}
     without, asked = (Simulation(two_blocks(), contact_forces=kept, **plain) for kept in (False, True))
-    assert without.stepping.felt is None
+    assert without.stepping.contact_forces is None
     with pytest.raises(ValueError, match="contact_forces is False; it must be True"):
         without.contact_force()
     assert not asked.contact_force().any()  # before the first frame

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from msdwarp import ContactOverrun, Plane, Simulation, System, Touch, ball, box, sheet
+from msdwarp import Contact, Plane, Simulation, System, TunnellingWarning, ball, box, sheet
 
 THICKNESS = 0.01
 
@@ -23,18 +23,18 @@ def shot(speed: float) -> System:
 
 
 def simulated(speed: float, device: str, fps: float = 60.0, **options) -> Simulation:
-    touch = Touch(thickness=THICKNESS, **options)
-    return Simulation(shot(speed), touch=touch, gravity=0.0, device=device, fps=fps)
+    contact = Contact(thickness=THICKNESS, **options)
+    return Simulation(shot(speed), contact=contact, gravity=0.0, device=device, fps=fps)
 
 
-# How forces are summed has no part in the first two: tests/engine/test_touch_search.py compares routes.
+# How forces are summed has no part in the first two: tests/engine/test_touch_search.py compares algorithms.
 
 
 @pytest.mark.slow
 def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(plain_device):
     simulation = simulated(60.0, plain_device)  # in a frame it flies 1 m, in a substep some centimetres
     assert 60.0 * simulation.dt > THICKNESS
-    with pytest.warns(ContactOverrun) as told:
+    with pytest.warns(TunnellingWarning) as told:
         simulation.step(3)
     assert len(told) == 1
     said = str(told[0].message)
@@ -54,7 +54,7 @@ def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(plain_device):
     assert simulation.frame().position[81:, 2].mean() < -0.3
     # After a reset it is said anew.
     simulation.reset()
-    with pytest.warns(ContactOverrun):
+    with pytest.warns(TunnellingWarning):
         simulation.step()
 
 
@@ -64,8 +64,8 @@ def test_what_comes_through_within_a_substep_is_reported(plain_device):
     bed = bed.translate(-bed.position.mean(axis=0))
     grain = System(position=[[0.01, 0.02, 0.02]], velocity=[[0.0, 0.0, -60.0]], mass=0.001).named("grain")
     how = {"substeps": 2, "fps": 500.0, "allow_unstable": True, "gravity": 0.0, "device": plain_device}
-    simulation = Simulation(bed + grain, touch=Touch(thickness=THICKNESS, stiffness=200.0), **how)
-    with pytest.warns(ContactOverrun, match="'grain'"):
+    simulation = Simulation(bed + grain, contact=Contact(thickness=THICKNESS, stiffness=200.0), **how)
+    with pytest.warns(TunnellingWarning, match="'grain'"):
         simulation.step()
     np.testing.assert_allclose(simulation.frame().velocity[-1], [0.0, 0.0, -60.0])  # it has never been in touch
 
@@ -75,7 +75,9 @@ def test_what_is_said_to_help_does(plain_device):
     # At 12 m/s the ball takes the sheet along, and then is pressed through it: contact is too soft. At 10 m/s
     # what comes through is still pushed back.
     simulation = simulated(12.0, plain_device, fps=240.0)  # short frames, as each launch of one is recorded
-    with pytest.warns(ContactOverrun, match=r"would help: Touch\(stiffness=\.\.\.\) of more than the present 286"):
+    with pytest.warns(
+        TunnellingWarning, match=r"would help: Contact\(stiffness=\.\.\.\) of more than the present 286"
+    ):
         simulation.step(36)
     assert simulation.frame().position[81:, 2].mean() < -0.3
     simulation = simulated(12.0, plain_device, fps=240.0, stiffness=4000.0)
@@ -90,22 +92,24 @@ def test_a_body_that_is_pressed_into_another_is_reported(device):
     low = box((3, 3, 3), 0.1, mass=0.02, stiffness=2e4, damping=8.0).pin(np.arange(27)).named("low")
     high = box((3, 3, 3), 0.1, mass=2.0, stiffness=2e4, damping=80.0).translate((0.01, 0.02, 0.21)).named("high")
     system = low + high.with_velocity((0, 0, -2.0))
-    simulation = Simulation(system, touch=Touch(stiffness=10.0), gravity=0.0, fps=240.0, device=device)
-    with pytest.warns(ContactOverrun, match=r"a point of '(low|high)' goes .* m deep into '(low|high)'") as told:
+    simulation = Simulation(system, contact=Contact(stiffness=10.0), gravity=0.0, fps=240.0, device=device)
+    with pytest.warns(
+        TunnellingWarning, match=r"a point of '(low|high)' goes .* m deep into '(low|high)'"
+    ) as told:
         simulation.step(120)
     assert len(told) == 1
     said = str(told[0].message)
     assert "out of it points are pushed from 0.05" in said  # about half a spacing
-    assert "what would help: Touch(stiffness=...) of more than the present 10 N/m" in said
+    assert "what would help: Contact(stiffness=...) of more than the present 10 N/m" in said
 
 
 def test_what_meets_itself_without_a_thickness_is_reported_too():
     body = box((4, 4, 4), 0.1, mass=0.02, stiffness=500.0, damping=0.5).translate((0, 0, 0.2))
     floor = Plane(friction=0.5)
     simulation = Simulation(
-        body.with_velocity((0, 0, -30)), touch=Touch(between="all"), colliders=[floor], device="cpu"
+        body.with_velocity((0, 0, -30)), contact=Contact(self_contact=True), colliders=[floor], device="cpu"
     )
-    with pytest.warns(ContactOverrun, match="what would help: Touch"):
+    with pytest.warns(TunnellingWarning, match="what would help: Contact"):
         simulation.step(30)
 
 
@@ -114,7 +118,9 @@ def test_particles_that_touch_each_other_need_a_thickness():
         position = np.arange(3.0 * count).reshape(-1, 3)
         return System(position=position, mass=0.01, connections=np.zeros((0, 2), dtype=int))
 
-    touch = Touch(stiffness=1e3)
-    with pytest.raises(ValueError, match=r"touch\.thickness is None, but 2 of the bodies are single particles"):
-        Simulation(grains(2), touch=touch, device="cpu")
-    Simulation(grains(1) + box((2, 2, 2)).translate((0, 0, 9)), touch=touch, device="cpu")  # a solid has a surface
+    contact = Contact(stiffness=1e3)
+    with pytest.raises(ValueError, match=r"contact\.thickness is None, but 2 of the bodies are single particles"):
+        Simulation(grains(2), contact=contact, device="cpu")
+    Simulation(
+        grains(1) + box((2, 2, 2)).translate((0, 0, 9)), contact=contact, device="cpu"
+    )  # a solid has a surface

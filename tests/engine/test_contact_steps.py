@@ -9,7 +9,7 @@ from msdwarp import RK4, RKC2, Leapfrog, Plane, Simulation, SymplecticEuler, Sys
 
 G = 9.82
 STEPS = [1 / 240, 1 / 960, 1 / 3840]
-every_rule = pytest.mark.parametrize("contact", ["coulomb", "report"])
+every_rule = pytest.mark.parametrize("collider_rule", ["coulomb", "report"])
 STEP_NAMES = [f"1/{1 / h:.0f}" for h in STEPS]
 every_step = pytest.mark.parametrize("h", STEPS, ids=STEP_NAMES)
 
@@ -35,17 +35,19 @@ def droplets(speed: float = 0.0) -> System:
 
 @every_step
 @every_rule
-def test_energy_of_an_elastic_bounce(contact, h):
+def test_energy_of_an_elastic_bounce(collider_rule, h):
     # RK4 falls exactly. "coulomb" returns the speed of the substep's start where that began, and so loses nothing;
     # "report" mirrors the speed from below the floor, and gains the depth it is lifted by.
-    simulation = simulate(droplets(), Plane(restitution=1.0, friction=0.0), h=h, contact=contact, integrator=RK4())
+    simulation = simulate(
+        droplets(), Plane(restitution=1.0, friction=0.0), h=h, collider_rule=collider_rule, integrator=RK4()
+    )
     z = heights()
     simulation.step(math.ceil(1.02 * math.sqrt(2 * z[-1] / G) / h))
     now = simulation.frame()
     assert (now.velocity[:, 2] > 0).all()
     energy = now.velocity[:, 2] ** 2 / 2 + G * now.position[:, 2]
     last = np.floor(np.sqrt(2 * z / G) / h) * h  # the last instant above the floor
-    gain = 0.0 if contact == "coulomb" else G * (G * (last + h) ** 2 / 2 - z)
+    gain = 0.0 if collider_rule == "coulomb" else G * (G * (last + h) ** 2 / 2 - z)
     # Up to 2000 substeps round 10 J/kg.
     np.testing.assert_allclose(energy - G * z, gain, rtol=0, atol=2000 * 10 * 2.2e-16)
 
@@ -96,9 +98,11 @@ def test_no_bounce_of_a_jelly_gains_energy(integrator, substeps, e):
 
 @every_step
 @every_rule
-def test_bounces_lose_e_squared(contact, h):
+def test_bounces_lose_e_squared(collider_rule, h):
     e = 0.8
-    simulation = simulate(droplets(), Plane(restitution=e, friction=0.0), h=h, contact=contact, integrator=RK4())
+    simulation = simulate(
+        droplets(), Plane(restitution=e, friction=0.0), h=h, collider_rule=collider_rule, integrator=RK4()
+    )
     z, fall = heights(), np.sqrt(2 * heights() / G)
     t = 1.5 * float(fall.mean())  # after the first bounce and before the second
     steps = round(t / h)
@@ -115,15 +119,15 @@ def test_bounces_lose_e_squared(contact, h):
 @every_step
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 @every_rule
-def test_speed_at_rest(contact, e, h):
+def test_speed_at_rest(collider_rule, e, h):
     # "report" bounces the speed g h that gravity gives in a substep: v' = e (g h − v) has the fixed point
     # e g h / (1 + e), which it nears as e^n.
     simulation = simulate(
-        System(position=[[0.3, 0.0, 0.0]]), Plane(restitution=e), h=h, substeps=50, contact=contact
+        System(position=[[0.3, 0.0, 0.0]]), Plane(restitution=e), h=h, substeps=50, collider_rule=collider_rule
     )
     simulation.step(8)
     now = simulation.frame()
-    expected = 0.0 if contact == "coulomb" else e * G * h / (1 + e)
+    expected = 0.0 if collider_rule == "coulomb" else e * G * h / (1 + e)
     assert now.velocity[0, 2] == pytest.approx(expected, rel=1e-12, abs=0)  # 0.9⁴⁰⁰ is 5e-19
     np.testing.assert_array_equal(now.position, [[0.3, 0, 0]])
 
@@ -153,7 +157,7 @@ def test_sliding_by_the_reports_rule_goes_with_the_step(h):
         Plane(restitution=0.0, tangential_factor=f),
         h=h,
         substeps=50,
-        contact="report",
+        collider_rule="report",
     )
     simulation.step(8)
     # 0.9⁴⁰⁰ is 5e-19: it has stopped but for roundings.
@@ -163,32 +167,37 @@ def test_sliding_by_the_reports_rule_goes_with_the_step(h):
 # Below the plane
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
 @every_rule
-def test_particle_below_and_moving_up_is_left_alone(contact):
+def test_particle_below_and_moving_up_is_left_alone(collider_rule):
     start, velocity = (0.0, 0.0, -1.0), (3.0, 0.0, 0.5)
     plane = Plane(friction=1.0, tangential_factor=0.5)
     simulation = simulate(
-        System(position=[start], velocity=velocity), plane, h=0.125, substeps=8, gravity=0.0, contact=contact
+        System(position=[start], velocity=velocity),
+        plane,
+        h=0.125,
+        substeps=8,
+        gravity=0.0,
+        collider_rule=collider_rule,
     )
     simulation.step()  # 1 s; every number here is exact in binary
     np.testing.assert_array_equal(simulation.frame().position[0], (3.0, 0.0, -0.5))
     np.testing.assert_array_equal(simulation.frame().velocity[0], velocity)
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
 @every_rule
-def test_particle_below_and_moving_down_is_led_onto_the_plane(contact):
+def test_particle_below_and_moving_down_is_led_onto_the_plane(collider_rule):
     simulation = simulate(
         System(position=[[0.0, 0, -2.0]], velocity=(0, 0, -1.0)),
         Plane(restitution=0.0),
         h=0.125,
         gravity=0.0,
-        contact=contact,
+        collider_rule=collider_rule,
     )
     # 2 m in half a second, at a steady pace, whatever the step; by "report" at once. No speed comes from that.
     # Exact in binary.
-    for height in (0.0, 0.0) if contact == "report" else (-1.5, -1.0, -0.5, 0.0, 0.0):
+    for height in (0.0, 0.0) if collider_rule == "report" else (-1.5, -1.0, -0.5, 0.0, 0.0):
         simulation.step()
         assert simulation.frame().position[0, 2] == height
         assert simulation.frame().velocity[0, 2] == 0.0
@@ -203,18 +212,20 @@ def test_particle_below_and_moving_down_is_led_onto_the_plane(contact):
     [SymplecticEuler(), Leapfrog(), Leapfrog(damper_extrapolation=0.5), RK4(), RKC2(2)],
     ids=["euler", "leapfrog", "leapfrog extrapolated", "rk4", "rkc2"],
 )
-def test_every_method_is_first_order_across_a_contact(integrator, contact):
+def test_every_method_is_first_order_across_a_contact(integrator, collider_rule):
     # The instant of a hit is known to a substep, so one particle's error is anything up to order 1; over
     # many instants within a substep it has a root mean square, in height and along the floor.
     e, mu, v, t = 0.6, 0.1, 2.0, 0.6
-    plane = Plane(restitution=e, friction=mu, tangential_factor=0.7 if contact == "report" else 0.0)
+    plane = Plane(restitution=e, friction=mu, tangential_factor=0.7 if collider_rule == "report" else 0.0)
     hit = np.sqrt(2 * heights() / G)
-    slid = 0.7 * v if contact == "report" else v - mu * (1 + e) * G * hit
+    slid = 0.7 * v if collider_rule == "report" else v - mu * (1 + e) * G * hit
     after = t - hit
     exact = np.column_stack([v * hit + slid * after, e * G * hit * after - G * after**2 / 2])
     counts, errors = (60, 120, 240, 480), []
     for n in counts:
-        simulation = simulate(droplets(v), plane, h=t / n, substeps=n, contact=contact, integrator=integrator)
+        simulation = simulate(
+            droplets(v), plane, h=t / n, substeps=n, collider_rule=collider_rule, integrator=integrator
+        )
         simulation.step()
         errors.append(np.sqrt(((simulation.frame().position[:, [0, 2]] - exact) ** 2).mean()))
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from collisions import simulate
 
-from msdwarp import Box, Cone, DoubtfulStart, Plane, Simulation, Sphere, System, box
-from msdwarp.engine.standing import geometries
+from msdwarp import Box, Cone, Plane, Simulation, Sphere, StartWarning, System, box
+from msdwarp.engine.collision.extended_solids import geometries
 
 G = 9.82
 F = {"restitution": 0.3, "friction": 0.5}
@@ -37,7 +37,7 @@ def body(place, **changes) -> System:
 )
 @pytest.mark.parametrize("h", [1 / 600, 1 / 2400])
 def test_what_starts_inside_is_led_out_without_a_jump(device, place, colliders, lifted, h):
-    with pytest.warns(DoubtfulStart):
+    with pytest.warns(StartWarning):
         simulation = simulate(body(place), colliders, device, h=h, substeps=round(1 / (60 * h)))
     start = simulation.measure().energy
     most, fastest = start, 0.0
@@ -57,12 +57,12 @@ def test_what_starts_inside_is_led_out_without_a_jump(device, place, colliders, 
 
 
 def test_what_nobody_starts_in_has_no_kernel_for_it():
-    with pytest.warns(DoubtfulStart):
+    with pytest.warns(StartWarning):
         inside = Simulation(body((0, 0, -0.05)), colliders=[Plane()], device="cpu")
     outside = Simulation(body((0, 0, 0)), colliders=[Plane()], device="cpu")
-    (sunk,), (plain,) = inside.model.effects, outside.model.effects
-    assert hasattr(sunk.data.surface, "outwards")
-    assert not hasattr(plain.data.surface, "outwards")
+    (overlapping_at_start,), (plain,) = inside.model.effects, outside.model.effects
+    assert hasattr(overlapping_at_start.data.surface, "overlap_release_speed")
+    assert not hasattr(plain.data.surface, "overlap_release_speed")
 
 
 # Corners

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from msdwarp import (
     RK4,
     RKC2,
-    DoubtfulStart,
-    Drive,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
+    PrescribedMotion,
     Simulation,
+    StartWarning,
     SymplecticEuler,
     System,
     at,
@@ -48,8 +48,10 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
     # and sums of another kernel otherwise, implicit methods and bounds add by atomics: to rounding of 80 substeps.
     common = {"integrator": method, "precision": precision, "substeps": 20, "device": device}
     pinned = Simulation(body().pin([0, 5]), **common)
-    driven = Simulation(body(), loads=[Drive([0, 5], lambda t: ((0, 0, 0 * t), (0, 0, 0 * t)))], **common)
-    without = Simulation(body(), loads=[Drive([0, 5])], **common)
+    driven = Simulation(
+        body(), loads=[PrescribedMotion([0, 5], lambda t: ((0, 0, 0 * t), (0, 0, 0 * t)))], **common
+    )
+    without = Simulation(body(), loads=[PrescribedMotion([0, 5])], **common)
     for simulation in (pinned, driven, without):
         simulation.step(4)
     if device == "cpu":
@@ -84,7 +86,7 @@ def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
     fixed = Simulation(body().pin([0, 1]), blocks=blocks, **common)
     start = body().with_velocity(w)
     moved = Simulation(
-        start, loads=[Drive([0, 1], lambda t: (w[0] * t, w[1] * t, w[2] * t))], blocks=blocks, **common
+        start, loads=[PrescribedMotion([0, 1], lambda t: (w[0] * t, w[1] * t, w[2] * t))], blocks=blocks, **common
     )
     for simulation in (fixed, moved):
         simulation.step(50)
@@ -102,7 +104,7 @@ def forced(method, substeps: int, device: str, damping: float) -> tuple[np.ndarr
     system = System(
         position=[[0.0], [1.0]], mass=m, connections=[(0, 1)], stiffness=k, damping=damping, rest_length=1.0
     )
-    drive = Drive([0], lambda t: (A * np.sin(omega * t),))
+    drive = PrescribedMotion([0], lambda t: (A * np.sin(omega * t),))
     common = {"integrator": method, "gravity": 0.0, "precision": "float64", "fps": 80.0, "device": device}
     simulation = Simulation(system, loads=[drive], substeps=substeps, **common)
     simulation.step(80)
@@ -146,7 +148,7 @@ def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
     omega, h = 3.0, 1 / 600
     rod = System(position=[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], mass=[1.0, 1.0, 2.0])
     for about, centre in ((None, np.array([1.25, 0.0])), ((0.0, 1.0), np.array([0.0, 1.0]))):
-        drive = Drive(None, lambda t: ((0.5 * t, 0 * t), omega * t), about=about)
+        drive = PrescribedMotion(None, lambda t: ((0.5 * t, 0 * t), omega * t), about=about)
         common = {"integrator": method, "precision": "float64", "substeps": 10, "device": plain_device}
         simulation = Simulation(rod, loads=[drive], **common)
         simulation.step(20)
@@ -166,9 +168,9 @@ def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
 def test_released_particles_go_on_as_they_went(plain_device, method):
     # With the speed of the motion then, and the mass they have: a free throw.
     system = System(position=[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], mass=2.0).named("hand")
-    drive = Drive("hand", lambda t: (np.sin(2 * t), 0 * t, t))
+    drive = PrescribedMotion("hand", lambda t: (np.sin(2 * t), 0 * t, t))
     common = {"integrator": method, "precision": "float64", "device": plain_device, "fps": 50.0, "substeps": 4}
-    simulation = Simulation(system, loads=[drive], schedule=[at(0.5, release="hand")], gravity=10.0, **common)
+    simulation = Simulation(system, loads=[drive], schedule=[at(0.5, unpin="hand")], gravity=10.0, **common)
     simulation.step(50)
     v, s = np.array([2 * math.cos(1.0), 0, 1.0]), 0.5
     expected = system.position + [math.sin(1.0), 0, 0.5] + s * v + [0, 0, -5 * s * s]
@@ -180,9 +182,9 @@ def test_released_particles_go_on_as_they_went(plain_device, method):
 def test_some_may_be_released_before_others(plain_device):
     system = System(position=np.arange(6.0).reshape(3, 2))
     simulation = Simulation(
-        system, loads=[Drive(None, lambda t: (0 * t, 0 * t))], precision="float64", device=plain_device
+        system, loads=[PrescribedMotion(None, lambda t: (0 * t, 0 * t))], precision="float64", device=plain_device
     )
-    simulation.change(release=[1])
+    simulation.change(unpin=[1])
     simulation.step(3)
     fallen = simulation.frame().position[:, 1] < system.position[:, 1] - 0.001
     np.testing.assert_array_equal(fallen, [False, True, False])
@@ -194,9 +196,9 @@ def test_some_may_be_released_before_others(plain_device):
 def lifted(device: str, method=None, **options) -> Simulation:
     """Return a body that is shaken by one end and let go at 0.25 s above a floor."""
     system = body().translate((0, 0, 0.3)).replace(groups={"end": [0, 1, 2]})
-    drive = Drive("end", lambda t: ((0.1 * np.sin(9 * t), 0 * t, 0.2 * t), (0 * t, 0.5 * t, 0 * t)))
-    schedule = [at(0.1, stiffness=lambda k: 1.2 * k), at(0.25, release="end")]
-    common = {"colliders": [Plane()], "schedule": schedule, "route": "gather", "device": device}
+    drive = PrescribedMotion("end", lambda t: ((0.1 * np.sin(9 * t), 0 * t, 0.2 * t), (0 * t, 0.5 * t, 0 * t)))
+    schedule = [at(0.1, stiffness=lambda k: 1.2 * k), at(0.25, unpin="end")]
+    common = {"colliders": [Plane()], "schedule": schedule, "force_algorithm": "gather", "device": device}
     return Simulation(system, loads=[drive], integrator=method or Leapfrog(), **common, **options)
 
 
@@ -222,7 +224,7 @@ def test_a_run_resumes_to_the_last_bit(device, first, precision):
 
 def test_obstacles_do_not_stop_what_is_driven(device):
     floor = Plane(restitution=0.0)
-    drive = Drive([0], lambda t: (0 * t, 0 * t, -t))
+    drive = PrescribedMotion([0], lambda t: (0 * t, 0 * t, -t))
     system = chain(2, 0.5).translate((0, 0, 0.5))
     simulation = Simulation(
         system, colliders=[floor], loads=[drive], gravity=0.0, precision="float64", device=device
@@ -235,14 +237,20 @@ def test_obstacles_do_not_stop_what_is_driven(device):
 @pytest.mark.parametrize(
     ("loads", "message"),
     [
-        ([Drive("hand", lambda t: (t, 0, 0))], r"loads\[0\].*'hand'"),
-        ([Drive([9], lambda t: (t, 0, 0))], r"loads\[0\]\.on .*out of bounds"),
-        ([Drive([0], lambda t: (t, 0))], r"loads\[0\]\.motion\(0\) is \(0.0, 0\); it must be 3 finite numbers"),
+        ([PrescribedMotion("hand", lambda t: (t, 0, 0))], r"loads\[0\].*'hand'"),
+        ([PrescribedMotion([9], lambda t: (t, 0, 0))], r"loads\[0\]\.on .*out of bounds"),
         (
-            [Drive([0, 1], lambda t: (t, 0, 0)), Drive([1], lambda t: (0, 0, t))],
+            [PrescribedMotion([0], lambda t: (t, 0))],
+            r"loads\[0\]\.motion\(0\) is \(0.0, 0\); it must be 3 finite numbers",
+        ),
+        (
+            [PrescribedMotion([0, 1], lambda t: (t, 0, 0)), PrescribedMotion([1], lambda t: (0, 0, t))],
             r"loads\[1\] drives particle 1, as",
         ),
-        ([Drive([0], lambda t: (t, 0, 0), about=(0.0, 1.0))], r"loads\[0\]\.about is .* must have 3 coordinates"),
+        (
+            [PrescribedMotion([0], lambda t: (t, 0, 0), about=(0.0, 1.0))],
+            r"loads\[0\]\.about is .* must have 3 coordinates",
+        ),
     ],
 )
 def test_what_cannot_be_driven_is_refused(loads, message):
@@ -252,7 +260,7 @@ def test_what_cannot_be_driven_is_refused(loads, message):
 
 def test_one_too_fast_for_the_step_is_refused(device):
     # 1000 m/s for 1/1200 s: further than the half metre to the next particle; nothing has moved then.
-    drive = Drive([0], lambda t: (1000 * t if t > 0.02 else 0.0, 0, 0))
+    drive = PrescribedMotion([0], lambda t: (1000 * t if t > 0.02 else 0.0, 0, 0))
     simulation = Simulation(chain(3, 0.5), loads=[drive], device=device, substeps=20)
     simulation.step()
     kept = simulation.frame().position
@@ -263,22 +271,22 @@ def test_one_too_fast_for_the_step_is_refused(device):
 
 def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match=r"motion is 3; it must be a function of time, or None"):
-        Drive("hand", 3)
+        PrescribedMotion("hand", 3)
     with pytest.raises(ValueError, match=r"about is 'here'|about must be"):
-        Drive("hand", lambda t: t, about="here")
+        PrescribedMotion("hand", lambda t: t, about="here")
     system = chain(3).named("rope")
-    with pytest.raises(ValueError, match=r"release is 'rope', which names no particle that a drive holds"):
-        Simulation(system, schedule=[at(1.0, release="rope")], device="cpu")
+    with pytest.raises(ValueError, match=r"unpin is 'rope', which names no particle that a drive holds"):
+        Simulation(system, schedule=[at(1.0, unpin="rope")], device="cpu")
 
 
 def test_a_motion_that_begins_elsewhere_is_allowed_and_told():
-    with pytest.warns(DoubtfulStart, match=r"loads\[0\] has displaced its particles by 0.1 m at time 0"):
-        simulation = Simulation(chain(3), loads=[Drive([0], lambda t: (0.1, 0, 0))], device="cpu")
+    with pytest.warns(StartWarning, match=r"loads\[0\] has displaced its particles by 0.1 m at time 0"):
+        simulation = Simulation(chain(3), loads=[PrescribedMotion([0], lambda t: (0.1, 0, 0))], device="cpu")
     assert simulation.frame().position[0, 0] == pytest.approx(chain(3).position[0, 0] + 0.1, rel=1e-6)
 
 
 def test_a_motion_that_fails_on_the_way_is_named(device):
-    drive = Drive([0], lambda t: (math.sqrt(0.045 - t) - math.sqrt(0.045), 0, 0))
+    drive = PrescribedMotion([0], lambda t: (math.sqrt(0.045 - t) - math.sqrt(0.045), 0, 0))
     simulation = Simulation(chain(3), loads=[drive], device=device, substeps=20)
     with pytest.raises(ValueError, match=r"loads\[0\] has no place at 0.04.* s: "):
         simulation.step(5)
@@ -288,9 +296,9 @@ def test_a_motion_that_fails_on_the_way_is_named(device):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_drive_without_motion_holds_until_it_is_released(dim):
     rope = chain(3, 0.5, dim=dim).named("rope")
-    drive = Drive([0])
+    drive = PrescribedMotion([0])
     assert "at rest" in repr(drive)
-    simulation = Simulation(rope, loads=[drive], schedule=[at(0.1, release=[0])], gravity=9.82, device="cpu")
+    simulation = Simulation(rope, loads=[drive], schedule=[at(0.1, unpin=[0])], gravity=9.82, device="cpu")
     simulation.step(6)
     assert (simulation.frame().position[0] == rope.position[0].astype(np.float32)).all()
     simulation.step(6)

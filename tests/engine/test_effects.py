@@ -9,38 +9,40 @@ import warp as wp
 from problems import EPS64
 
 from msdwarp import RK4, Leapfrog, LinearlyImplicitEuler, Plane, Simulation, System, box, chain
-from msdwarp.engine import effects
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.effect import Effect
-from msdwarp.engine.model import Model
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.model.effect import Effect
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping import assemble as effects
+from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.compensation import compensation
-from msdwarp.kernels.effect import Piece
+from msdwarp.kernels.compensation import compensated_sum
+from msdwarp.kernels.effect import ForceTerm
 
 K = 36.0
 """Stiffness of the anchors [N/m]."""
 
 
 @functools.cache
-def anchored(dim: int, scalar: type, compensated: bool) -> Piece:
+def anchored(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the device side of anchors: a spring from every particle to a place of its own."""
     V = vector(dim, scalar)
-    Lost, _ = compensation(dim, scalar, compensated)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
 
     @wp.struct
     class Anchors:
         stiffness: scalar
         place: wp.array(dtype=V)
 
-    def force(World):
+    def force(SceneData):
         @wp.func
-        def pull(world: World, lost: Lost, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int) -> V:
-            return world.anchors.stiffness * (world.anchors.place[i] - x[i])
+        def pull(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            return scene.anchors.stiffness * (scene.anchors.place[i] - x[i])
 
         return pull
 
-    return Piece("anchors", Anchors, force=force)
+    return ForceTerm("anchors", Anchors, force=force)
 
 
 class Anchors(Effect):
@@ -99,7 +101,7 @@ def test_its_force_acts(with_anchors, device, dim, method, blocks):
 
 
 def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
-    from msdwarp.engine import dynamics
+    from msdwarp.engine.stepping import launcher as dynamics
 
     monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
     monkeypatch.setattr(
@@ -110,8 +112,8 @@ def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=20.0)
     options = {"gravity": 0.0, "precision": "float64", "fps": 1000.0, "substeps": 2, "device": plain_device}
     frames = []
-    for route in ("stencil", "scatter"):
-        simulation = Simulation(body, route=route, blocks=None, **options)
+    for force_algorithm in ("stencil", "scatter"):
+        simulation = Simulation(body, force_algorithm=force_algorithm, blocks=None, **options)
         simulation.step(20)
         frames.append(simulation.frame().position)
     # Sums in another order: 40 substeps of a few roundings of forces, which are small beside the positions.
@@ -172,7 +174,7 @@ def test_effects_act_side_by_side(with_anchors, device):
     body = chain(4, 0.5, mass=1.0, stiffness=900.0, damping=5.0).replace(yield_strain=0.01, relaxation_time=0.0)
     body = body.translate((0.75, 0, 0.0))
     simulation = Simulation(body, colliders=[Plane(offset=-0.1)], device=device, precision="float64")
-    assert [type(effect).__name__ for effect in simulation.model.effects] == ["Contact", "Yielding", "Anchors"]
+    assert [type(effect).__name__ for effect in simulation.model.effects] == ["Colliders", "Plasticity", "Anchors"]
     simulation.step(60)
     assert simulation.rest_length.max() < 0.49  # pulled together, they gave way
     assert simulation.frame().position[:, 2].min() >= -0.1 - 4 * EPS64
@@ -181,5 +183,5 @@ def test_effects_act_side_by_side(with_anchors, device):
 def test_a_scene_without_it_has_nothing_of_it():
     plain = Dynamics(Model(chain(3), device="cpu"))
     assert plain.composition.pieces == ()
-    assert "anchors" not in {name for name, *_ in plain.world._cls.vars.items()}
+    assert "anchors" not in {name for name, *_ in plain.scene._cls.vars.items()}
     assert math.isfinite(rate_bounds(chain(3)).stiffness)

@@ -14,7 +14,7 @@ from msdwarp.world.colliders import Collider
 
 @pytest.fixture
 def device(plain_device: str) -> str:
-    """Each device once: particles without connections have no forces that routes could sum."""
+    """Each device once: particles without connections have no forces that algorithms could sum."""
     return plain_device
 
 
@@ -149,15 +149,17 @@ def test_slides_down_a_slope_of_any_shape(device, tilted, h):
 
 
 @pytest.mark.parametrize("tilted", TILTED.values(), ids=TILTED)
-@pytest.mark.parametrize("contact", ["coulomb", "report"])
-def test_one_hit_mirrors_and_multiplies(device, tilted, contact):
+@pytest.mark.parametrize("collider_rule", ["coulomb", "report"])
+def test_one_hit_mirrors_and_multiplies(device, tilted, collider_rule):
     # Without a force, and with infinite friction, both rules are v_n' = −e v_n and v_t' = f v_t: from a place so
     # near that the hit is where the normal is tilted by 0.3.
     collider, place = tilted(restitution=0.6, friction=math.inf, tangential_factor=0.8)
     n, velocity = np.array([math.sin(0.3), 0, math.cos(0.3)]), np.array([1.0, -0.5, -2.0])
     h = 1e-9
     start = np.array(place) - 0.5 * h * velocity
-    simulation = simulate(particle(start, [velocity]), collider, device, h=h, gravity=0.0, contact=contact)
+    simulation = simulate(
+        particle(start, [velocity]), collider, device, h=h, gravity=0.0, collider_rule=collider_rule
+    )
     simulation.step()
     v_n = velocity @ n * n
     # The normal turns by h v over a radius of 0.3 m, and has roundings of places over it.

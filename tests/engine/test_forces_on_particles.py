@@ -1,4 +1,4 @@
-"""Forces on particles: given, of time, and of place, by every route and method."""
+"""Forces on particles: given, of time, and of place, by every algorithm and method."""
 
 import math
 from typing import Any
@@ -127,9 +127,11 @@ def test_all_routes_carry_it(plain_device, method, blocks):
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=40.0, damping=0.02).named("jelly")
     loads = [Force(lambda t: (np.sin(9 * t), 0, 0.3), on="jelly", total=True), Force((0.01, 0, 0), on=[3, 5])]
     frames = []
-    for route in ("scatter", "gather", "stencil"):
+    for force_algorithm in ("scatter", "gather", "stencil"):
         how = options(plain_device, fps=60.0, substeps=20)
-        simulation = Simulation(body, loads=loads, route=route, integrator=method, blocks=blocks, **how)
+        simulation = Simulation(
+            body, loads=loads, force_algorithm=force_algorithm, integrator=method, blocks=blocks, **how
+        )
         simulation.step(20)
         frames.append(simulation.frame().position)
     for other in frames[1:]:
@@ -149,7 +151,7 @@ def test_all_routes_carry_it(plain_device, method, blocks):
 def test_a_scene_without_loads_has_nothing_of_them(plain_device):
     plain = Simulation(free(), device=plain_device).stepping.dynamics
     assert plain.composition.pieces == ()
-    assert not {"marks", "stage", "time", "work"} & set(plain.world._cls.vars)
+    assert not {"effect_mask", "stage", "time", "work"} & set(plain.scene._cls.vars)
 
 
 def test_a_run_resumes_to_the_last_bit(device):
@@ -157,7 +159,7 @@ def test_a_run_resumes_to_the_last_bit(device):
         loads = [Force(lambda t: (math.sin(7 * t), 0, 0.1), on=[0, 1])]
         body = box((3, 3, 3), 0.1, mass=0.01, stiffness=40.0, damping=0.02).translate((0, 0, 0.2))
         return Simulation(
-            body, loads=loads, colliders=[Plane()], integrator=Leapfrog(), device=device, route="gather"
+            body, loads=loads, colliders=[Plane()], integrator=Leapfrog(), device=device, force_algorithm="gather"
         )
 
     whole, first, rest = make(), make(), make()

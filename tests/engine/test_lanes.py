@@ -1,12 +1,12 @@
-"""Threads that share a particle of a small body: the routes with several lanes, which a GPU has."""
+"""Threads that share a particle of a small body: the algorithms with several lanes, which a GPU has."""
 
 import numpy as np
 import pytest
 from tangles import tangle
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, Wind, box, sheet
-from msdwarp.engine import forces
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.springs import force_algorithms as forces
 
 FALLING = {"colliders": [Plane(offset=-3.0)], "gravity": 9.82}
 BODIES = {
@@ -16,8 +16,8 @@ BODIES = {
 }
 
 
-def moved(system: System, frames: int = 10, route: str = "stencil", **options) -> np.ndarray:
-    simulation = Simulation(system, route=route, **(FALLING | options))
+def moved(system: System, frames: int = 10, force_algorithm: str = "stencil", **options) -> np.ndarray:
+    simulation = Simulation(system, force_algorithm=force_algorithm, **(FALLING | options))
     simulation.step(frames)
     return simulation.frame().position
 
@@ -29,7 +29,9 @@ def one_lane(monkeypatch) -> None:
     def begin(self, model, lanes):
         lattice, damper = model.lattice, model.damper
         damper = damper if lattice.constants["damping"].any() else None
-        self.route = forces.stencil_of_lanes(model.dim, model.scalar, damper, model.compensated, lattice.steps, 1)
+        self.force_algorithm = forces.stencil_of_lanes(
+            model.dim, model.scalar, damper, model.compensated, lattice.steps, 1
+        )
         self._share(model, lattice)
 
     monkeypatch.setattr(forces.Stencil, "__init__", begin)
@@ -55,7 +57,7 @@ def test_one_lane_adds_up_as_the_stencil_does(name, precision, request):
 def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
     # A tangle: slices of the table have slots that pad.
     body = tangle(3, 200 if own == ("stiffness",) else 65, own, damped=True)
-    options = {"device": "cpu", "route": "gather", "precision": "float64", "colliders": []}
+    options = {"device": "cpu", "force_algorithm": "gather", "precision": "float64", "colliders": []}
     by_table = moved(body, **options)
 
     def one_lane(*kinds):
@@ -65,9 +67,9 @@ def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
     assert np.array_equal(moved(body, **options), by_table)
 
 
-@pytest.mark.parametrize("route", ["stencil", "gather"])
-def test_a_cpu_has_one_lane(route):
-    assert forces.lanes(Model(BODIES["solid"], device="cpu", route=route)) == 1
+@pytest.mark.parametrize("force_algorithm", ["stencil", "gather"])
+def test_a_cpu_has_one_lane(force_algorithm):
+    assert forces.lanes(Model(BODIES["solid"], device="cpu", force_algorithm=force_algorithm)) == 1
 
 
 @pytest.mark.gpu
@@ -76,12 +78,17 @@ def test_a_cpu_has_one_lane(route):
 @pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog(damper_extrapolation=0.5), RK4()], ids=repr)
 def test_lanes_change_nothing_but_the_order_of_sums(lanes, blocks, integrator, monkeypatch):
     # In free flight, so that no contact decides by rounding; 10 frames of float64 leave 1e-12 of the 2 m at most.
-    for name, route in [("solid", "stencil"), ("cloth", "stencil"), ("bent", "stencil"), ("solid", "gather")]:
+    for name, force_algorithm in [
+        ("solid", "stencil"),
+        ("cloth", "stencil"),
+        ("bent", "stencil"),
+        ("solid", "gather"),
+    ]:
         found = []
         for count in (1, lanes):
             monkeypatch.setattr(forces, "lanes", lambda model, count=count: count)
             options = {"integrator": integrator, "blocks": blocks, "device": "cuda:0", "precision": "float64"}
-            found.append(moved(BODIES[name], route=route, colliders=[], **options))
+            found.append(moved(BODIES[name], force_algorithm=force_algorithm, colliders=[], **options))
         assert np.abs(found[0] - found[1]).max() < 1e-12
 
 
@@ -92,7 +99,7 @@ def test_loads_obstacles_and_work_are_counted_once_for_all_lanes(monkeypatch):
         monkeypatch.setattr(forces, "lanes", lambda model, count=count: count)
         simulation = Simulation(
             BODIES["cloth"],
-            route="stencil",
+            force_algorithm="stencil",
             loads=[Wind((2.0, 0.0, 1.0))],
             device="cuda:0",
             precision="float64",
@@ -113,7 +120,10 @@ def test_loads_obstacles_and_work_are_counted_once_for_all_lanes(monkeypatch):
 def test_bodies_of_every_size_have_lanes_that_agree_with_scattering(shape):
     body = box(shape, damping=2.0).spin((0.1, 0.2, 0.3))
     routes = ("scatter", "stencil", "gather")
-    frames = [Simulation(body, route=route, device="cuda:0", precision="float64") for route in routes]
+    frames = [
+        Simulation(body, force_algorithm=force_algorithm, device="cuda:0", precision="float64")
+        for force_algorithm in routes
+    ]
     for one in frames:
         one.step(5)
     a, *others = (one.frame().position for one in frames)

@@ -8,8 +8,8 @@ import pytest
 from stencils import lattice_of
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine.lattice_search import NotALattice, find_lattice
-from msdwarp.kernels.forces.stencil import stencil_rows
+from msdwarp.engine.model.lattice import NotALattice, find_lattice
+from msdwarp.kernels.springs.stencil import stencil_rows
 
 SHAPES = {
     "pair": ((2,), 2, chain(2)),
@@ -225,7 +225,7 @@ def test_a_sheet_woven_downwards_is_a_lattice():
 
 def test_freezing_what_is_at_rest_in_exact_numbers_keeps_the_lattice():
     # Lengths of 1 are computed exactly; those of diagonals all in the same way.
-    lattice_of(sheet((4, 4), neighbours=4, dim=2).freeze())
+    lattice_of(sheet((4, 4), neighbours=4, dim=2).set_rest_shape())
 
 
 def test_bodies_of_the_same_constants_may_share_particles():

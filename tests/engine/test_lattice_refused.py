@@ -7,7 +7,7 @@ from stencils import lattice_of
 from tangles import CONSTANTS
 
 from msdwarp import System, box, chain, join, sheet
-from msdwarp.engine.lattice_search import NotALattice, find_lattice
+from msdwarp.engine.model.lattice import NotALattice, find_lattice
 
 GRID, LINE = sheet((4, 3)), chain(5)
 DIRECTIONS = GRID.directions[0]
@@ -25,7 +25,7 @@ def wired(system: System, connections, directions=None) -> System:
 
 REFUSED = {
     "frozen when strained": (
-        GRID.replace(position=np.random.default_rng(5).normal(size=(12, 3))).freeze(),
+        GRID.replace(position=np.random.default_rng(5).normal(size=(12, 3))).set_rest_shape(),
         "rest_length differs",
     ),
     "one stiffer spring": (sheet((4, 3), stiffness=[1.0] * 28 + [2.0]), "stiffness differs"),

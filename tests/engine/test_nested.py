@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from msdwarp import DoubtfulStart, Simulation, SimulationDiverged, Touch, ball, box, chain, sheet
+from msdwarp import Contact, Simulation, SimulationDiverged, StartWarning, ball, box, chain, sheet
 
 SMALL = box((4, 4, 4), 0.1, mass=0.01, stiffness=1000.0, damping=1.0)
 LARGE = box((9, 9, 9), 0.1, mass=0.01, stiffness=1000.0, damping=1.0)
@@ -20,9 +20,9 @@ def test_a_body_inside_another_is_named_with_its_depth(turn):
     # faces are 0.4 m away: turned with it, 0.35 m deep.
     both = (SMALL + LARGE).rotate(turn, axis=(1, 2, 3)).translate((3, 0, 1))
     with pytest.warns(
-        DoubtfulStart, match=r"the body of particle 0 starts inside that of particle 64: .* 0\.35 m deep"
+        StartWarning, match=r"the body of particle 0 starts inside that of particle 64: .* 0\.35 m deep"
     ):
-        Simulation(both, touch=Touch(), **OPTIONS)
+        Simulation(both, contact=Contact(), **OPTIONS)
 
 
 @pytest.mark.parametrize(
@@ -32,8 +32,8 @@ def test_a_body_inside_another_is_named_with_its_depth(turn):
 )
 def test_all_kinds_of_bodies_are_found_in_closed_ones(body, other):
     body, other = (one.translate(tuple(-one.position.mean(axis=0))) for one in (body, other))
-    with pytest.warns(DoubtfulStart, match="starts inside that of particle"):
-        Simulation(body + other.replace(stiffness=1000.0), touch=Touch(), **OPTIONS)
+    with pytest.warns(StartWarning, match="starts inside that of particle"):
+        Simulation(body + other.replace(stiffness=1000.0), contact=Contact(), **OPTIONS)
 
 
 def test_what_touches_or_surrounds_a_body_is_not_inside():
@@ -46,20 +46,20 @@ def test_what_touches_or_surrounds_a_body_is_not_inside():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for system in others.values():
-            Simulation(system.replace(stiffness=1000.0), touch=Touch(), **OPTIONS)
+            Simulation(system.replace(stiffness=1000.0), contact=Contact(), **OPTIONS)
 
 
 def test_bodies_that_ignore_each_other_may_be_anywhere():
     named = SMALL.replace(groups={"small": np.arange(64)}) + LARGE.replace(groups={"large": np.arange(729)})
-    rules = [Touch(), Touch(groups=("small", "large"), between="none")]
+    rules = [Contact(), Contact(groups=("small", "large"), exclude=True)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulation(named, touch=rules, **OPTIONS)
+        Simulation(named, contact=rules, **OPTIONS)
 
 
 def test_a_run_that_diverges_at_its_start_says_so():
-    with pytest.warns(DoubtfulStart, match="inside"):
-        simulation = Simulation(SMALL + LARGE, touch=Touch(), **OPTIONS)
+    with pytest.warns(StartWarning, match="inside"):
+        simulation = Simulation(SMALL + LARGE, contact=Contact(), **OPTIONS)
     simulation.state.v.fill_(np.nan)
     with pytest.raises(SimulationDiverged, match="the body of particle 0 starts inside that of particle 64"):
         simulation.step()

@@ -1,4 +1,4 @@
-"""Bodies that keep their dents: by every route, and through changes, resets and divergence."""
+"""Bodies that keep their dents: by every algorithm, and through changes, resets and divergence."""
 
 import itertools
 import math
@@ -50,7 +50,10 @@ def drop(system: System, device: str, **options) -> Simulation:
 
 @pytest.mark.slow
 def test_a_dropped_block_keeps_its_dent_by_every_route(plain_device):
-    a, b = (drop(dropped(), plain_device, route=route).snapshot() for route in ("scatter", "gather"))
+    a, b = (
+        drop(dropped(), plain_device, force_algorithm=force_algorithm).snapshot()
+        for force_algorithm in ("scatter", "gather")
+    )
     assert np.abs(a.rest_length / a.original_length - 1).max() > 0.05
     # 400 substeps of roundings of 1 m/s and 0.3 m, which springs answer within 1/ω = 7 ms: in 0.2 s of an
     # impact by up to a hundred times.
@@ -86,8 +89,10 @@ def test_the_flow_outlives_a_change_of_substeps(device):
 
 
 def test_a_route_that_cannot_yield_says_why():
-    with pytest.raises(ValueError, match="route is 'stencil', which this system cannot take: connections yield"):
-        Simulation(chain(3).replace(yield_strain=0.1), route="stencil", device="cpu")
+    with pytest.raises(
+        ValueError, match="algorithm is 'stencil', which this system cannot take: connections yield"
+    ):
+        Simulation(chain(3).replace(yield_strain=0.1), force_algorithm="stencil", device="cpu")
 
 
 def test_reset_takes_the_dent_back(device):
@@ -100,7 +105,7 @@ def test_reset_takes_the_dent_back(device):
     for name in ("position", "velocity", "rest_length", "original_length"):
         np.testing.assert_array_equal(getattr(again, name), getattr(system, name))
     simulation.step(20)
-    # The same again; atomics may add in another order, as in the test of the routes.
+    # The same again; atomics may add in another order, as in the test of the algorithms.
     np.testing.assert_allclose(rest_lengths(simulation), first.rest_length, rtol=0, atol=100 * 400 * EPS64)
 
 
@@ -142,7 +147,7 @@ def test_a_snapshot_goes_on_as_the_simulation_does(device, precision):
     np.testing.assert_array_equal(other.system.original_length, dropped().original_length)
     other.step(10)
     eps = EPS64 if precision == "float64" else EPS32
-    # As by another route; float32 in half as many substeps is not far better than that.
+    # As by another algorithm; float32 in half as many substeps is not far better than that.
     np.testing.assert_allclose(rest_lengths(other), rest_lengths(whole), rtol=0, atol=100 * 400 * eps)
 
 
@@ -154,7 +159,7 @@ def test_a_simulation_tells_what_has_yielded(device):
     assert now.rest_length[0] == pytest.approx(1.3, abs=4 * EPS64)
     assert now.original_length[0] == 1.0
     assert simulation.measure().elastic_energy == pytest.approx(50.0 * 0.1**2 / 2, rel=100 * EPS64)  # 0.1 of 1.4
-    simulation.change(freeze=True)
+    simulation.change(set_rest_shape=True)
     # The kernel's length of 1.4 m may round otherwise than NumPy's: each to 2 ε at most.
     assert simulation.measure().elastic_energy <= 50.0 * (4 * EPS64) ** 2 / 2
     assert simulation.system.original_length[0] == now.length[0]

@@ -224,7 +224,7 @@ def test_half_a_body_yields(device):
 
 
 def test_each_connection_has_its_own_law(device):
-    # On every route, in whatever order connections lie on the device: here many begin at one particle.
+    # On every algorithm, in whatever order connections lie on the device: here many begin at one particle.
     system = scattered(np.random.default_rng(2))
     simulation = simulate(system, device, h=0.02)
     simulation.step()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from msdwarp import RK4, Gas, Leapfrog, Plane, Pressure, Simulation, box, chain, icosphere, sheet, shell
-from msdwarp.engine.rates import rate_bounds
+from msdwarp import RK4, EnclosedGas, Leapfrog, Plane, Pressure, Simulation, box, chain, icosphere, sheet, shell
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.world import volume
 
 K, RADIUS, MASS = 300.0, 0.5, 0.5
@@ -24,7 +24,7 @@ def swollen(system, load) -> float:
 
     def excess(size: float) -> float:
         over = load.pressure
-        if isinstance(load, Gas):
+        if isinstance(load, EnclosedGas):
             over = (load.pressure + load.outside) * size ** (-3 * load.exponent) - load.outside
         return spring * (size - 1) - 3 * start * size**2 * over
 
@@ -34,7 +34,12 @@ def swollen(system, load) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "load",
-    [Pressure(200.0), Gas(200.0), Gas(200.0, outside=0.0), Gas(300.0, outside=100.0, exponent=1.4)],
+    [
+        Pressure(200.0),
+        EnclosedGas(200.0),
+        EnclosedGas(200.0, outside=0.0),
+        EnclosedGas(300.0, outside=100.0, exponent=1.4),
+    ],
     ids=["given", "boyle", "in vacuum", "adiabatic"],
 )
 def test_a_sphere_swells_to_where_forces_balance(device, load):
@@ -52,7 +57,7 @@ def test_a_sphere_swells_to_where_forces_balance(device, load):
 def test_pressure_moves_no_closed_body(device):
     # Σ a = 0 over a closed surface: momentum stays, but for rounding of forces of N that sum to nothing.
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).rotate(0.3, axis=(1, 2, 3))
-    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), Gas(100.0)]
+    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), EnclosedGas(100.0)]
     how = {"gravity": 0.0, "device": device, "precision": "float64", "integrator": Leapfrog()}
     simulation = Simulation(body, loads=loads, **how)
     simulation.step(10)
@@ -68,7 +73,7 @@ def test_a_gas_is_a_spring_for_its_volume(plain_device):
     # ω² = 4π R² γ p · 3 / (R M) = 12 π R γ p / M, and the springs' own share Σ k l² / (M R²).
     system = shell(icosphere(RADIUS, 2), mass=MASS, stiffness=1.0)
     exponent, outside = 1.4, 1000.0
-    load = Gas(0.0, outside=outside, exponent=exponent)
+    load = EnclosedGas(0.0, outside=outside, exponent=exponent)
     off = system.replace(position=1.0002 * system.position, rest_length=system.rest_length)
     gas = load.bound(system)
     start = volume(system.surface.particle[system.surface.triangles], system.position)
@@ -100,7 +105,7 @@ def test_a_plate_accelerates_as_its_area_says(device):
 @pytest.mark.slow
 def test_a_ball_bounces_and_its_step_is_safe(plain_device):
     ball = balloon(1).translate((0, 0, 1.0))
-    simulation = Simulation(ball, loads=[Gas(300.0)], colliders=[Plane()], device=plain_device)
+    simulation = Simulation(ball, loads=[EnclosedGas(300.0)], colliders=[Plane()], device=plain_device)
     simulation.step(120)
     position = simulation.frame().position
     assert position[:, 2].min() > -0.01
@@ -112,7 +117,7 @@ def test_the_bound_knows_the_gas(plain_device):
     stiff = balloon(1)
     plain, blown = (
         Simulation(stiff, loads=loads, gravity=0.0, device=plain_device, precision="float64")
-        for loads in ([], [Gas(0.0, outside=1e7)])
+        for loads in ([], [EnclosedGas(0.0, outside=1e7)])
     )
     before, after = (rate_bounds(one.system, one.model, one.state).stiffness for one in (plain, blown))
     start = volume(stiff.surface.particle[stiff.surface.triangles], stiff.position)
@@ -127,7 +132,7 @@ def test_the_bound_knows_the_gas(plain_device):
     [
         (
             sheet((3, 3)),
-            lambda: Gas(10.0),
+            lambda: EnclosedGas(10.0),
             r"loads\[0\]\.on is None; the surface there must be closed, and 8 of its",
         ),
         (chain(3), lambda: Pressure(10.0), r"loads\[0\]\.on is None; it must hold the corners of a surface"),
@@ -137,9 +142,9 @@ def test_the_bound_knows_the_gas(plain_device):
             lambda: Pressure(lambda t: (1, 2)),
             r"loads\[0\]\.pressure has 2 numbers; it must have 1",
         ),
-        (box((3, 3, 3)), lambda: Gas(-2e5), "pressure is -200000"),
-        (box((3, 3, 3)), lambda: Gas(1.0, exponent=0.0), "exponent is 0"),
-        (box((3, 3, 3)), lambda: Gas(1.0, volume=-1.0), "volume is -1"),
+        (box((3, 3, 3)), lambda: EnclosedGas(-2e5), "pressure is -200000"),
+        (box((3, 3, 3)), lambda: EnclosedGas(1.0, exponent=0.0), "exponent is 0"),
+        (box((3, 3, 3)), lambda: EnclosedGas(1.0, volume=-1.0), "volume is -1"),
     ],
 )
 def test_pressure_is_refused_by_name(system, load, message):
@@ -150,7 +155,11 @@ def test_pressure_is_refused_by_name(system, load, message):
 def test_a_run_resumes_with_the_gas_it_began_with(plain_device):
     def make():
         return Simulation(
-            balloon(1), loads=[Gas(500.0, outside=0.0)], gravity=0.0, device=plain_device, route="gather"
+            balloon(1),
+            loads=[EnclosedGas(500.0, outside=0.0)],
+            gravity=0.0,
+            device=plain_device,
+            force_algorithm="gather",
         )
 
     whole, first, rest = make(), make(), make()

@@ -8,6 +8,7 @@ from problems import EPS64
 from msdwarp import (
     RK4,
     RKC2,
+    Contact,
     Force,
     Leapfrog,
     LinearlyImplicitEuler,
@@ -18,11 +19,10 @@ from msdwarp import (
     Sphere,
     SymplecticEuler,
     System,
-    Touch,
     box,
     chain,
 )
-from msdwarp.world import QUANTITIES, TOUCH_FORCE
+from msdwarp.world import BODY_CONTACT_FORCE, QUANTITIES
 
 G = 9.82
 METHODS = [
@@ -33,7 +33,7 @@ METHODS = [
     RKC2(),
     LinearlyImplicitEuler(iterations=10),
 ]
-ALONE = [one for one in QUANTITIES if one != TOUCH_FORCE]
+ALONE = [one for one in QUANTITIES if one != BODY_CONTACT_FORCE]
 """What there is to be told of a body that touches no other."""
 
 
@@ -155,7 +155,7 @@ def test_being_measured_changes_nothing(plain_device, what):
     block = block.replace(velocity=np.tile([1.0, 0.0, -2.0], (27, 1)))
     how = {
         "colliders": [Plane(friction=0.3), Sphere((0.5, 0, 0), 0.2)],
-        "touch": Touch(),
+        "contact": Contact(),
         "integrator": Leapfrog(),
         "fps": 240.0,  # each launch of a frame is recorded: short ones are soon done
         "device": plain_device,
@@ -175,7 +175,7 @@ def test_readings_go_on_from_a_checkpoint(device):
     probes = {name: Probe("block", name) for name in QUANTITIES}
     how = {
         "colliders": [Plane()],
-        "touch": Touch(),
+        "contact": Contact(),
         "probes": probes,
         "precision": "float64",
         "fps": 240.0,
@@ -206,7 +206,7 @@ def test_a_frame_that_is_taken_again_is_read_once(device):
         block, colliders=[Plane()], probes={"under": Probe("block", "contact force")}, device=device
     )
     simulation.step(20)
-    assert len(simulation.chosen) > 1, "the pace must have refined"
+    assert len(simulation.substep_history) > 1, "the pace must have refined"
     momentum = block.mass @ (simulation.frame().velocity - block.velocity)
     impulse = simulation.readings["under"].values.sum(axis=0) / 60
     gravity = np.array([0.0, 0.0, -G]) * block.mass.sum() / 3
@@ -307,12 +307,12 @@ def _oscillator(method, k, b, h, x, steps):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(  # each method, and each route
-    ("method", "route"),
+@pytest.mark.parametrize(  # each method, and each algorithm
+    ("method", "force_algorithm"),
     [*((method, "auto") for method in METHODS), (SymplecticEuler(), "gather"), (SymplecticEuler(), "stencil")],
     ids=str,
 )
-def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, route):
+def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, force_algorithm):
     # With what depends on time, works, and moves, so that looking in between must leave all of it as it is.
     block = standing(stiffness=2000.0).pin([26])
     block = block.replace(position=block.position + np.array([0, 0, 0.02]))
@@ -333,7 +333,7 @@ def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, ro
             integrator=method,
             substeps=20,
             precision="float64",
-            route=route,
+            force_algorithm=force_algorithm,
             device=plain_device,
             probes=probes,
             **surroundings,
@@ -343,7 +343,7 @@ def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, ro
     if (
         method == Leapfrog(damper_extrapolation=0.5)
         and plain_device.startswith("cuda")
-        and runs[0].model.route == "scatter"
+        and runs[0].model.force_algorithm == "scatter"
     ):
         pytest.skip(
             "it extrapolates but after a contact, however light: rounding of sums without an order decides"
@@ -383,7 +383,7 @@ def test_by_substep_readings_are_as_many_as_substeps_were_taken(device):
     for _ in range(20):
         simulation.step()
         taken += [simulation.substeps]
-    assert len(simulation.chosen) > 1, "the pace must have refined"
+    assert len(simulation.substep_history) > 1, "the pace must have refined"
     times = simulation.readings["it"].times
     expected = [(k + (n + 1) / count) / 60 for k, count in enumerate(taken) for n in range(count)]
     np.testing.assert_allclose(times, expected, rtol=1e-12)

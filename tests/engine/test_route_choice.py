@@ -1,4 +1,4 @@
-"""Which route is taken to the forces: the one that is asked for, or the fastest, before and after a change."""
+"""Which algorithm is taken to the forces: the one that is asked for, or the fastest, before and after a change."""
 
 import numpy as np
 import problems
@@ -6,15 +6,19 @@ import pytest
 from tangles import CONSTANTS, lattices, moving, tangle
 
 from msdwarp import Plane, Simulation, System, box, chain, join, sheet
-from msdwarp.engine import routes
-from msdwarp.engine.model import Model
-from msdwarp.engine.routes import ROUTES, automatic_route, choose_route
+from msdwarp.engine.model import force_algorithm as routes
+from msdwarp.engine.model.force_algorithm import (
+    FORCE_ALGORITHMS,
+    automatic_force_algorithm,
+    choose_force_algorithm,
+)
+from msdwarp.engine.model.model import Model
 
 
 def test_unknown_route_is_named():
     for make in (Simulation, Model):
-        with pytest.raises(ValueError, match=r"route is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"):
-            make(chain(3), device="cpu", route="teleport")
+        with pytest.raises(ValueError, match=r"algorithm is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"):
+            make(chain(3), device="cpu", force_algorithm="teleport")
 
 
 @pytest.mark.parametrize(
@@ -26,15 +30,18 @@ def test_unknown_route_is_named():
     ],
 )
 def test_a_stencil_of_no_lattice_is_refused_with_the_reason(system, reason):
-    with pytest.raises(ValueError, match=f"route is 'stencil', which this system cannot take: {reason}"):
-        Simulation(system, device="cpu", route="stencil")
+    with pytest.raises(ValueError, match=f"algorithm is 'stencil', which this system cannot take: {reason}"):
+        Simulation(system, device="cpu", force_algorithm="stencil")
 
 
 def test_a_route_asked_for_is_taken():
-    for route in ROUTES:
-        assert Simulation(chain(4), device="cpu", route=route).model.route == route
+    for force_algorithm in FORCE_ALGORITHMS:
+        assert (
+            Simulation(chain(4), device="cpu", force_algorithm=force_algorithm).model.force_algorithm
+            == force_algorithm
+        )
     assert Model(chain(4), device="cpu").lattice is None
-    assert Model(chain(4), device="cpu", route="stencil").lattice.steps == ((1, 0, 0),)
+    assert Model(chain(4), device="cpu", force_algorithm="stencil").lattice.steps == ((1, 0, 0),)
 
 
 @pytest.mark.parametrize("on_gpu", [False, True])
@@ -47,25 +54,25 @@ def test_an_automatic_route_is_one_that_can_be_taken(on_gpu):
         chain(4, stiffness=[1.0, 2, 3]),
         chain(5).replace(directions=({"weft": slice(0, 4)},)),
         chain(5).replace(directions=()),
-        moving(box((3, 3, 3))).freeze(),
+        moving(box((3, 3, 3))).set_rest_shape(),
     ]
     for system in systems:
-        route, lattice = automatic_route(system, on_gpu=on_gpu)
-        assert route in ROUTES
-        assert (lattice is not None) == (route == "stencil")
+        force_algorithm, lattice = automatic_force_algorithm(system, on_gpu=on_gpu)
+        assert force_algorithm in FORCE_ALGORITHMS
+        assert (lattice is not None) == (force_algorithm == "stencil")
 
 
 def test_automatic_routes_are_those_that_are_fastest():
     cube, jumble, few, grid = box((8, 8, 8)), tangle(3, 200, (), damped=True), chain(200), sheet((150, 300))
     threads = problems.cut(grid, np.arange(grid.particle_count) // 150 % 2 == 0)  # every second row of a cloth
     bodies = (cube, jumble, few, threads)
-    assert {automatic_route(system, on_gpu=False)[0] for system in bodies} == {"scatter"}
+    assert {automatic_force_algorithm(system, on_gpu=False)[0] for system in bodies} == {"scatter"}
     # Most of what a stencil of threads reads is no neighbour.
     fastest = ["stencil", "gather", "scatter", "gather"]
-    assert [automatic_route(system, on_gpu=True)[0] for system in bodies] == fastest
+    assert [automatic_force_algorithm(system, on_gpu=True)[0] for system in bodies] == fastest
     # Of a die's particles each has several threads, but not if its connections may break.
-    assert automatic_route(box((3, 3, 3)), on_gpu=True)[0] == "stencil"
-    assert automatic_route(box((3, 3, 3)).replace(break_strain=1.0), on_gpu=True)[0] == "scatter"
+    assert automatic_force_algorithm(box((3, 3, 3)), on_gpu=True)[0] == "stencil"
+    assert automatic_force_algorithm(box((3, 3, 3)).replace(break_strain=1.0), on_gpu=True)[0] == "scatter"
 
 
 def test_a_lattice_with_few_ties_keeps_its_stencil():
@@ -73,19 +80,23 @@ def test_a_lattice_with_few_ties_keeps_its_stencil():
     pair, hosts = join(one, other, within=1.0, stiffness=9.0), join(one, other, within=8.0, stiffness=9.0)
     few, most = pair.connection_count - 2 * one.connection_count, 0.05 * pair.connection_count
     assert few == 64 < most
-    route, lattice = automatic_route(pair, on_gpu=True)
-    assert (route, len(lattice.ties)) == ("stencil", 64)
+    force_algorithm, lattice = automatic_force_algorithm(pair, on_gpu=True)
+    assert (force_algorithm, len(lattice.ties)) == ("stencil", 64)
     assert hosts.connection_count - 2 * one.connection_count > 0.05 * hosts.connection_count
-    assert automatic_route(hosts, on_gpu=True) == ("gather", None)
-    assert len(choose_route(hosts, "stencil", on_gpu=False)[1].ties) > most  # asked for, any number will do
+    assert automatic_force_algorithm(hosts, on_gpu=True) == ("gather", None)
+    assert (
+        len(choose_force_algorithm(hosts, "stencil", on_gpu=False)[1].ties) > most
+    )  # asked for, any number will do
 
 
 def test_tests_run_over_every_route(device, request):
     # What the fixture `device` promises to all tests that use it.
-    route = request.node.callspec.params["device"].split()[-1]
-    expected = "scatter" if route == "cpu" else route
-    assert Model(chain(9), device=device).route == expected
-    assert Model(tangle(3, 9, (), damped=True), device=device).route == expected.replace("stencil", "gather")
+    force_algorithm = request.node.callspec.params["device"].split()[-1]
+    expected = "scatter" if force_algorithm == "cpu" else force_algorithm
+    assert Model(chain(9), device=device).force_algorithm == expected
+    assert Model(tangle(3, 9, (), damped=True), device=device).force_algorithm == expected.replace(
+        "stencil", "gather"
+    )
 
 
 # Change of parameters.
@@ -93,19 +104,23 @@ def test_tests_run_over_every_route(device, request):
 
 @pytest.fixture
 def as_on_gpu(monkeypatch) -> None:
-    """Choose automatic routes as on a GPU."""
+    """Choose automatic algorithms as on a GPU."""
     monkeypatch.setattr(
-        routes, "automatic_route", lambda system, on_gpu, choose=automatic_route: choose(system, on_gpu=True)
+        routes,
+        "automatic_force_algorithm",
+        lambda system, on_gpu, choose=automatic_force_algorithm: choose(system, on_gpu=True),
     )
 
 
-def cloth(route: str) -> Simulation:
+def cloth(force_algorithm: str) -> Simulation:
     """Return a cloth in free fall onto the ground, that has fallen a while."""
     grid = sheet((10, 11), 0.1, mass=0.05, stiffness=40.0, damping=0.1).rotate(0.4, (1, 1, 0))
     grid = grid.translate((0, 0, 0.5))
-    simulation = Simulation(grid, colliders=[Plane()], device="cpu", precision="float64", route=route)
+    simulation = Simulation(
+        grid, colliders=[Plane()], device="cpu", precision="float64", force_algorithm=force_algorithm
+    )
     simulation.step(10)
-    assert simulation.model.route == ("stencil" if route == "auto" else route)
+    assert simulation.model.force_algorithm == ("stencil" if force_algorithm == "auto" else force_algorithm)
     return simulation
 
 
@@ -128,22 +143,22 @@ def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change)
         simulation.snapshot().replace(**parameters), colliders=[Plane()], device="cpu", precision="float64"
     )
     simulation.change(**parameters)
-    assert simulation.model.route == fresh.model.route == "gather"
+    assert simulation.model.force_algorithm == fresh.model.force_algorithm == "gather"
     simulation.step(10)
     fresh.step(10)
     np.testing.assert_array_equal(simulation.frame().position, fresh.frame().position)  # the same launches
     simulation.change(stiffness=40.0, damping=0.1, rest_length=0.1)
-    assert simulation.model.route == "stencil"
+    assert simulation.model.force_algorithm == "stencil"
     simulation.step()
     simulation.reset()
-    assert simulation.model.route == "stencil"
+    assert simulation.model.force_algorithm == "stencil"
 
 
 @pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
 def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
     simulation, twin = cloth("stencil"), cloth("stencil")
     before, name = simulation.system, {"frozen": "rest_length"}.get(change, change)
-    with pytest.raises(ValueError, match=f"route is 'stencil'.* {name} differs among the connections"):
+    with pytest.raises(ValueError, match=f"algorithm is 'stencil'.* {name} differs among the connections"):
         simulation.change(**changes(simulation)[change])
     assert simulation.system is before
     for each in (simulation, twin):
@@ -157,4 +172,4 @@ def test_a_stencil_bears_changes_that_keep_the_lattice():
     simulation = cloth("stencil")
     simulation.change(stiffness=60.0, damping=0.0, mass=np.linspace(0.04, 0.06, 110))
     simulation.step()
-    assert simulation.model.route == "stencil"
+    assert simulation.model.force_algorithm == "stencil"

@@ -1,4 +1,4 @@
-"""Routes to the forces: all give the same motion, and some of them bit for bit."""
+"""Algorithms: all give the same motion, and some of them bit for bit."""
 
 import numpy as np
 import problems
@@ -10,11 +10,11 @@ from tangles import CONSTANTS, PRECISIONS, every_route, lattices, moving, tangle
 
 from msdwarp import Plane, Scene, Simulation, SymplecticEuler, box, chain, sheet
 
-# Routes are compared from wherever bodies start, in the floor too.
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")
+# Algorithms are compared from wherever bodies start, in the floor too.
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 
 every_method = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
-gathering = pytest.mark.parametrize("route", ["gather", "stencil"])
+gathering = pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 
 
 # Motion.
@@ -23,8 +23,8 @@ gathering = pytest.mark.parametrize("route", ["gather", "stencil"])
 @every_route
 @every_method
 @pytest.mark.parametrize("name", SCENES)
-def test_routes_move_a_scene_alike(plain_device, name, method, route):
-    found = course(moment(name), method, plain_device, route=route)
+def test_routes_move_a_scene_alike(plain_device, name, method, force_algorithm):
+    found = course(moment(name), method, plain_device, force_algorithm=force_algorithm)
     # A substep rounds positions, of up to twice the body's size, by ε/2 of them: 2e-14 of the size if all 100 are
     # of one sign. Springs at half of the stable step, and contact, may stretch that, by far less than fifty.
     assert_course_is_plain(name, method, found, 1e-12)
@@ -39,10 +39,10 @@ IRREGULAR = {
 
 @every_route
 @pytest.mark.parametrize("name", IRREGULAR)
-def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, route):
+def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, force_algorithm):
     scene = IRREGULAR[name]
-    plain, _ = course(scene, SymplecticEuler(), "cpu", route="scatter")
-    found, _ = course(scene, SymplecticEuler(), plain_device, route=route)
+    plain, _ = course(scene, SymplecticEuler(), "cpu", force_algorithm="scatter")
+    found, _ = course(scene, SymplecticEuler(), plain_device, force_algorithm=force_algorithm)
     # As above, of bodies of some 8 m.
     np.testing.assert_allclose(found, plain, rtol=0, atol=8e-12)
     assert np.abs(plain[-1] - scene.system.position).max() > 0.1
@@ -53,22 +53,28 @@ def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, route):
 @every_route
 @pytest.mark.parametrize(("precision", "roundings"), [("float32", 10), ("float32-compensated", 4)])
 @pytest.mark.parametrize("name", SCENES)
-def test_routes_move_a_scene_alike_in_single_precision(plain_device, name, precision, roundings, route):
-    found = course(moment(name), SymplecticEuler(), plain_device, precision=precision, route=route)
+def test_routes_move_a_scene_alike_in_single_precision(plain_device, name, precision, roundings, force_algorithm):
+    found = course(
+        moment(name), SymplecticEuler(), plain_device, precision=precision, force_algorithm=force_algorithm
+    )
     # As above, ε of the size a substep: a walk of 100 steps leads 10 away. Compensated, it is only where contact
     # puts a particle that a rounding is lost.
     assert_course_is_plain(name, SymplecticEuler(), found, roundings * problems.EPS32)
 
 
 @every_route
-def test_what_positions_lose_is_seen_by_every_route(plain_device, route):
+def test_what_positions_lose_is_seen_by_every_route(plain_device, force_algorithm):
     # In free flight, a kilometre out: positions are rounded by 3e-5 m there, and the springs do not notice.
     cube = moment("cube").system.translate((0, 0, 9.0))
     courses = [
         course(Scene(system=system, colliders=moment("cube").colliders), SymplecticEuler(), device, **options)
         for system, device, options in (
-            (cube, "cpu", {"route": "scatter"}),
-            (cube.translate((1000.0, 0, 0)), plain_device, {"precision": "float32-compensated", "route": route}),
+            (cube, "cpu", {"force_algorithm": "scatter"}),
+            (
+                cube.translate((1000.0, 0, 0)),
+                plain_device,
+                {"precision": "float32-compensated", "force_algorithm": force_algorithm},
+            ),
         )
     ]
     (plain, _), (found, _) = courses
@@ -80,9 +86,9 @@ def test_what_positions_lose_is_seen_by_every_route(plain_device, route):
 @pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_routes_follow_the_reference(plain_device, dim, route):
+def test_routes_follow_the_reference(plain_device, dim, force_algorithm):
     # Masses of all sizes, pins and a floor; as a lattice, a sheet or a chain.
-    if route == "stencil":
+    if force_algorithm == "stencil":
         body = moving({1: chain(40, dim=1), 2: sheet((7, 6), dim=2), 3: sheet((7, 6))}[dim])
         body = body.replace(stiffness=30.0, damping=0.5)
     else:
@@ -94,7 +100,12 @@ def test_routes_follow_the_reference(plain_device, dim, route):
     up = (0.0,) * (dim - 1) + (1.0,)
     body = body.replace(velocity=np.where(body.pinned[:, None], 0.0, body.velocity - 5.0 * np.array(up)))
     colliders = [] if floor is None else [Plane(up, offset=floor, restitution=0.5, friction=0.0)]
-    options = {"colliders": colliders, "precision": "float64", "device": plain_device, "route": route}
+    options = {
+        "colliders": colliders,
+        "precision": "float64",
+        "device": plain_device,
+        "force_algorithm": force_algorithm,
+    }
     simulation = Simulation(body, fps=10, substeps=100, **options)
     simulation.step()
     how = {"gravity": 9.82, "h": 1 / 1000, "steps": 100, "restitution": 0.5}
@@ -114,10 +125,11 @@ def test_routes_follow_the_reference(plain_device, dim, route):
 @pytest.mark.slow
 @gathering
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_what_is_gathered_is_repeatable(plain_device, precision, route):
+def test_what_is_gathered_is_repeatable(plain_device, precision, force_algorithm):
     for scene in (moment("cube"), moment("cloth"), *IRREGULAR.values()):
         first, second = (
-            course(scene, SymplecticEuler(), plain_device, precision=precision, route=route) for _ in range(2)
+            course(scene, SymplecticEuler(), plain_device, precision=precision, force_algorithm=force_algorithm)
+            for _ in range(2)
         )
         assert_same(first, second)
 
@@ -126,9 +138,13 @@ def test_what_is_gathered_is_repeatable(plain_device, precision, route):
 @every_route
 @pytest.mark.parametrize("substeps", [1, 2, 5, 8])
 @every_method
-def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, route):
+def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, force_algorithm):
     scene = moment("cube")
-    options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
+    options = {
+        "force_algorithm": force_algorithm,
+        "substeps": substeps,
+        "fps": 1 / (substeps * half_the_limit(scene, method)),
+    }
     stayed = course(scene, method, "cpu", **options)
     assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
@@ -136,9 +152,13 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, route)
 @pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
-def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(substeps, route):
+def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(substeps, force_algorithm):
     scene, method = IRREGULAR["two unlike boxes"], SymplecticEuler()
-    options = {"route": route, "substeps": substeps, "fps": 1 / (substeps * half_the_limit(scene, method))}
+    options = {
+        "force_algorithm": force_algorithm,
+        "substeps": substeps,
+        "fps": 1 / (substeps * half_the_limit(scene, method)),
+    }
     stayed = course(scene, method, "cpu", **options)
     assert_alike(course(scene, method, "cpu", **options, blocks=None), stayed, scene, method)
 
@@ -146,11 +166,16 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage_of_unlike_lattices(subst
 @pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("substeps", [3, 4])
-def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, route):
+def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, force_algorithm):
     cube = moment("cube")
     scene = Scene(system=cube.system.translate((1000.0, 0, 0)), colliders=cube.colliders)
     fps = 1 / (substeps * half_the_limit(scene, SymplecticEuler()))
-    options = {"route": route, "substeps": substeps, "fps": fps, "precision": "float32-compensated"}
+    options = {
+        "force_algorithm": force_algorithm,
+        "substeps": substeps,
+        "fps": fps,
+        "precision": "float32-compensated",
+    }
     stayed = course(scene, SymplecticEuler(), "cpu", **options)
     x, v = course(scene, SymplecticEuler(), "cpu", **options, blocks=None)
     # The kernels may round otherwise, as in `assert_alike`: by a few ε of a speed of 5 m/s in each of 16 substeps,
@@ -165,12 +190,17 @@ def test_a_launch_for_a_frame_keeps_what_positions_lose(substeps, route):
     [*((method, "float64") for method in METHODS.values()), (SymplecticEuler(), "float32-compensated")],
     ids=[*METHODS, "compensated"],
 )
-def test_frames_may_divide_substeps_in_any_way(plain_device, method, precision, route):
+def test_frames_may_divide_substeps_in_any_way(plain_device, method, precision, force_algorithm):
     # After a frame the state lies where it lay before, though each substep writes it elsewhere.
     cube = moment("cube")
     ends = []
     for frames, substeps in ((1, 12), (12, 1), (4, 3), (3, 4)):
-        options = {"fps": 8192 / substeps, "substeps": substeps, "precision": precision, "route": route}
+        options = {
+            "fps": 8192 / substeps,
+            "substeps": substeps,
+            "precision": precision,
+            "force_algorithm": force_algorithm,
+        }
         options |= {"colliders": cube.colliders, "integrator": method, "device": plain_device}
         simulation = Simulation(cube.system, **options)
         assert simulation.dt == 1 / 8192
@@ -188,12 +218,12 @@ def clusters() -> list[tuple[int, int]]:
 @pytest.mark.gpu
 @gathering
 @every_method
-def test_blocks_that_stay_equal_launches(method, route):
+def test_blocks_that_stay_equal_launches(method, force_algorithm):
     body = box((8, 8, 8), 0.1, mass=0.02, stiffness=600.0, damping=5.0).with_velocity((0.3, 0, -2.0))
     scene = Scene(system=body.rotate(0.3, (1, 2, 0)).translate((0, 0, 0.6)), colliders=moment("cube").colliders)
     courses = []
     for blocks in (None, (1, 128), (1, 512), *clusters()):
-        courses.append(course(scene, method, "cuda:0", route=route, blocks=blocks))
+        courses.append(course(scene, method, "cuda:0", force_algorithm=force_algorithm, blocks=blocks))
     for other in courses[1:]:
         assert_same(other, courses[0])
 
@@ -202,5 +232,5 @@ def test_blocks_that_stay_equal_launches(method, route):
 def test_blocks_that_stay_scatter_as_launches_do():
     # Atomics add in any order: equal to roundings, as above.
     for blocks in (None, (1, 128), *clusters()):
-        found = course(moment("cube"), SymplecticEuler(), "cuda:0", route="scatter", blocks=blocks)
+        found = course(moment("cube"), SymplecticEuler(), "cuda:0", force_algorithm="scatter", blocks=blocks)
         assert_course_is_plain("cube", SymplecticEuler(), found, 1e-12)

@@ -15,6 +15,7 @@ import warp as wp
 from msdwarp import (
     RK4,
     RKC2,
+    Contact,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
@@ -22,18 +23,17 @@ from msdwarp import (
     Simulation,
     Sphere,
     System,
-    Touch,
     Wind,
     ball,
     box,
     sheet,
 )
-from msdwarp.engine.model import Model
-from msdwarp.engine.shares import LEAST_SHARE, THREADS, divided, ending_in, threads_for
-from msdwarp.engine.touching import Touching
-from msdwarp.kernels.touch.parts import CHUNK, first_of_part, next_of_part
+from msdwarp.engine.collision.body_contact import BodyContact
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, divided, ending_in, threads_for
+from msdwarp.kernels.collision.cpu_partition import CHUNK, first_of_part, next_of_part
 
-ROUTES = ("scatter", "gather", "stencil")
+FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
 FLOOR = Plane()
 LIFT = Sphere((0, 0, -1.0), 1.0, motion=lambda t: (0 * t, 0 * t, 0.5 * t))
@@ -63,29 +63,29 @@ def assert_same(system, **options):
 
 
 @pytest.mark.parametrize(
-    "route", ["scatter", *(pytest.param(one, marks=pytest.mark.slow) for one in ("gather", "stencil"))]
+    "force_algorithm", ["scatter", *(pytest.param(one, marks=pytest.mark.slow) for one in ("gather", "stencil"))]
 )
-def test_threads_come_to_what_one_comes_to(route):
+def test_threads_come_to_what_one_comes_to(force_algorithm):
     # Each particle's forces are summed in the same order, by the same code.
-    assert_same(BODY, route=route, colliders=[FLOOR])
+    assert_same(BODY, force_algorithm=force_algorithm, colliders=[FLOOR])
 
 
-# How a route sums forces and what else there is share no code but the loop over particles: each is tried with some
-# of the others.
+# How an algorithm sums forces and what else there is share no code but the loop over particles: each is tried with
+# some of the others.
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "precision"),
+    ("force_algorithm", "precision"),
     [("scatter", "float64"), ("gather", "float32-compensated"), ("stencil", "float64")],
 )
-def test_precisions_do_not_matter(route, precision):
-    assert_same(BODY, route=route, colliders=[FLOOR, LIFT], precision=precision)
+def test_precisions_do_not_matter(force_algorithm, precision):
+    assert_same(BODY, force_algorithm=force_algorithm, colliders=[FLOOR, LIFT], precision=precision)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "method"),
+    ("force_algorithm", "method"),
     [
         ("scatter", Leapfrog(damper_extrapolation=0.5)),
         ("gather", RK4()),
@@ -94,13 +94,15 @@ def test_precisions_do_not_matter(route, precision):
     ],
     ids=str,
 )
-def test_methods_do_not_matter(route, method):
-    assert_same(BODY.pin([0]), route=route, integrator=method, colliders=[FLOOR], substeps=10, fps=360)
+def test_methods_do_not_matter(force_algorithm, method):
+    assert_same(
+        BODY.pin([0]), force_algorithm=force_algorithm, integrator=method, colliders=[FLOOR], substeps=10, fps=360
+    )
 
 
 EFFECTS = {
     "pinned, in the wind": (CLOTH.pin([0, 8]), {"loads": [Wind((3.0, 1.0, -2.0))]}),
-    "touching": (PAIR, {"touch": Touch(), "colliders": [FLOOR], "substeps": 10, "fps": 360}),
+    "touching": (PAIR, {"contact": Contact(), "colliders": [FLOOR], "substeps": 10, "fps": 360}),
     "yielding": (BODY.replace(yield_strain=0.001, relaxation_time=0.01), {"colliders": [FLOOR]}),
     "tearing": (CLOTH.pin([0, 8]).replace(break_strain=0.001), {}),
     "by a moving sphere": (BODY, {"colliders": [LIFT], "contact_forces": True}),
@@ -111,12 +113,17 @@ EFFECTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "name"),
-    [(route, name) for a, route in enumerate(ROUTES) for b, name in enumerate(EFFECTS) if (a + b) % 3 == 2],
+    ("force_algorithm", "name"),
+    [
+        (force_algorithm, name)
+        for a, force_algorithm in enumerate(FORCE_ALGORITHMS)
+        for b, name in enumerate(EFFECTS)
+        if (a + b) % 3 == 2
+    ],
 )
-def test_effects_do_not_matter(route, name):
+def test_effects_do_not_matter(force_algorithm, name):
     system, options = EFFECTS[name]
-    assert_same(system, route=route, **options)
+    assert_same(system, force_algorithm=force_algorithm, **options)
 
 
 GRAINS = System(
@@ -125,23 +132,23 @@ GRAINS = System(
     mass=0.01,
     velocity=np.random.default_rng(4).uniform(-1, 1, (125, 3)),
 )
-ALL = Touch(between="all", thickness=0.1)
+ALL = Contact(self_contact=True, thickness=0.1)
 TOUCHING = {
-    "balls": (LOW + LOW.translate((0.1, 0, 1.002)), {"fps": 30, "touch": Touch(), "colliders": [FLOOR]}),
+    "balls": (LOW + LOW.translate((0.1, 0, 1.002)), {"fps": 30, "contact": Contact(), "colliders": [FLOOR]}),
     "a cloth on a ball": (
         LOW + sheet((9, 7), 0.2, stiffness=900.0, damping=1.0).translate((-0.8, -0.6, 1.06)),
-        {"touch": ALL},
+        {"contact": ALL},
     ),
-    "grains": (GRAINS, {"touch": Touch(thickness=0.1, stiffness=100.0), "gravity": 0.0, "fps": 240}),
-    "balls in each other": (LOW + LOW.translate((0, 0, 0.95)), {"touch": Touch()}),
+    "grains": (GRAINS, {"contact": Contact(thickness=0.1, stiffness=100.0), "gravity": 0.0, "fps": 240}),
+    "balls in each other": (LOW + LOW.translate((0, 0, 0.95)), {"contact": Contact()}),
     "and flowing": (
         PAIR.replace(yield_strain=0.001, relaxation_time=0.01),
-        {"fps": 30, "touch": Touch(), "colliders": [FLOOR]},
+        {"fps": 30, "contact": Contact(), "colliders": [FLOOR]},
     ),
 }
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart", "ignore::msdwarp.ContactOverrun")
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning", "ignore::msdwarp.TunnellingWarning")
 @pytest.mark.parametrize("name", [*TOUCHING])
 def test_threads_share_contacts(name):
     # Forces of contact are whole numbers of a unit: their sums do not depend on the order.
@@ -149,14 +156,14 @@ def test_threads_share_contacts(name):
     runs = []
     for threads in (1, 2, 3):
         simulation = Simulation(system, device="cpu", threads=threads, **options)
-        touched = False
+        body_contact = False
         for _ in range(6):
             simulation.step()
-            (touching,) = (one for one in simulation.model.effects if isinstance(one, Touching))
-            touched |= bool((touching.checkpoint()["touch.partner"] >= 0).any())
+            (touching,) = (one for one in simulation.model.effects if isinstance(one, BodyContact))
+            body_contact |= bool((touching.checkpoint()["touch.partner"] >= 0).any())
         frame = simulation.frame()
         runs.append([frame.position, frame.velocity, *touching.checkpoint().values()])
-        assert touched
+        assert body_contact
     for run in runs[1:]:
         for one, other in zip(runs[0], run, strict=True):
             np.testing.assert_array_equal(one, other)
@@ -212,7 +219,7 @@ def model(shape):
 
 def test_automatic_threads_go_by_the_body(monkeypatch):
     monkeypatch.delenv(THREADS, raising=False)
-    monkeypatch.setattr("msdwarp.engine.shares.cores", lambda: 4)
+    monkeypatch.setattr("msdwarp.engine.stepping.cpu_partition.cores", lambda: 4)
     assert threads_for(model((3, 3, 3)), "auto") == 1
     middle = model((11, 11, 11))
     assert 2 * LEAST_SHARE < middle.connection_count < 3 * LEAST_SHARE
@@ -221,9 +228,9 @@ def test_automatic_threads_go_by_the_body(monkeypatch):
     small = box((10, 9, 10), stiffness=100.0)
     assert LEAST_SHARE < small.connection_count < 2 * LEAST_SHARE
     assert threads_for(Model(small, device="cpu"), "auto") == 1
-    assert threads_for(Model(small, loads=[Touch()], device="cpu"), "auto") == 2  # its points are shared, too
+    assert threads_for(Model(small, loads=[Contact()], device="cpu"), "auto") == 2  # its points are shared, too
     flowing = small.replace(yield_strain=0.1, relaxation_time=0.1)
-    assert threads_for(Model(flowing, loads=[Touch()], device="cpu"), "auto") == 1  # one thread takes its stages
+    assert threads_for(Model(flowing, loads=[Contact()], device="cpu"), "auto") == 1  # one thread takes its stages
     monkeypatch.setenv(THREADS, "3")
     assert threads_for(model((20, 20, 20)), "auto") == 3
     assert threads_for(model((3, 3, 3)), 5) == 5  # asked for

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from msdwarp import ContactOverrun, Ensemble, Simulation, System, Touch, sheet
-from msdwarp.engine import nearby
-from msdwarp.engine.touching import Touching
+from msdwarp import Contact, Ensemble, Simulation, System, TunnellingWarning, sheet
+from msdwarp.engine.collision import neighbor_list as nearby
+from msdwarp.engine.collision.body_contact import BodyContact
 
 SPACING, THICKNESS, STIFFNESS, MASS = 0.1, 0.01, 400.0, 1e-3
 SIZE = 64
@@ -33,18 +33,18 @@ def thrown(speed: float, device: str = "cpu", bumps: float = 0.0, sideways: floa
     x = np.stack(np.meshgrid(*[np.linspace(-0.22, 0.22, 6)] * 2), axis=-1).reshape(-1, 2)
     x = np.column_stack([x + rng.uniform(-0.02, 0.02, x.shape), np.full(len(x), bumps + 1.5 * THICKNESS)])
     v = np.column_stack([rng.uniform(-sideways, sideways, (len(x), 2)), np.full(len(x), -speed)])
-    touch = [
-        Touch(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0),
-        Touch(groups=("grains", "grains"), between="none"),
+    contact = [
+        Contact(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0),
+        Contact(groups=("grains", "grains"), exclude=True),
     ]
     options = {"gravity": 0.0, "device": device, "precision": "float64", "fps": 240.0} | options
-    return Simulation(held_sheet(bumps) + grains(x, v), touch=touch, **options)
+    return Simulation(held_sheet(bumps) + grains(x, v), contact=contact, **options)
 
 
 def held_back(simulation: Simulation) -> int:
     """Return how many points have come through and are remembered."""
-    data = next(one for one in simulation.model.effects if isinstance(one, Touching))._touch
-    seen, corner, x = data.seen.numpy(), data.corner.numpy(), np.asarray(simulation.frame().position)
+    data = next(one for one in simulation.model.effects if isinstance(one, BodyContact))._data
+    seen, corner, x = data.contact_side.numpy(), data.corner.numpy(), np.asarray(simulation.frame().position)
     slot, point = np.nonzero(seen)
     grain = data.ends.numpy()[point, 0]
     a, b, c = np.moveaxis(x[corner[np.abs(seen[slot, point]) - 1]], 1, 0)
@@ -75,7 +75,7 @@ def test_what_comes_through_a_sheet_is_thrown_back(device, bumps, sideways):
 def test_what_comes_through_by_more_than_half_a_spacing_is_lost_and_told():
     # v √(m/k) is 76 mm: more than the thickness and half of the spacing, which are 60 mm.
     simulation = thrown(48.0, fps=960.0)
-    with pytest.warns(ContactOverrun, match="'sheet'"):
+    with pytest.warns(TunnellingWarning, match="'sheet'"):
         simulation.step(8)
     assert (simulation.frame().position[SIZE:, 2] < -0.5 * SPACING).all()
     # What is not lost is not told of: 52 mm of them.
@@ -85,8 +85,8 @@ def test_what_comes_through_by_more_than_half_a_spacing_is_lost_and_told():
 def test_what_goes_around_the_border_is_let_go(device):
     # It slides off the sheet, whose border is at 0.35 m, and falls.
     grain = grains(np.array([[0.33, 0.02, THICKNESS]]), np.array([[1.0, 0.0, 0.0]]))
-    touch = Touch(thickness=THICKNESS, stiffness=STIFFNESS, restitution=0.2, friction=0.0)
-    simulation = Simulation(held_sheet() + grain, touch=touch, device=device, fps=240.0)
+    contact = Contact(thickness=THICKNESS, stiffness=STIFFNESS, restitution=0.2, friction=0.0)
+    simulation = Simulation(held_sheet() + grain, contact=contact, device=device, fps=240.0)
     simulation.step(48)
     x, v = (values[SIZE] for values in simulation.frame()[1:])
     falling = 0.2 - (0.35 - 0.33) / 1.0
@@ -115,10 +115,10 @@ def test_sides_are_in_checkpoints_and_neither_lists_nor_overflow_changes_them(de
 
 
 def test_each_world_remembers_sides_as_if_it_were_alone(plain_device):
-    rules = [Touch(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0)]
+    rules = [Contact(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0)]
     x = np.array([[0.01, 0.02, 1.5 * THICKNESS]])
     system = held_sheet() + grains(x, np.array([[0.5, 0.0, -20.0]]))
-    options = {"touch": rules, "gravity": 0.0, "device": plain_device, "fps": 240.0, "route": "gather"}
+    options = {"contact": rules, "gravity": 0.0, "device": plain_device, "fps": 240.0, "force_algorithm": "gather"}
     ensemble = Ensemble(system, 2, **options)
     alone = Simulation(system, substeps=ensemble.substeps, **options)
     for _ in range(3):
@@ -137,9 +137,11 @@ def test_a_sheet_whose_triangles_are_not_turned_alike_has_no_sides():
     for triangles, sided in ((system.surface.triangles, True), (turned, False)):
         surface = dataclasses.replace(system.surface, triangles=triangles)
         simulation = Simulation(
-            system.replace(surface=surface), touch=Touch(stiffness=STIFFNESS, thickness=THICKNESS), device="cpu"
+            system.replace(surface=surface),
+            contact=Contact(stiffness=STIFFNESS, thickness=THICKNESS),
+            device="cpu",
         )
-        data = next(one for one in simulation.model.effects if isinstance(one, Touching))._touch
+        data = next(one for one in simulation.model.effects if isinstance(one, BodyContact))._data
         assert bool(data.sided.numpy()[0]) == sided
 
 
@@ -148,7 +150,7 @@ def test_a_grain_lies_on_a_sheet_that_hangs():
     cloth = cloth.translate(-cloth.position.mean(axis=0))
     simulation = Simulation(
         cloth + grains(np.array([[0.03, 0.02, 0.03]]), np.zeros((1, 3))),
-        touch=Touch(thickness=THICKNESS, stiffness=STIFFNESS),
+        contact=Contact(thickness=THICKNESS, stiffness=STIFFNESS),
         device="cpu",
         precision="float64",
     )

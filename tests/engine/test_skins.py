@@ -8,7 +8,7 @@ from surfaces import area_vectors, triangles_of, volume
 
 from msdwarp import (
     RK4,
-    Gas,
+    EnclosedGas,
     Leapfrog,
     Pressure,
     Simulation,
@@ -22,7 +22,7 @@ from msdwarp import (
     shell,
 )
 from msdwarp.bodies import facets_of
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
 RHO, G = 1.225, 9.82
 BODIES = {
@@ -65,7 +65,7 @@ def test_pressure_on_a_skin_moves_no_body(device, name):
     # Σ a = 0 and Σ x × a = 0 over a closed surface, and weights reproduce places: momenta stay, but for rounding
     # of forces of up to 10 N that sum to nothing, for 0.1 s.
     body = BODIES[name](damping=0.1).rotate(0.3, axis=(1, 2, 3))
-    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), Gas(100.0)]
+    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), EnclosedGas(100.0)]
     simulation = Simulation(body, loads=loads, integrator=Leapfrog(), **options(device, fps=600.0))
     simulation.step(60)
     measures = simulation.measure()
@@ -120,7 +120,7 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
     # p ΔV; p V ln(V'/V); p V (1 − (V/V')^(γ−1))/(γ − 1). RK4, with hω of 0.1: some (hω)⁵ of what
     # swings, seen 1e-7.
     body, pressure = BODIES["ball"](damping=1.0), 400.0
-    load = Gas(pressure, outside=0.0, exponent=exponent) if gas else Pressure(pressure)
+    load = EnclosedGas(pressure, outside=0.0, exponent=exponent) if gas else Pressure(pressure)
     simulation = Simulation(body, loads=[load], integrator=RK4(), **options(device, fps=600.0, substeps=6))
     simulation.step(20)
     before, after = volume(body), volume(simulation.snapshot())
@@ -138,7 +138,7 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_precisions_agree(plain_device, precision):
     body = BODIES["ball"](damping=1.0).translate((0, 0, 3.0))
-    loads = [Gas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
+    loads = [EnclosedGas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
     places = []
     for one in ("float64", precision):
         simulation = Simulation(
@@ -157,11 +157,11 @@ def test_beside_a_skin_other_surfaces_feel_the_same(device):
     # A box, whose vertices are particles, by itself and in one system with a ball.
     block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0).rotate(0.4, axis=(1, 2, 0)).named("block")
     both = block + BODIES["ball"]().translate((3, 0, 0)).named("ball")
-    loads = [Wind((3.0, 1.0, 0.0), on="block"), Gas(300.0, on="block")]
-    alone, beside = forces(block, loads, device), forces(both, loads, device)
+    loads = [Wind((3.0, 1.0, 0.0), on="block"), EnclosedGas(300.0, on="block")]
+    alone, body_pairs = forces(block, loads, device), forces(both, loads, device)
     assert np.abs(alone).max() > 0.1
-    np.testing.assert_allclose(beside[:27], alone, rtol=0, atol=1e-9)  # as above
-    np.testing.assert_allclose(beside[27:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(body_pairs[:27], alone, rtol=0, atol=1e-9)  # as above
+    np.testing.assert_allclose(body_pairs[27:], 0.0, atol=1e-9)
 
 
 def silhouette(system) -> float:
@@ -170,7 +170,7 @@ def silhouette(system) -> float:
 
 
 FALLING = {
-    "skin": lambda: ball(0.2, 0.1, mass=1e-3, stiffness=400.0, damping=0.1),
+    "buffer": lambda: ball(0.2, 0.1, mass=1e-3, stiffness=400.0, damping=0.1),
     "shell": lambda: shell(icosphere(0.2, 2), mass=0.03, stiffness=400.0, damping=0.1),
     "box": lambda: box((3, 3, 3), 0.1, mass=1e-3, stiffness=400.0, damping=0.1),
 }
@@ -213,7 +213,7 @@ def test_of_a_closed_body_and_an_open_one_each_feels_its_own(device):
 def test_the_bound_knows_a_skin_of_gas(plain_device):
     # A gas of stiffness γ p / V for its volume: the rate of Σ |∂V/∂x|²/m, by differences of the volume.
     system, outside = BODIES["cylinder"](), 1e6
-    simulation = Simulation(system, loads=[Gas(0.0, outside=outside)], **options(plain_device))
+    simulation = Simulation(system, loads=[EnclosedGas(0.0, outside=outside)], **options(plain_device))
     rate = rate_bounds(simulation.system, simulation.model, simulation.state).effect_stiffness
     surface, slope, before = system.surface, np.zeros(system.position.shape), volume(system)
     for i, k in np.ndindex(*slope.shape):
@@ -235,4 +235,4 @@ def test_what_has_no_surface_there_is_refused():
     with pytest.raises(ValueError, match=r"loads\[0\]\.area is None"):
         Simulation(body, loads=[Wind((1.0, 0, 0), on=inside)], device="cpu")
     with pytest.raises(ValueError, match="the surface there must be closed"):
-        Simulation(body, loads=[Gas(1.0, on=body.position[:, 2] > 0)], device="cpu")
+        Simulation(body, loads=[EnclosedGas(1.0, on=body.position[:, 2] > 0)], device="cpu")

@@ -9,19 +9,19 @@ from msdwarp import (
     RK4,
     Box,
     Capsule,
+    Contact,
     Leapfrog,
     Plane,
     Simulation,
     Sphere,
     SymplecticEuler,
     System,
-    Touch,
     box,
     chain,
     sheet,
 )
-from msdwarp.checks import DoubtfulStart
-from msdwarp.engine.straddling import Straddling
+from msdwarp.checks import StartWarning
+from msdwarp.engine.collision.surface_contact import SurfaceContact
 
 G = 9.82
 SPACING = 0.1
@@ -42,7 +42,7 @@ def post(width: float, **options) -> Box:
 
 
 def straddles(simulation: Simulation) -> bool:
-    return any(isinstance(effect, Straddling) for effect in simulation.model.effects)
+    return any(isinstance(effect, SurfaceContact) for effect in simulation.model.effects)
 
 
 def lowest(simulation: Simulation) -> float:
@@ -57,7 +57,9 @@ def lowest(simulation: Simulation) -> float:
 def test_a_body_rests_on_a_post_thinner_than_its_spacing(device, width, high):
     # What is higher and bounces need not stay upright on so thin a post.
     body = block(nz=high).translate((0, 0, 0.05))
-    simulation = Simulation(body, colliders=[post(width)], touch=Touch(obstacles=True), fps=FPS, device=device)
+    simulation = Simulation(
+        body, colliders=[post(width)], contact=Contact(surface_colliders=True), fps=FPS, device=device
+    )
     simulation.step(480)
     # Within 5 % of the spacing of where the post is drawn.
     assert lowest(simulation) > -0.05 * SPACING
@@ -82,7 +84,9 @@ def test_edges_are_borne_by_edges(plain_device):
         for x in (-0.2, 0.2)
     ]
     bar = block(8, 2, 2).translate((0, 0, 0.002))
-    simulation = Simulation(bar, colliders=rails, touch=Touch(obstacles=True), fps=FPS, device=plain_device)
+    simulation = Simulation(
+        bar, colliders=rails, contact=Contact(surface_colliders=True), fps=FPS, device=plain_device
+    )
     simulation.step(360)
     assert lowest(simulation) > -0.05 * SPACING
     assert simulation.measure().kinetic_energy < 1e-4 * 32 * 0.02 * G * 0.05
@@ -98,7 +102,9 @@ def test_what_is_thin_hangs_over_a_thin_rod(plain_device, what):
     else:
         body = sheet((12, 5), SPACING, mass=0.002, stiffness=150.0, damping=0.2)
     body = body.translate(-body.position.mean(axis=0)).translate((0, 0, 0.03))
-    simulation = Simulation(body, colliders=[rod], touch=Touch(obstacles=True), fps=FPS, device=plain_device)
+    simulation = Simulation(
+        body, colliders=[rod], contact=Contact(surface_colliders=True), fps=FPS, device=plain_device
+    )
     simulation.step(240)
     x = simulation.frame().position
     assert np.abs(x[:, 0].mean()) < SPACING  # it has slid to neither side
@@ -112,14 +118,14 @@ def test_a_cloth_lets_less_of_a_ball_be_seen(plain_device):
     cloth = sheet((17, 17), 0.05, mass=0.002, stiffness=150.0, damping=0.2)
     cloth = cloth.translate(-cloth.position.mean(axis=0)).translate((0.01, 0.013, 0.26))
     ball, deep = Sphere((0, 0, 0), 0.25, restitution=0.0), {}
-    for touch in (None, Touch(obstacles=True)):
-        simulation = Simulation(cloth, colliders=[ball], touch=touch, fps=FPS, device=plain_device)
+    for contact in (None, Contact(surface_colliders=True)):
+        simulation = Simulation(cloth, colliders=[ball], contact=contact, fps=FPS, device=plain_device)
         simulation.step(160)
         x = simulation.frame().position
         assert cloth.surface is not None
         corners = x[cloth.surface.particle[cloth.surface.triangles]]
         middles = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
-        deep[touch is not None] = 0.25 - np.linalg.norm(middles, axis=1).min()
+        deep[contact is not None] = 0.25 - np.linalg.norm(middles, axis=1).min()
     assert deep[True] < 0.6 * deep[False]  # seen 1.1 and 2.7 mm
     assert deep[True] < 0.05 * 0.05  # 5 % of the spacing
 
@@ -130,8 +136,8 @@ def test_friction_holds_on_a_gentle_slope(plain_device):
     angle = math.radians(15)
     falls = (G * math.sin(angle), 0.0, -G * math.cos(angle))
     floor = post(0.09, friction=0.5)
-    touch = Touch(obstacles=True)
-    options = {"touch": touch, "gravity": falls, "fps": FPS, "device": plain_device}
+    contact = Contact(surface_colliders=True)
+    options = {"contact": contact, "gravity": falls, "fps": FPS, "device": plain_device}
     simulation = Simulation(block(4, 4, 2), colliders=[floor], **options)
     simulation.step(240)
     before = simulation.frame().position[:, 0].mean()
@@ -146,7 +152,12 @@ def test_friction_holds_on_a_gentle_slope(plain_device):
 @pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4()], ids=str)
 def test_the_obstacle_takes_what_the_body_loses(plain_device, method):
     thrown = block().translate((0, 0, 0.01)).replace(velocity=(0.1, 0.0, -1.0))
-    options = {"gravity": 0.0, "touch": Touch(obstacles=True), "device": plain_device, "precision": "float64"}
+    options = {
+        "gravity": 0.0,
+        "contact": Contact(surface_colliders=True),
+        "device": plain_device,
+        "precision": "float64",
+    }
     options |= {"fps": FPS}
     simulation = Simulation(thrown, colliders=[post(0.08)], integrator=method, contact_forces=True, **options)
     taken = np.zeros(3)
@@ -165,7 +176,7 @@ def test_undamped_it_keeps_its_energy(plain_device):
     smooth = {"restitution": 1.0, "friction": 0.0}
     options = {
         "gravity": 0.0,
-        "touch": Touch(**smooth, obstacles=True),
+        "contact": Contact(**smooth, surface_colliders=True),
         "device": plain_device,
         "precision": "float64",
         "fps": FPS,
@@ -192,9 +203,9 @@ def test_undamped_it_keeps_its_energy(plain_device):
 def test_an_obstacle_that_moves_does_work(plain_device):
     # Undamped, on a post that rises by 0.1 m in 1 s, smoothly: what the body has is what the post has done.
     lift = post(0.08, restitution=1.0, friction=0.0, motion=lambda t: (0, 0, 0.05 * (1 - math.cos(math.pi * t))))
-    touch = Touch(restitution=1.0, friction=0.0, obstacles=True)
+    contact = Contact(restitution=1.0, friction=0.0, surface_colliders=True)
     options = {
-        "touch": touch,
+        "contact": contact,
         "device": plain_device,
         "precision": "float64",
         "integrator": Leapfrog(),
@@ -215,10 +226,12 @@ def test_an_obstacle_that_moves_does_work(plain_device):
 def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
     def begun() -> Simulation:
         body = block().translate((0, 0, 0.001)).replace(velocity=(0.2, 0.0, -0.5))
-        return Simulation(body, colliders=[post(0.04)], touch=Touch(obstacles=True), fps=FPS, device=device)
+        return Simulation(
+            body, colliders=[post(0.04)], contact=Contact(surface_colliders=True), fps=FPS, device=device
+        )
 
     whole, again = begun(), begun()
-    if device.startswith("cuda") and whole.model.route == "scatter":
+    if device.startswith("cuda") and whole.model.force_algorithm == "scatter":
         pytest.skip("scattered sums on the GPU are not repeatable")
     whole.step(4)
     kept = whole.checkpoint()
@@ -234,32 +247,32 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
 
 
 @pytest.mark.parametrize(
-    ("colliders", "touch", "expected"),
+    ("colliders", "contact", "expected"),
     [
-        ([FAR], Touch(obstacles=True), False),
-        ([FAR, Sphere((0, 0, -3))], Touch(obstacles=True), True),
-        ([Sphere((0, 0, -3))], Touch(), False),
+        ([FAR], Contact(surface_colliders=True), False),
+        ([FAR, Sphere((0, 0, -3))], Contact(surface_colliders=True), True),
+        ([Sphere((0, 0, -3))], Contact(), False),
         ([Sphere((0, 0, -3))], None, False),
     ],
     ids=["planes", "a ball", "not asked for", "no touch"],
 )
-def test_only_solids_come_between(colliders, touch, expected):
-    simulation = Simulation(block(), colliders=colliders, touch=touch, device="cpu")
+def test_only_solids_come_between(colliders, contact, expected):
+    simulation = Simulation(block(), colliders=colliders, contact=contact, device="cpu")
     assert straddles(simulation) is expected
 
 
 def test_single_particles_have_nothing_between_them():
     heap = System(position=[[0, 0, 0], [1, 0, 0]], connections=np.zeros((0, 2), int))
-    touch = Touch(thickness=0.1, stiffness=1e3, obstacles=True)
-    assert not straddles(Simulation(heap, colliders=[Sphere((0, 0, -3))], touch=touch, device="cpu"))
+    contact = Contact(thickness=0.1, stiffness=1e3, surface_colliders=True)
+    assert not straddles(Simulation(heap, colliders=[Sphere((0, 0, -3))], contact=contact, device="cpu"))
 
 
 @pytest.mark.slow
 def test_what_starts_on_an_obstacle_is_led_off_it(plain_device):
     # 20 mm deep; put out at once it would leap by 0.5 k δ² by the mass, some metres.
     low = block().translate((0, 0, -0.02))
-    options = {"touch": Touch(obstacles=True), "fps": FPS, "device": plain_device}
-    with pytest.warns(DoubtfulStart, match=r"an obstacle reaches 0\.02 m into the surface at particle"):
+    options = {"contact": Contact(surface_colliders=True), "fps": FPS, "device": plain_device}
+    with pytest.warns(StartWarning, match=r"an obstacle reaches 0\.02 m into the surface at particle"):
         simulation = Simulation(low, colliders=[post(0.08)], **options)
     highest = -1.0
     for _ in range(360):

@@ -1,11 +1,11 @@
-"""Tables that routes read: of neighbours, every connection twice, and of the kinds of connections."""
+"""Tables that algorithms read: of neighbours, every connection twice, and of the kinds of connections."""
 
 import numpy as np
 import pytest
 
 from msdwarp import System, box
-from msdwarp.engine.forces import find_kinds, neighbour_table
-from msdwarp.engine.model import Model
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.springs.force_algorithms import find_kinds, neighbour_table
 
 WIDTH, CHUNK = 32, 4
 """Particles side by side, and slots that are read together."""
@@ -32,7 +32,7 @@ SYSTEMS |= {
 
 @pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
 def test_slots_of_a_particle_are_its_connections_in_their_order(plain_device, system):
-    model = Model(system, device=plain_device, route="gather")
+    model = Model(system, device=plain_device, force_algorithm="gather")
     first, other, connection = (array.numpy() for array in neighbour_table(model))
     n = system.particle_count
     degree = np.bincount(system.connections.ravel(), minlength=n)
@@ -61,7 +61,8 @@ def test_slots_of_a_particle_are_its_connections_in_their_order(plain_device, sy
 def test_the_table_is_the_same_on_every_device(plain_device):
     for system in SYSTEMS.values():
         tables = [
-            neighbour_table(Model(system, device=device, route="gather")) for device in ("cpu", plain_device)
+            neighbour_table(Model(system, device=device, force_algorithm="gather"))
+            for device in ("cpu", plain_device)
         ]
         for here, there in zip(*tables, strict=True):
             np.testing.assert_array_equal(here.numpy(), there.numpy())

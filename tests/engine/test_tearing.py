@@ -1,4 +1,4 @@
-"""Tearing: which connections break and when, and that what is broken is not there."""
+"""Fracture: which connections break and when, and that what is broken is not there."""
 
 import math
 
@@ -8,7 +8,7 @@ from problems import EPS64, two_quick
 from springs import INTEGRATORS, pair, simulate
 
 from msdwarp import RK4, Leapfrog, Simulation, System, box, chain, sheet
-from msdwarp.engine import forces
+from msdwarp.engine.springs import force_algorithms as forces
 from msdwarp.simulation.readback import Readback
 
 
@@ -68,9 +68,9 @@ def test_an_oscillator_breaks_when_it_is_so_long(device):
 @pytest.mark.parametrize("integrator", [RK4(), Leapfrog()], ids=str)
 def test_the_same_break_at_the_same_time_by_every_route(plain_device, integrator):
     times = []
-    for route in ("scatter", "gather", "stencil"):
+    for force_algorithm in ("scatter", "gather", "stencil"):
         for blocks in ("auto", None):
-            simulation = burst(plain_device, route=route, blocks=blocks, integrator=integrator)
+            simulation = burst(plain_device, force_algorithm=force_algorithm, blocks=blocks, integrator=integrator)
             simulation.step(6)
             times.append(simulation.snapshot().broken_at)
     assert 0.3 < np.isfinite(times[0]).mean() < 1.0
@@ -97,8 +97,8 @@ def without(system: System, gone: np.ndarray) -> System:
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("route", ["gather", "stencil"])
-def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, blocks, monkeypatch):
+@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
+def test_a_torn_lattice_moves_as_one_built_so(plain_device, force_algorithm, precision, blocks, monkeypatch):
     # What cannot tear has several threads to a particle on a GPU, which sum in another order.
     monkeypatch.setattr(forces, "lanes", lambda model: 1)
     body = box((6, 4, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.05)
@@ -106,7 +106,7 @@ def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, bl
     seam = left[body.connections[:, 0]] != left[body.connections[:, 1]]
     pulled = body.with_velocity(np.where(left, -1.0, 1.0)[:, None] * (12.0, 2.0, 0.0))
     pulled = pulled.replace(break_strain=np.where(seam, 0.1, np.inf))
-    options = {"route": route, "blocks": blocks, "precision": precision}
+    options = {"force_algorithm": force_algorithm, "blocks": blocks, "precision": precision}
     torn = burst(plain_device, pulled, **options)
     torn.step(6)
     np.testing.assert_array_equal(torn.snapshot().broken, seam)
@@ -122,14 +122,14 @@ def test_a_torn_lattice_moves_as_one_built_so(plain_device, route, precision, bl
 
 @pytest.mark.slow
 def test_columns_of_a_lattice_tear(monkeypatch, plain_device):
-    from msdwarp.engine import dynamics
+    from msdwarp.engine.stepping import launcher as dynamics
 
     ends = []
     for least in (10**9, 0):
         monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", least)
         if not least:
             monkeypatch.setattr(dynamics, "columns", lambda model: -(-model.particle_count // 24) * 12)
-        simulation = burst(plain_device, route="stencil", blocks=None)
+        simulation = burst(plain_device, force_algorithm="stencil", blocks=None)
         simulation.step(6)
         ends.append(simulation.snapshot())
     assert 0.3 < ends[0].broken.mean() < 1.0
@@ -156,10 +156,10 @@ def test_nothing_comes_from_tearing(device):
 
 def test_automatic_substeps_bear_it():
     simulation = Simulation(bursting(), device="cpu", gravity=0.0)
-    twin = Simulation(bursting(), device="cpu", gravity=0.0, route="gather")
+    twin = Simulation(bursting(), device="cpu", gravity=0.0, force_algorithm="gather")
     for one in (simulation, twin):
         one.step(12)
-    assert simulation.chosen == twin.chosen
+    assert simulation.substep_history == twin.substep_history
     assert simulation.snapshot().broken.mean() > 0.3
 
 
@@ -173,7 +173,7 @@ def test_a_frame_can_be_taken_back(device):
     simulation.stepping.backup.restore()
     np.testing.assert_array_equal(simulation.snapshot().broken_at, before.broken_at)
     assert simulation.stepping.advance(2 / 60)
-    if simulation.model.route == "scatter" and device.startswith("cuda"):
+    if simulation.model.force_algorithm == "scatter" and device.startswith("cuda"):
         return  # sums by atomics are not repeatable to the last bit
     for name in ("position", "velocity", "broken_at"):
         np.testing.assert_array_equal(getattr(simulation.snapshot(), name), getattr(after, name))
@@ -184,7 +184,7 @@ def test_a_run_goes_on_across_a_tear(device):
         return burst(device, precision="float32", substeps="auto")
 
     whole = start()
-    if device.startswith("cuda") and whole.model.route == "scatter":
+    if device.startswith("cuda") and whole.model.force_algorithm == "scatter":
         pytest.skip("scattered sums on the GPU are not repeatable")
     whole.step(3)
     checkpoint = whole.checkpoint()
@@ -249,8 +249,8 @@ def test_what_yields_tears_too(plain_device):
     # Springs give way up to a third; from the length that they have then, a tenth more breaks them.
     body = bursting(yield_strain=0.02, relaxation_time=0.005, largest_plastic_strain=0.3, break_strain=0.1)
     times = []
-    for route in ("scatter", "gather"):
-        simulation = burst(plain_device, body, route=route)
+    for force_algorithm in ("scatter", "gather"):
+        simulation = burst(plain_device, body, force_algorithm=force_algorithm)
         simulation.step(6)
         times.append(simulation.snapshot().broken_at)
         assert simulation.rest_length.max() > 1.05 * body.rest_length.max()
@@ -264,8 +264,8 @@ def test_a_weak_seam_is_found_by_the_stencil_too(plain_device):
     seam = np.ptp(np.sign(velocity[:, 0])[net.connections], axis=1) > 0
     net = net.with_velocity(velocity).replace(break_strain=np.where(seam, 0.05, 3.0))
     times = []
-    for route in ("scatter", "stencil"):
-        simulation = burst(plain_device, net, route=route)
+    for force_algorithm in ("scatter", "stencil"):
+        simulation = burst(plain_device, net, force_algorithm=force_algorithm)
         simulation.step(10)
         times.append(simulation.snapshot().broken_at)
     assert np.isfinite(times[0])[seam].any()
@@ -276,5 +276,5 @@ def test_a_weak_seam_is_found_by_the_stencil_too(plain_device):
 def test_a_scene_that_cannot_tear_has_nothing_of_it():
     simulation = Simulation(chain(3), device="cpu")
     assert simulation.model.tearing is None
-    assert not simulation.stepping.dynamics.composition.route.tears
-    assert not hasattr(simulation.stepping.dynamics.world.forces, "breaking")
+    assert not simulation.stepping.dynamics.composition.force_algorithm.tears
+    assert not hasattr(simulation.stepping.dynamics.scene.forces, "breaking")

@@ -1,4 +1,4 @@
-"""Ties: connections between lattices, beside their stencil, are connections like all others."""
+"""ExtraSprings: connections between lattices, beside their stencil, are connections like all others."""
 
 from types import SimpleNamespace
 
@@ -8,10 +8,10 @@ from problems import EPS64
 from tangles import FAR, assert_forces_are_right, evaluate, moving
 
 from msdwarp import RK4, CoulombDamper, Simulation, System, box, chain, join, sheet
-from msdwarp.engine import dynamics
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping.launcher import Dynamics
 
 SMALL = {"mass": 0.01, "stiffness": 40.0, "damping": 0.02}
 GAP = 0.13
@@ -46,7 +46,7 @@ def in_columns(monkeypatch) -> None:
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_stencil_has_the_forces_of_its_ties(plain_device, dim):
     tied = moving(pair(dim))
-    assert len(Model(tied, device="cpu", route="stencil").lattice.ties) > 0
+    assert len(Model(tied, device="cpu", force_algorithm="stencil").lattice.ties) > 0
     assert_forces_are_right(tied, plain_device, "float64", "stencil")
 
 
@@ -65,13 +65,13 @@ def test_undamped_ties_of_damped_bodies(plain_device):
 def test_ties_obey_the_dampers_law(plain_device):
     # As by gathering, which test_dampers compares with the law; each sum of 20 or so has its own roundings.
     dry = moving(pair()).replace(damper=CoulombDamper(0.5))
-    forces = [evaluate(dry, plain_device, "float64", route) for route in ("gather", "stencil")]
+    forces = [evaluate(dry, plain_device, "float64", force_algorithm) for force_algorithm in ("gather", "stencil")]
     np.testing.assert_allclose(*forces, rtol=0, atol=64 * EPS64 * np.abs(forces[0]).max())
 
 
 def test_columns_feel_ties(plain_device, in_columns):
     tied = pair()
-    made = Dynamics(Model(tied, device="cpu", route="stencil"))
+    made = Dynamics(Model(tied, device="cpu", force_algorithm="stencil"))
     assert made._columns > 0  # one stencil for both bodies, as without ties
     assert_forces_are_right(moving(tied), plain_device, "float64", "stencil")
 
@@ -80,8 +80,10 @@ def test_where_only_ties_are_damped_the_stencil_is_not():
     tied = pair().replace(
         damping=np.where(np.arange(pair().connection_count) < pair().connection_count - 12, 0.0, 1.0)
     )
-    own = Dynamics(Model(tied, device="cpu", route="stencil")).composition.route
-    bare = Dynamics(Model(tied.replace(damping=0.0), device="cpu", route="stencil")).composition.route
+    own = Dynamics(Model(tied, device="cpu", force_algorithm="stencil")).composition.force_algorithm
+    bare = Dynamics(
+        Model(tied.replace(damping=0.0), device="cpu", force_algorithm="stencil")
+    ).composition.force_algorithm
     assert own is bare
 
 
@@ -90,15 +92,17 @@ def test_where_only_ties_are_damped_the_stencil_is_not():
 def test_routes_move_a_tied_pair_alike(plain_device, blocks):
     tied, frames = moving(pair(), 5), {}
     tied = tied.replace(position=pair().position)
-    for route in ("scatter", "gather", "stencil"):
-        simulation = Simulation(tied, route=route, blocks=blocks, integrator=RK4(), **options(plain_device))
+    for force_algorithm in ("scatter", "gather", "stencil"):
+        simulation = Simulation(
+            tied, force_algorithm=force_algorithm, blocks=blocks, integrator=RK4(), **options(plain_device)
+        )
         simulation.step(12)
-        assert simulation.model.route == route
-        frames[route] = simulation.frame().position
+        assert simulation.model.force_algorithm == force_algorithm
+        frames[force_algorithm] = simulation.frame().position
     moved = np.abs(frames["gather"] - tied.position).max()
     assert moved > 0.02
-    for route in ("scatter", "stencil"):  # other orders of sums: 400 evaluations, each of some roundings
-        np.testing.assert_allclose(frames[route], frames["gather"], rtol=0, atol=1e-11)
+    for force_algorithm in ("scatter", "stencil"):  # other orders of sums: 400 evaluations, each of some roundings
+        np.testing.assert_allclose(frames[force_algorithm], frames["gather"], rtol=0, atol=1e-11)
 
 
 def test_momentum_is_conserved(device):
@@ -116,15 +120,15 @@ def test_momentum_is_conserved(device):
     )
 
 
-@pytest.mark.parametrize("route", ["gather", "scatter"])
-def test_a_tie_is_one_more_connection(route):
-    # To the last bit: on these routes it is nothing else. On a GPU scattered sums have no order.
+@pytest.mark.parametrize("force_algorithm", ["gather", "scatter"])
+def test_a_tie_is_one_more_connection(force_algorithm):
+    # To the last bit: on these algorithms it is nothing else. On a GPU scattered sums have no order.
     tied, frames = pair(), []
     names = ("connections", "rest_length", "stiffness", "damping")
     plain = System(position=tied.position, mass=0.01, **{name: np.array(getattr(tied, name)) for name in names})
     velocity = moving(tied, 5).velocity
     for system in (tied, plain):
-        simulation = Simulation(system.with_velocity(velocity), route=route, **options("cpu"))
+        simulation = Simulation(system.with_velocity(velocity), force_algorithm=force_algorithm, **options("cpu"))
         simulation.step(5)
         frames.append(simulation.frame().position)
     np.testing.assert_array_equal(*frames)
@@ -141,11 +145,13 @@ def test_energies_count_a_tie_once(device):
 
 
 def test_the_bound_knows_stiff_ties(plain_device):
-    # One route or the other, the same pass over all connections; a stiff tie halves the step and more.
+    # One algorithm or the other, the same pass over all connections; a stiff tie halves the step and more.
     soft, stiff = pair(), pair(stiffness=4e4)
     bounds = [
-        rate_bounds(stiff, Model(stiff, device=plain_device, precision="float64", route=route)).stiffness
-        for route in ("gather", "stencil")
+        rate_bounds(
+            stiff, Model(stiff, device=plain_device, precision="float64", force_algorithm=force_algorithm)
+        ).stiffness
+        for force_algorithm in ("gather", "stencil")
     ]
     assert bounds[0] == pytest.approx(bounds[1], rel=64 * EPS64)  # atomic sums have no order on a GPU
     assert bounds[0] > 4 * rate_bounds(soft).stiffness
@@ -156,19 +162,21 @@ def test_the_bound_knows_stiff_ties(plain_device):
 @pytest.mark.slow
 def test_a_stable_step_bears_a_tie_much_stiffer_than_the_bodies(plain_device):
     tied = moving(pair(stiffness=4e4, damping=0.0), 5).replace(position=pair().position)
-    simulation = Simulation(tied, route="stencil", gravity=0.0, device=plain_device, precision="float64")
+    simulation = Simulation(tied, force_algorithm="stencil", gravity=0.0, device=plain_device, precision="float64")
     before = simulation.measure().energy
     simulation.step(30)
     assert simulation.measure().energy < 1.5 * before  # its energy swings by h ω / 2 about the conserved one
     with pytest.raises(ValueError, match="at least"):
-        Simulation(tied, route="stencil", gravity=0.0, device=plain_device, substeps=simulation.substeps // 3)
+        Simulation(
+            tied, force_algorithm="stencil", gravity=0.0, device=plain_device, substeps=simulation.substeps // 3
+        )
 
 
 @pytest.mark.slow
 def test_a_tied_run_resumes_to_the_last_bit(plain_device):
     def make():
         return Simulation(
-            moving(pair(), 5).replace(position=pair().position), route="stencil", **options(plain_device)
+            moving(pair(), 5).replace(position=pair().position), force_algorithm="stencil", **options(plain_device)
         )
 
     whole, first, rest = make(), make(), make()

@@ -7,24 +7,24 @@ from problems import EPS32, EPS64
 from scipy.spatial import cKDTree
 from surfaces import nearest_distances, winding_number
 
-from msdwarp import RK4, Leapfrog, Plane, Probe, Simulation, System, Touch, box, chain, icosphere, sheet, shell
-from msdwarp.engine import nearby
-from msdwarp.engine.routes import preferring
-from msdwarp.engine.touching import Touching
+from msdwarp import RK4, Contact, Leapfrog, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
+from msdwarp.engine.collision import neighbor_list as nearby
+from msdwarp.engine.collision.body_contact import BodyContact
+from msdwarp.engine.model.force_algorithm import preferring
 
 # In `scene` a corner of the die is pressed through the coarse cloth, which is none of these tests' matter.
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.ContactOverrun")
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")
 
 
-def contact_of(simulation: Simulation) -> Touching:
-    return next(effect for effect in simulation.model.effects if isinstance(effect, Touching))
+def contact_of(simulation: Simulation) -> BodyContact:
+    return next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
 
 
 def rows_of(simulation: Simulation) -> list[list[int]]:
     """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
-    effect.search(state.x, state.v, state.lost, False)
-    rows, lengths = effect._touch.row.numpy(), effect._touch.length.numpy()
+    effect.search(state.x, state.v, state.compensation, False)
+    rows, lengths = effect._data.candidates.numpy(), effect._data.candidate_count.numpy()
     assert lengths.max() < rows.shape[1]  # all had room
     return [sorted(rows[p, :n].tolist()) for p, n in enumerate(lengths)]
 
@@ -34,11 +34,11 @@ def grains(count: int, size: float) -> System:
     return System(position=position, connections=np.zeros((0, 2), int), mass=0.01)
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_spheres_list_what_a_tree_finds(plain_device, precision):
-    touch = Touch(thickness=0.1, stiffness=100.0)
-    simulation = Simulation(grains(800, 1.0), touch=touch, device=plain_device, precision=precision)
+    contact = Contact(thickness=0.1, stiffness=100.0)
+    simulation = Simulation(grains(800, 1.0), contact=contact, device=plain_device, precision=precision)
     found = rows_of(simulation)
     tree = cKDTree(simulation.frame().position)
     around = 0.1 * (1 + nearby.LEAST_SKIN)
@@ -66,12 +66,12 @@ def crowd() -> System:
     return whole
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.checks.DoubtfulStart")  # some start in each other
-@pytest.mark.parametrize("touch", [Touch(), Touch(between="all", thickness=0.02)], ids=["bodies", "all"])
-def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
+@pytest.mark.parametrize("contact", [Contact(), Contact(self_contact=True, thickness=0.02)], ids=["bodies", "all"])
+def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     monkeypatch.setattr(nearby, "ROOM", 256)
     system = crowd()
-    simulation = Simulation(system, touch=touch, gravity=0.0, device=plain_device, precision="float64")
+    simulation = Simulation(system, contact=contact, gravity=0.0, device=plain_device, precision="float64")
     simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
     found, effect = rows_of(simulation), contact_of(simulation)
     s, x = effect._surfaces, simulation.frame().position
@@ -81,24 +81,24 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
     depth = np.where(s.closed, s.spacing / 2, 0.0)  # what is closed pushes out from as deep
     own = mine[:, None] == other
     thickness = (
-        np.full(own.shape, touch.thickness) if touch.thickness else s.radius[mine][:, None] + s.radius[other]
+        np.full(own.shape, contact.thickness) if contact.thickness else s.radius[mine][:, None] + s.radius[other]
     )
     reach = np.where(own, thickness, np.maximum(thickness, depth[other]))
-    skin = nearby.LEAST_SKIN * max(touch.thickness or 2 * s.radius.max(), depth.max())
+    buffer = nearby.LEAST_SKIN * max(contact.thickness or 2 * s.radius.max(), depth.max())
 
     def distances(points, at):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
         return nearest_distances(points[a], at[s.corner[b]]).reshape(len(points), -1)
 
     away = distances(points, now)
-    near = away < reach + skin
+    near = away < reach + buffer
     # Before a point touches a sheet, all is listed that it may hold to once it has come through: twice the skin.
     sheets = s.sided[other] & ~own
-    near |= sheets & (away < 2 * skin)
+    near |= sheets & (away < 2 * buffer)
     # Less than 2/3 of a spacing thick, a body touches all of itself but the facets that a point is a part of.
-    assert (1.5 * thickness[own.any(axis=1)].min() if touch.thickness else 0.0) < s.spacing.min()
+    assert (1.5 * thickness[own.any(axis=1)].min() if contact.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
-    expected = near & (~own | (apart & (touch.between == "all")))
+    expected = near & (~own | (apart & (contact.self_contact)))
     # Of each body, but sheets, those are left out that cannot come to be the nearest: by twice the skin, and 1 %;
     # and all of them, where the point is outside of a closed one by more than their thickness and the skin.
     for body in range(len(s.closed)):
@@ -106,12 +106,12 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, touch):
             mine_only = other == body
             closest = np.where(expected & mine_only, away, np.inf).min(axis=1)
             without = np.abs(winding_number(now[s.corner[mine_only]], points)) < 0.5
-            far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + skin)
+            far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + buffer)
             expected &= ~((without & far_off & (mine != body))[:, None] & mine_only)
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
-        expected &= (other != body) | sheets | (away <= 1.01 * (nearest[:, None] + 2 * skin))
+        expected &= (other != body) | sheets | (away <= 1.01 * (nearest[:, None] + 2 * buffer))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
-    assert (expected & own).any() == (touch.between == "all")
+    assert (expected & own).any() == (contact.self_contact)
 
 
 def scene(device: str, **options) -> Simulation:
@@ -121,7 +121,7 @@ def scene(device: str, **options) -> Simulation:
     die = box((2, 3, 2), 0.1, **constants).rotate(0.4, axis=(1, 2, 0)).translate((0.08, 0.02, 0.18))
     cloth = sheet((5, 5), 0.1, mass=0.01, stiffness=300.0, damping=0.3).translate((0, 0, 0.32))
     die, cloth = die.replace(velocity=(0.2, 0.1, -1.0)), cloth.replace(velocity=(0.0, 0.0, -2.0))
-    given = {"touch": Touch(), "precision": "float32", "device": device, "fps": 100.0} | options
+    given = {"contact": Contact(), "precision": "float32", "device": device, "fps": 100.0} | options
     return Simulation(low + die + cloth, colliders=[Plane(offset=-0.06)], **given)
 
 
@@ -133,7 +133,7 @@ def ran(simulation: Simulation, frames: int = 25) -> np.ndarray:
 
 def repeats(device: str) -> str:
     """Return the device if what runs on it repeats to the last bit."""
-    if device.startswith("cuda") and scene(device).model.route == "scatter":
+    if device.startswith("cuda") and scene(device).model.force_algorithm == "scatter":
         pytest.skip("scattered sums of springs on the GPU are not repeatable")
     return device
 
@@ -148,17 +148,17 @@ def test_runs_repeat_to_the_last_bit(device_that_repeats):
     np.testing.assert_array_equal(once, again)
 
 
-@pytest.mark.parametrize("skin", [0.02, 1.0])
-def test_the_skin_changes_nothing(device_that_repeats, monkeypatch, skin):
+@pytest.mark.parametrize("buffer", [0.02, 1.0])
+def test_the_skin_changes_nothing(device_that_repeats, monkeypatch, buffer):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(nearby, "LEAST_SKIN", skin)
+    monkeypatch.setattr(nearby, "LEAST_SKIN", buffer)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
 @pytest.mark.parametrize("every", [1, 32])
 def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypatch, every):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(Touching, "search_every", every)
+    monkeypatch.setattr(BodyContact, "rebuild_interval", every)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
@@ -182,9 +182,9 @@ def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
 
     def thrown(gap: float) -> np.ndarray:
         system = one.with_velocity((0, 0, 1.5)) + other.with_velocity((0, 0, -1.5)).translate((0.004, 0.002, gap))
-        touch = Touch(thickness=0.02, restitution=0.9, stiffness=3000.0)
+        contact = Contact(thickness=0.02, restitution=0.9, stiffness=3000.0)
         how = {"gravity": 0.0, "substeps": 150, "precision": "float64", "device": "cpu"}
-        simulation = Simulation(system, touch=touch, **how)
+        simulation = Simulation(system, contact=contact, **how)
         simulation.step(24)
         frame = simulation.frame()
         assert frame.velocity[: len(one.position), 2].mean() < 1.0  # it has been stopped, or thrown back
@@ -215,28 +215,34 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
     system = parts[0] + parts[1] + parts[2] + parts[3]
 
     def ran_and_measured() -> tuple[np.ndarray, float]:
-        how = {"gravity": 0.0, "device": plain_device, "fps": 500.0, "route": "gather"}
-        simulation = Simulation(system, touch=Touch(friction=0.5), **how)
+        how = {"gravity": 0.0, "device": plain_device, "fps": 500.0, "force_algorithm": "gather"}
+        simulation = Simulation(system, contact=Contact(friction=0.5), **how)
         return ran(simulation, 15), simulation.measure().effect_energy
 
     expected, stored = ran_and_measured()
     assert stored > 0
-    find_rows = nearby.Nearby._find_rows
+    find_rows = nearby.NeighborList._find_rows
     lists = []
 
     def found_backwards(self) -> None:
         find_rows(self)
         data = self._data
-        for numbers in (data.row, data.whose, data.away.view(int)):  # of float32 the bits change places
-            wp.launch(turn_around, len(data.length), [data.length, numbers], device=numbers.device)
+        for numbers in (
+            data.candidates,
+            data.candidate_body,
+            data.candidate_distance.view(int),
+        ):  # of float32 the bits change places
+            wp.launch(
+                turn_around, len(data.candidate_count), [data.candidate_count, numbers], device=numbers.device
+            )
         lists.append(data)
 
-    monkeypatch.setattr(nearby.Nearby, "_find_rows", found_backwards)
+    monkeypatch.setattr(nearby.NeighborList, "_find_rows", found_backwards)
     turned, measured = ran_and_measured()
     np.testing.assert_array_equal(turned, expected)
     assert measured == stored
-    whose, length = lists[-1].whose.numpy(), lists[-1].length.numpy()
-    several = [len(set(whose[p, :n])) > 1 for p, n in enumerate(length)]
+    candidate_body, length = lists[-1].candidate_body.numpy(), lists[-1].candidate_count.numpy()
+    several = [len(set(candidate_body[p, :n])) > 1 for p, n in enumerate(length)]
     assert any(several)  # some points are near two bodies
 
 
@@ -254,11 +260,11 @@ def test_a_frame_whose_lists_overflow_is_repeated(device_that_repeats, monkeypat
     expected = ran(scene(device_that_repeats))
     monkeypatch.setattr(nearby, "ROOM", 1)
     simulation = scene(device_that_repeats)
-    room = contact_of(simulation)._touch.row.shape[1]
+    room = contact_of(simulation)._data.candidates.shape[1]
     voids = []
-    monkeypatch.setattr(Touching, "is_void", _counted(Touching.is_void, voids))
+    monkeypatch.setattr(BodyContact, "is_void", _counted(BodyContact.is_void, voids))
     np.testing.assert_array_equal(ran(simulation), expected)
-    assert contact_of(simulation)._touch.row.shape[1] > room
+    assert contact_of(simulation)._data.candidates.shape[1] > room
     assert any(voids)
 
 
@@ -280,14 +286,14 @@ def test_measuring_changes_nothing(device_that_repeats):
 @pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_routes_agree(plain_device, precision):
     found = {}
-    for route in ("scatter", "gather", "stencil"):
-        with preferring(route):
-            found[route] = ran(scene(plain_device, precision=precision), 10)
+    for force_algorithm in ("scatter", "gather", "stencil"):
+        with preferring(force_algorithm):
+            found[force_algorithm] = ran(scene(plain_device, precision=precision), 10)
     # Springs are summed in another order: ε of forces, which contacts that begin a substep later, or not, amplify.
     # Seen in 10 frames: 80 ε of float32, 3e4 ε of float64.
     tolerance = 3e5 * EPS64 if precision == "float64" else 1e3 * EPS32
-    for route in ("gather", "stencil"):
-        np.testing.assert_allclose(found[route], found["scatter"], rtol=0, atol=tolerance)
+    for force_algorithm in ("gather", "stencil"):
+        np.testing.assert_allclose(found[force_algorithm], found["scatter"], rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -338,9 +344,9 @@ def test_a_method_of_stages_moves_within_a_substep(plain_device):
     # would be repeated for ever. 2 mm a stage, where half of the least skin is 1.25 mm.
     position, velocity = [[0, 0, 0], [0.02, 0, 0]], [[0.5, 0, 0], [-0.5, 0, 0]]
     fast = System(position=position, velocity=velocity, mass=0.01, connections=np.zeros((0, 2), int))
-    touch = Touch(thickness=0.01, stiffness=200.0, restitution=0.9)
+    contact = Contact(thickness=0.01, stiffness=200.0, restitution=0.9)
     options = {"gravity": 0.0, "substeps": 4, "integrator": RK4(), "device": plain_device, "allow_unstable": True}
-    simulation = Simulation(fast, touch=touch, **options)
+    simulation = Simulation(fast, contact=contact, **options)
     simulation.step(5)
     v = simulation.frame().velocity[:, 0]
     assert v[0] < 0 < v[1]  # they have met
@@ -354,7 +360,7 @@ def test_scenes_that_share_a_kernel_run_beside_each_other():
     probes = {"foot": Probe([0, 1], "contact force")}
     walls = [Plane(), Plane((1, 0, 0), offset=-3.0)]
     for around in ({"colliders": walls[:1]}, {"colliders": walls}, {"colliders": walls, "probes": probes}):
-        simulation = Simulation(both, touch=Touch(), device="cpu", **around)
+        simulation = Simulation(both, contact=Contact(), device="cpu", **around)
         simulation.step(2)
         assert np.isfinite(simulation.frame().position).all()
 
@@ -368,12 +374,12 @@ def test_lists_get_room_to_spare():
 
 def test_searches_are_rarer_again_soon_after_what_was_fast():
     # Patience is for searches that were made rarer too early, not for what came faster and faster before.
-    near = contact_of(scene("cpu"))._nearby
+    near = contact_of(scene("cpu"))._neighbors
 
     def frames(count: int, way: float) -> int:
         for _ in range(count):
-            near.judge(np.array([way * (near.every - 1), way * near.every, 0, 0, 0]), 100)
-        return near.every
+            near.judge(np.array([way * (near.rebuild_interval - 1), way * near.rebuild_interval, 0, 0, 0]), 100)
+        return near.rebuild_interval
 
     # By the rule every = 1 + widest / (3 way), as a power of 2.
     slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4, 1.5))

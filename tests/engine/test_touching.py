@@ -9,24 +9,24 @@ from problems import EPS64
 from msdwarp import (
     RK4,
     RKC2,
+    Contact,
     Force,
     Leapfrog,
     Plane,
     Simulation,
     SymplecticEuler,
     System,
-    Touch,
     box,
     chain,
     sheet,
 )
-from msdwarp.engine.touching import Touching
+from msdwarp.engine.collision.body_contact import BodyContact
 
 G = 9.82
 
 
-def contact_of(simulation: Simulation) -> Touching:
-    return next(effect for effect in simulation.model.effects if isinstance(effect, Touching))
+def contact_of(simulation: Simulation) -> BodyContact:
+    return next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
 
 
 # --- Single particles ---
@@ -46,8 +46,8 @@ def bounced(restitution: float, finer: int, **options) -> np.ndarray:
 
     There are `finer` times as many substeps as automatic.
     """
-    touch = Touch(thickness=0.1, stiffness=1e4, friction=0.0, restitution=restitution)
-    options = {"gravity": 0.0, "touch": touch, "precision": "float64"} | options
+    contact = Contact(thickness=0.1, stiffness=1e4, friction=0.0, restitution=restitution)
+    options = {"gravity": 0.0, "contact": contact, "precision": "float64"} | options
     substeps = Simulation(pairs(np.ones(1)), **options).substeps
     way = 2.0 / (60 * substeps)  # towards each other in a substep
     simulation = Simulation(pairs(way * (np.arange(16) + 0.5) / 16), substeps=finer * substeps, **options)
@@ -82,8 +82,8 @@ def test_two_particles_bounce_as_asked(plain_device, restitution, method):
 
 def test_unequal_particles_share_momentum(device):
     system = pairs(np.array([0.01])).replace(mass=[1.0, 3.0])
-    touch = Touch(thickness=0.1, stiffness=1e4, friction=0.0, restitution=0.9)
-    simulation = Simulation(system, touch=touch, gravity=0.0, device=device, precision="float64")
+    contact = Contact(thickness=0.1, stiffness=1e4, friction=0.0, restitution=0.9)
+    simulation = Simulation(system, contact=contact, gravity=0.0, device=device, precision="float64")
     simulation.step(4)
     v = simulation.frame().velocity[:, 0]
     # One rounding of v in each of some hundred substeps, of 4 kg m/s.
@@ -116,7 +116,7 @@ def on_a_slope(angle: float, friction: float, finer: int, long: int, frames: int
     die = dice()
     die = die.translate(np.array([x[:, 0].min() + 0.07, -0.09, x[:, 2].max()]) - die.position.min(axis=0))
     falls = (G * math.sin(angle), 0.0, -G * math.cos(angle))
-    options = {"gravity": falls, "touch": Touch(friction=friction), "device": device}
+    options = {"gravity": falls, "contact": Contact(friction=friction), "device": device}
     substeps = Simulation(low + die, **options).substeps
     simulation, found = Simulation(low + die, substeps=finer * substeps, **options), []
     for _ in range(frames):
@@ -152,7 +152,7 @@ def test_a_stack_of_five_rests(plain_device):
     for k in range(1, 5):
         stack = stack + dice().rotate(0.3 * k, axis=(0, 0, 1)).translate((0.01 * k, 0, 0.1 + 0.201 * k))
     floor = Plane(friction=0.5)
-    simulation = Simulation(stack, colliders=[floor], touch=Touch(), device=plain_device)
+    simulation = Simulation(stack, colliders=[floor], contact=Contact(), device=plain_device)
     simulation.step(360)
     assert simulation.measure().kinetic_energy < 1e-4 * stack.mass.sum() * G * 0.1
     deepest = contact_of(simulation).deepest
@@ -178,13 +178,13 @@ def thrown(**constants) -> System:
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_momentum_over_many_substeps(plain_device, friction):
     options = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
-    simulation = Simulation(thrown(), touch=Touch(friction=friction), substeps=200, **options)
-    before, touched = simulation.measure(), 0
+    simulation = Simulation(thrown(), contact=Contact(friction=friction), substeps=200, **options)
+    before, body_contact = simulation.measure(), 0
     for _ in range(50):
         simulation.step()
-        touched += contact_of(simulation).deepest > 0
+        body_contact += contact_of(simulation).deepest > 0
     after = simulation.measure()
-    assert touched >= 3
+    assert body_contact >= 3
     # Each of 10⁴ substeps rounds each momentum by ε/2 at most; of those about the origin the arm is below 1 m.
     size = float((thrown().mass * np.linalg.norm(thrown().velocity, axis=1)).sum())
     np.testing.assert_allclose(after.momentum, before.momentum, rtol=0, atol=1e4 * EPS64 * size)
@@ -210,8 +210,8 @@ def test_undamped_bodies_keep_their_energy(plain_device, method, most, less):
     options = {"gravity": 0.0, "device": plain_device, "precision": "float64", "integrator": method}
     worst = []
     for substeps in (60, 240):
-        touch = Touch(friction=0.0, restitution=1.0)
-        simulation = Simulation(thrown(damping=0.0), touch=touch, substeps=substeps, **options)
+        contact = Contact(friction=0.0, restitution=1.0)
+        simulation = Simulation(thrown(damping=0.0), contact=contact, substeps=substeps, **options)
         energies, stored = [simulation.measure().energy], 0.0
         for _ in range(12):
             simulation.step()
@@ -226,7 +226,7 @@ def test_undamped_bodies_keep_their_energy(plain_device, method, most, less):
 
 @pytest.mark.slow
 def test_friction_and_dampers_only_take_energy(plain_device):
-    simulation = Simulation(thrown(), touch=Touch(), gravity=0.0, device=plain_device, precision="float64")
+    simulation = Simulation(thrown(), contact=Contact(), gravity=0.0, device=plain_device, precision="float64")
     energies, heated = [simulation.measure().energy], 0.0
     for _ in range(10):
         simulation.step()
@@ -253,22 +253,22 @@ def meeting(*names: str) -> System:
 
 
 @pytest.mark.parametrize(
-    ("touch", "touches"),
+    ("contact", "touches"),
     [
-        (Touch(), True),
-        (Touch(groups=("a", "b")), True),
-        (Touch(groups=("b", "a")), True),
-        (Touch(groups=("a", "a")), False),
-        (Touch(between="none"), False),
-        ([Touch(), Touch(groups=("a", "b"), between="none")], False),
-        ([Touch(groups=("a", "b"), between="none"), Touch()], True),  # the last one counts
-        ([Touch(between="none"), Touch(groups=("a", "b"))], True),
+        (Contact(), True),
+        (Contact(groups=("a", "b")), True),
+        (Contact(groups=("b", "a")), True),
+        (Contact(groups=("a", "a")), False),
+        (Contact(exclude=True), False),
+        ([Contact(), Contact(groups=("a", "b"), exclude=True)], False),
+        ([Contact(groups=("a", "b"), exclude=True), Contact()], True),  # the last one counts
+        ([Contact(exclude=True), Contact(groups=("a", "b"))], True),
         (None, False),
     ],
 )
-def test_which_bodies_touch(device, touch, touches):
+def test_which_bodies_touch(device, contact, touches):
     options = {"gravity": 0.0, "device": device, "precision": "float64"}
-    simulation = Simulation(meeting("a", "b"), touch=touch, **options)
+    simulation = Simulation(meeting("a", "b"), contact=contact, **options)
     simulation.step(6)
     free = Simulation(meeting("a", "b"), **options)
     free.step(6)
@@ -277,8 +277,8 @@ def test_which_bodies_touch(device, touch, touches):
 
 
 def test_rules_hold_for_their_own_pairs(device):
-    rules = [Touch(), Touch(groups=("a", "b"), between="none")]
-    simulation = Simulation(meeting("a", "b", "c"), touch=rules, gravity=0.0, device=device, precision="float64")
+    rules = [Contact(), Contact(groups=("a", "b"), exclude=True)]
+    simulation = Simulation(meeting("a", "b", "c"), contact=rules, gravity=0.0, device=device, precision="float64")
     simulation.step(5)
     vertical = simulation.frame().velocity.reshape(3, 27, 3)[:, :, 2].mean(axis=1)
     assert vertical[0] == pytest.approx(0.5, abs=1e-12)  # nothing has held it up
@@ -296,15 +296,15 @@ def folded(thickness: float) -> System:
     return flat.replace(position=np.stack([x, flat.position[:, 1], radius * (1 - np.cos(turn))], axis=1))
 
 
-@pytest.mark.parametrize("between", ["bodies", "all"])
-def test_a_folded_sheet_keeps_off_itself(device, between):
+@pytest.mark.parametrize("self_contact", [False, True])
+def test_a_folded_sheet_keeps_off_itself(device, self_contact):
     thickness = 0.02
     upper = folded(thickness).position[:, 2] > 2.5 * thickness
     system = folded(thickness).replace(groups={"upper": np.flatnonzero(upper)})
-    touch = Touch(between=between, thickness=thickness, friction=0.3)
+    contact = Contact(self_contact=self_contact, thickness=thickness, friction=0.3)
     simulation = Simulation(
         system,
-        touch=touch,
+        contact=contact,
         gravity=0.0,
         loads=[Force((0, 0, -0.05), on="upper")],
         device=device,
@@ -313,7 +313,7 @@ def test_a_folded_sheet_keeps_off_itself(device, between):
     simulation.step(60)
     layers = simulation.frame().position.reshape(5, 21, 3)[:, :, 2]
     apart = layers[:, -1:-9:-1] - layers[:, :8]  # of particles that lay above each other
-    if between == "bodies":
+    if not self_contact:
         assert apart.min() < 0.2 * thickness
     else:
         assert apart.min() > 0.8 * thickness
@@ -323,8 +323,11 @@ def test_a_change_leaves_a_folded_sheet_off_itself():
     thickness = 0.02
     upper = folded(thickness).position[:, 2] > 2.5 * thickness
     system = folded(thickness).replace(groups={"upper": np.flatnonzero(upper)})
-    press, touch = Force((0, 0, -0.05), on="upper"), Touch(between="all", thickness=thickness, friction=0.3)
-    simulation = Simulation(system, touch=touch, gravity=0.0, loads=[press], device="cpu", colliders=[Plane()])
+    press, contact = (
+        Force((0, 0, -0.05), on="upper"),
+        Contact(self_contact=True, thickness=thickness, friction=0.3),
+    )
+    simulation = Simulation(system, contact=contact, gravity=0.0, loads=[press], device="cpu", colliders=[Plane()])
     simulation.step(60)
     simulation.change(damping=0.21)
     simulation.step(30)
@@ -337,28 +340,28 @@ def test_a_change_leaves_a_folded_sheet_off_itself():
 
 def test_stiffness_must_be_given_where_there_is_none():
     grains = pairs(np.ones(2))
-    with pytest.raises(ValueError, match=r"touch.stiffness is None, but 4 of the bodies have no connections"):
-        Simulation(grains, touch=Touch(thickness=0.1), device="cpu")
-    with pytest.raises(ValueError, match=r"touch.stiffness is None, but 4 of the bodies"):
-        Simulation(grains + dice(), touch=[Touch(stiffness=1.0), Touch()], device="cpu")
-    Simulation(grains, touch=Touch(thickness=0.1, stiffness=100.0), device="cpu")
+    with pytest.raises(ValueError, match=r"contact.stiffness is None, but 4 of the bodies have no connections"):
+        Simulation(grains, contact=Contact(thickness=0.1), device="cpu")
+    with pytest.raises(ValueError, match=r"contact.stiffness is None, but 4 of the bodies"):
+        Simulation(grains + dice(), contact=[Contact(stiffness=1.0), Contact()], device="cpu")
+    Simulation(grains, contact=Contact(thickness=0.1, stiffness=100.0), device="cpu")
 
 
 def test_a_group_must_hold_whole_bodies():
     system = dice().named("a") + dice().translate((0, 0, 1)).named("b")
     torn = system.replace(groups=system.groups | {"half": np.arange(13)})
-    with pytest.raises(ValueError, match=r"touch.groups names 'half', which holds a part of a body"):
-        Simulation(torn, touch=Touch(groups=("half", "b")), device="cpu")
+    with pytest.raises(ValueError, match=r"contact.groups names 'half', which holds a part of a body"):
+        Simulation(torn, contact=Contact(groups=("half", "b")), device="cpu")
 
 
 def test_nothing_of_it_is_there_where_nothing_touches():
     plain = Simulation(meeting("a", "b"), device="cpu").stepping.dynamics.composition
-    for touch in (Touch(between="none"), [Touch(groups=("a", "b"), between="none")]):
-        simulation = Simulation(meeting("a", "b"), touch=touch, device="cpu")
-        assert not any(isinstance(effect, Touching) for effect in simulation.model.effects)
+    for contact in (Contact(exclude=True), [Contact(groups=("a", "b"), exclude=True)]):
+        simulation = Simulation(meeting("a", "b"), contact=contact, device="cpu")
+        assert not any(isinstance(effect, BodyContact) for effect in simulation.model.effects)
         assert simulation.stepping.dynamics.composition == plain  # from which all kernels are made
-    touching = Simulation(meeting("a", "b"), touch=Touch(), device="cpu").stepping.dynamics.composition
-    assert [piece.field for piece in touching.pieces] == ["touched"]
+    touching = Simulation(meeting("a", "b"), contact=Contact(), device="cpu").stepping.dynamics.composition
+    assert [piece.field for piece in touching.pieces] == ["body_contact"]
     assert touching._replace(pieces=()) == plain
 
 
@@ -368,7 +371,7 @@ def test_ropes_and_bodies_meet(plain_device):
     bar = box((3, 3, 3), 0.1, mass=float("inf"))
     rope = chain(21, 0.05, mass=0.002, stiffness=300.0, damping=0.2)
     rope = rope.translate(np.array([0, 0, 0.13]) - rope.position.mean(axis=0))
-    simulation = Simulation(bar + rope, touch=Touch(friction=0.9), device=plain_device)
+    simulation = Simulation(bar + rope, contact=Contact(friction=0.9), device=plain_device)
     simulation.step(60)
     x = simulation.frame().position[27:]
     on = np.abs(x[:, 0]) < 0.09
@@ -382,7 +385,7 @@ def test_a_thin_wall_bears_what_falls_on_it_if_it_is_a_body(plain_device):
     # As a Box of this thickness it would go between particles that are 100 mm apart, through the whole body.
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.75))
     wall = box((2, 6, 3), (0.04, 0.2, 0.25), mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.25))
-    simulation = Simulation(body + wall.pin(slice(None)), touch=Touch(restitution=0.1), device=plain_device)
+    simulation = Simulation(body + wall.pin(slice(None)), contact=Contact(restitution=0.1), device=plain_device)
     simulation.step(60)
     # The middle of the body stays half its width above the wall's top, at 0.5 m, less its sag and the overlap by
     # its weight: 6 N on the points over a strip of 40 mm, of a stiffness of some 100 N/m each.
@@ -391,4 +394,4 @@ def test_a_thin_wall_bears_what_falls_on_it_if_it_is_a_body(plain_device):
 
 def test_a_method_of_too_long_steps_is_refused():
     with pytest.raises(ValueError, match=r"integrator is RKC2.*; where bodies touch it must be another"):
-        Simulation(dice(), touch=Touch(), integrator=RKC2(), device="cpu")
+        Simulation(dice(), contact=Contact(), integrator=RKC2(), device="cpu")

@@ -16,7 +16,7 @@ H = 1 / 60
 
 @pytest.fixture
 def device(plain_device: str) -> str:
-    """Each device once: particles without connections have no forces that routes could sum."""
+    """Each device once: particles without connections have no forces that algorithms could sum."""
     return plain_device
 
 
@@ -92,7 +92,7 @@ slow = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    ("dim", "precision", "contact"),
+    ("dim", "precision", "collider_rule"),
     [
         (3, "float64", "coulomb"),
         pytest.param(3, "float32", "coulomb", marks=slow),
@@ -102,25 +102,27 @@ slow = pytest.mark.slow
     ],
 )
 @pytest.mark.parametrize("p", range(4), ids=["sphere", "box", "capsule", "cone"])
-def test_what_passes_in_one_substep_is_met_where_it_enters(device, dim, precision, contact, p):
+def test_what_passes_in_one_substep_is_met_where_it_enters(device, dim, precision, collider_rule, p):
     collider, rng = SMALL[dim][p], np.random.default_rng(p)
     start, way = ways_past(collider, dim, 150, rng)
     least, t, n = entries(collider, start, way)
     v = way / H
-    x_after, v_after = after_one(device, start, v, [collider], precision=precision, contact=contact)
+    x_after, v_after = after_one(device, start, v, [collider], precision=precision, collider_rule=collider_rule)
     # Between two places that are looked at, half a millimetre apart, an edge may be cut by as much.
     hit, miss = least < -5e-4, least > 5e-4
     assert min(hit.sum(), miss.sum()) > 10
     # A miss is what it is where there is nothing, bit for bit.
-    x_free, v_free = after_one(device, start, v, [], precision=precision, contact=contact)
+    x_free, v_free = after_one(device, start, v, [], precision=precision, collider_rule=collider_rule)
     np.testing.assert_array_equal(x_after[miss], x_free[miss])
     np.testing.assert_array_equal(v_after[miss], v_free[miss])
     # A hit bounces from the tangent plane at the entry; along it friction takes its share of the way from there.
     v_n = (v * n).sum(axis=1, keepdims=True) * n
     v_t, speed = v - v_n, np.linalg.norm(v - v_n, axis=1, keepdims=True)
     loss = MU * (1 + E) * np.linalg.norm(v_n, axis=1, keepdims=True)
-    share = 1 - np.minimum((1 - F) * speed, loss) / speed if contact == "coulomb" else np.full((len(v), 1), F)
-    rest = (1 - t[:, None]) * H * v_t * (share if contact == "coulomb" else 1)
+    share = (
+        1 - np.minimum((1 - F) * speed, loss) / speed if collider_rule == "coulomb" else np.full((len(v), 1), F)
+    )
+    rest = (1 - t[:, None]) * H * v_t * (share if collider_rule == "coulomb" else 1)
     expected = start + t[:, None] * way + rest
     # The sweep ends within 1e-10 (1e-4 in float32) of the inradius, which is a turn of the normal by as much over
     # the sine of a grazing angle, 0.1, times what the tip of a cone is thinner; differences of the reference have
@@ -243,7 +245,7 @@ def test_rest_on_what_is_thinner_than_a_substeps_fall(device, moves):
     np.testing.assert_allclose(now.velocity, 0.0, rtol=0, atol=8 * EPS64 / H)
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it starts inside
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
 def test_what_starts_inside_is_put_out_where_it_ends(device):
     # As ever: a sweep knows no entry. The way ends 4 mm above the lower face.
     plate = Box(size=(1.0, 1.0, 0.05), restitution=0.0)

@@ -243,8 +243,8 @@ def test_change_that_forced_substeps_cannot_follow_changes_nothing():
 @every_integrator
 def test_refresh_follows_the_stretching(integrator):
     # Flung apart it reaches about three times its size and comes back.
-    calm = box((3, 3, 3), stiffness=1000.0, damping=5.0)
-    flung = calm.with_velocity(150.0 * calm.position)
+    quiet_frames = box((3, 3, 3), stiffness=1000.0, damping=5.0)
+    flung = quiet_frames.with_velocity(150.0 * quiet_frames.position)
     options = {"gravity": 0.0, "integrator": integrator, "fps": 120, "safety": 0.1} | OPTIONS
     simulation, fixed = Simulation(flung, refresh=True, **options), Simulation(flung, **options)
     at_rest, counts, sizes = simulation.substeps, [], []
@@ -294,4 +294,4 @@ def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
     watch.look(found)
     found.mark()
     assert watch.finds_trouble(found)
-    assert watch.culprit() == count // 2
+    assert watch.worst_particle() == count // 2

@@ -10,7 +10,7 @@ from problems import EPS64
 
 from msdwarp import RK4, Simulation, SymplecticEuler, System, Wind, chain, sheet, stability_limit
 from msdwarp.bodies import facets_of
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
 RHO, DRAG, G = 1.225, 1.2, 9.82
 
@@ -118,12 +118,17 @@ def test_routes_and_precisions_agree(plain_device):
     cloth = sheet((9, 9), 0.1, mass=0.002, stiffness=100.0, damping=0.05).pin([0, 8])
     load = Wind(lambda t: (3.0 + np.sin(5 * t), 0.3, 0.0))
     frames = {}
-    for route in ("scatter", "gather", "stencil"):
+    for force_algorithm in ("scatter", "gather", "stencil"):
         for precision in ("float64", "float32-compensated"):
-            how = {"route": route, "precision": precision, "device": plain_device, "substeps": 20}
+            how = {
+                "force_algorithm": force_algorithm,
+                "precision": precision,
+                "device": plain_device,
+                "substeps": 20,
+            }
             simulation = Simulation(cloth, loads=[load], **how)
             simulation.step(20)
-            frames[route, precision] = simulation.frame().position
+            frames[force_algorithm, precision] = simulation.frame().position
     for (_, precision), position in frames.items():
         atol = (
             1e-10 if precision == "float64" else 1e-5

@@ -12,12 +12,12 @@ from msdwarp import (
     Attachment,
     Box,
     Capsule,
-    Drive,
     ExplicitEuler,
     Force,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
+    PrescribedMotion,
     Simulation,
     SimulationDiverged,
     Sphere,
@@ -72,7 +72,7 @@ def test_what_a_drive_does_an_undamped_body_has(device, method, order, blocks):
     # hω = 0.03. Of RK4 the loss of energy, of order 5, is as large as its error.
     def make(substeps: int) -> Simulation:
         how = options(device, gravity=3.0, integrator=method, blocks=blocks, substeps=substeps)
-        return Simulation(rope(), loads=[Drive([0], shake)], **how)
+        return Simulation(rope(), loads=[PrescribedMotion([0], shake)], **how)
 
     coarse, fine = drifts(20, make)
     assert math.log2(coarse / fine) == pytest.approx(order, abs=0.6 if order == 4 else 0.1)
@@ -91,7 +91,7 @@ def pulled(method, substeps: int, device: str, damping: float) -> tuple[float, f
         position=[[0.0], [1.0]], mass=m, connections=[(0, 1)], stiffness=k, damping=damping, rest_length=1.0
     )
     how = options(device, integrator=method, substeps=substeps, allow_unstable=True, energy_limit=math.inf)
-    simulation = Simulation(system, loads=[Drive([0], lambda t: (speed * t,))], **how)
+    simulation = Simulation(system, loads=[PrescribedMotion([0], lambda t: (speed * t,))], **how)
     simulation.step(20)
     g = damping / (2 * m)
     w = math.sqrt(k / m - g * g)
@@ -125,7 +125,7 @@ def test_an_implicit_method_loses_energy_and_never_makes_any(device):
     # In one dimension springs are linear. With x += h v and v at the end of the substep each one makes heat of
     # m Δv²/2 + k Δl²/2 exactly: energy less work only falls, at steps far beyond the explicit limit too.
     line = chain(6, 0.5, mass=0.5, stiffness=400.0, dim=1)
-    loads = [Drive([0], lambda t: (0.05 * np.sin(7 * t),)), Drive([5], lambda t: (0.1 * t,))]
+    loads = [PrescribedMotion([0], lambda t: (0.05 * np.sin(7 * t),)), PrescribedMotion([5], lambda t: (0.1 * t,))]
     how = options(device, integrator=LinearlyImplicitEuler(30), substeps=1, energy_limit=math.inf)
     simulation = Simulation(line, loads=loads, **how)
     left = [balance(simulation)[0]]
@@ -148,7 +148,7 @@ def test_with_dampers_the_rest_is_heat(device, method, order):
     # ∫ Σ b l'² dt over the frames by Simpson's rule, whose error at 5 Hz and 200 frames/s is (0.15)⁴/180 of it.
     # Leapfrog's dampers see speeds of half a substep before: hω/2 of a share of it, ω up to 28/s.
     how = options(device, gravity=3.0, fps=200.0, substeps=8, integrator=method)
-    simulation = Simulation(rope(damping=2.0), loads=[Drive([0], shake)], **how)
+    simulation = Simulation(rope(damping=2.0), loads=[PrescribedMotion([0], shake)], **how)
     (start, _), power = balance(simulation), [simulation.measure().dissipated_power]
     for _ in range(100):
         simulation.step()
@@ -162,7 +162,7 @@ def test_with_dampers_the_rest_is_heat(device, method, order):
 def test_what_else_pulls_at_the_driven_is_counted_once(plain_device):
     # A driven particle that is attached to the world and pushed by forces as well: they do no work on the rest.
     loads = [
-        Drive([0], shake),
+        PrescribedMotion([0], shake),
         Force((0.0, 3.0, 0.0), on=[0, 2]),
         Force(lambda t: (np.sin(9 * t), 0.0, 0.5), on=[0, 3]),
         Attachment([0, 1], stiffness=30.0),
@@ -213,9 +213,9 @@ def test_with_their_dampers_the_rest_is_heat(device):
 @pytest.mark.slow
 def test_it_goes_on_over_a_change_and_a_restart(plain_device):
     def make():
-        schedule = [at(0.3, stiffness=120.0), at(0.6, release=[0])]
-        drives = [Drive([0], shake), Drive([3], lambda t: (0 * t, 0 * t, 0.1 * t))]
-        how = options(plain_device, integrator=Leapfrog(), route="gather")
+        schedule = [at(0.3, stiffness=120.0), at(0.6, unpin=[0])]
+        drives = [PrescribedMotion([0], shake), PrescribedMotion([3], lambda t: (0 * t, 0 * t, 0.1 * t))]
+        how = options(plain_device, integrator=Leapfrog(), force_algorithm="gather")
         return Simulation(rope(), loads=drives, schedule=schedule, **how)
 
     whole, other = make(), make()
@@ -309,7 +309,7 @@ def test_no_obstacle_is_a_source_of_energy(plain_device, method, rule):
         [Plane(), Capsule((-0.6, -1, 0.35), (-0.6, 1, 0.35), 0.02, motion=lambda t: (3 * t, 0 * t, 0 * t))],
     ):
         body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
-        how = {"integrator": method, "contact": rule, "substeps": 20, "device": plain_device}
+        how = {"integrator": method, "collider_rule": rule, "substeps": 20, "device": plain_device}
         simulation = Simulation(body, colliders=colliders, **how)
         least, most = math.inf, 0.0
         for _ in range(60):
@@ -325,7 +325,7 @@ def test_an_older_checkpoint_without_sums_goes_on(plain_device):
         return carried(plain_device, lambda t: (0 * t, 0 * t, 5 * t))[0]
 
     whole, other = make(), make()
-    repeats = plain_device == "cpu" or whole.model.route != "scatter"  # else rounding of 1e-16 m grows
+    repeats = plain_device == "cpu" or whole.model.force_algorithm != "scatter"  # else rounding of 1e-16 m grows
     whole.step(20)
     arrays, numbers = whole.checkpoint()
     other.restore({name: one for name, one in arrays.items() if not name.startswith("work.")}, numbers)
@@ -343,7 +343,7 @@ def test_an_older_checkpoint_without_sums_goes_on(plain_device):
 def test_a_drive_that_does_much_is_no_divergence(device):
     # Lifted by fifty times its size with fixed substeps: far more energy than at the start, all of it the drive's.
     body = box((3, 2, 2), 0.1, mass=0.1, stiffness=200.0, damping=0.5)
-    lift = Drive([0, 1], lambda t: (0 * t, 0 * t, 10 * t**2 / (1 + t)))
+    lift = PrescribedMotion([0, 1], lambda t: (0 * t, 0 * t, 10 * t**2 / (1 + t)))
     simulation = Simulation(body, loads=[lift], substeps=20, device=device)
     start = simulation.measure().energy
     simulation.step(90)
@@ -363,7 +363,7 @@ def test_what_heats_is_found_though_something_shakes_it(plain_device, method, wh
     # A step beyond the limit: its energy is far from infinite in the frame in which it is found.
     body = box((3, 3, 3), 0.1, mass=0.1, stiffness=200.0)
     around = {
-        "drive": {"loads": [Drive([0, 1, 2], shake)]},
+        "drive": {"loads": [PrescribedMotion([0, 1, 2], shake)]},
         "tray": {"colliders": [Plane(offset=-0.2, motion=shake)]},
         "arm": {"loads": [Attachment([0, 1], Sphere(motion=shake), stiffness=50.0)]},
     }
@@ -391,7 +391,7 @@ def test_what_heats_is_found_though_something_shakes_it(plain_device, method, wh
 def test_scenes_that_are_driven_hard_raise_no_alarm(plain_device, name, seconds, smaller):
     # With fixed substeps, a third more than small motions need. tests/test_scenes.py does so with the mattress.
     scene = importlib.import_module(f"msdwarp.scenes.{name}").build(**smaller)
-    few = Simulation.of(scene, device=plain_device).substeps
-    simulation = Simulation.of(scene, device=plain_device, substeps=math.ceil(1.33 * few))
+    few = Simulation.from_scene(scene, device=plain_device).substeps
+    simulation = Simulation.from_scene(scene, device=plain_device, substeps=math.ceil(1.33 * few))
     simulation.step(round(60 * seconds))
     assert abs(simulation.measure().external_work) > 0.1

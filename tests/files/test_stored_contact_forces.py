@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from trajectories import vtk_frames
 
-from msdwarp import Plane, Simulation, Touch, Trajectory, TrajectoryWriter, ball, box
+from msdwarp import Contact, Plane, Simulation, Trajectory, TrajectoryWriter, ball, box
 from msdwarp.simulation import Readback
 
 
@@ -13,7 +13,7 @@ def meeting(**options) -> Simulation:
     """Return a cube that falls on another one, on the floor."""
     die = box((3, 3, 3), 0.1, mass=0.02, stiffness=2e3, damping=2.0)
     system = die.translate((0, 0, 0.1)) + die.translate((0.02, 0, 0.31)).with_velocity((0, 0, -1.0))
-    return Simulation(system, colliders=[Plane()], touch=Touch(), device="cpu", fps=600, **options)
+    return Simulation(system, colliders=[Plane()], contact=Contact(), device="cpu", fps=600, **options)
 
 
 @pytest.mark.parametrize(

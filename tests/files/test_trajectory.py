@@ -191,7 +191,7 @@ def test_a_simulation_is_read_bit_for_bit(tmp_path, precision, vtk_output):
 @pytest.mark.parametrize("name", scene_names())
 def test_vtk_reads_every_scene(tmp_path, name, vtk_output):
     scene = find_scene(name).scene()
-    simulation = Simulation.of(scene, device="cpu", fps=120.0)
+    simulation = Simulation.from_scene(scene, device="cpu", fps=120.0)
     expected, readback = [], Readback(simulation)
     with TrajectoryWriter(tmp_path / "a.vtkhdf", scene.system, fps=120.0) as writer:
         for _ in range(5):

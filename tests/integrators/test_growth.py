@@ -9,7 +9,7 @@ import pytest
 from modes import METHODS, SCENES
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, SymplecticEuler, System, box, stability_limit
-from msdwarp.engine.rates import Rates
+from msdwarp.engine.diagnostics.rate_bounds import Rates
 
 SEED = 1e-8
 """Of positions of 10 m a rounding is 1e-15 m, 1e-7 of this; bent springs answer a share of 1e-8 otherwise."""

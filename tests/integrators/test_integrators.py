@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, Simulation, SymplecticEuler, System, box, chain
-from msdwarp.engine.rates import Rates
+from msdwarp.engine.diagnostics.rate_bounds import Rates
 
 EULER, LEAPFROG, RUNGE_KUTTA = SymplecticEuler(), Leapfrog(), RK4()
 EXTRAPOLATED = Leapfrog(damper_extrapolation=0.5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from msdwarp import RKC2, Simulation, System, stability_limit
-from msdwarp.engine.rates import Rates
+from msdwarp.engine.diagnostics.rate_bounds import Rates
 from msdwarp.integrators.rkc2 import MOST_AUTOMATIC_STAGES, coefficients, disc_reach, real_reach
 
 every_number = pytest.mark.parametrize("stages", [2, 3, 4, 5, 6, 10, 20])

@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from msdwarp import SymplecticEuler, System, box, chain, sheet
-from msdwarp.engine.rates import rate_bounds
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.integrators.stability import choose_substeps
 
 ROUNDING = 1e-12  # eigenvalues of matrices of some hundred rows

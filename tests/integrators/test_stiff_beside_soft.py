@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from msdwarp import Plane, Simulation, SymplecticEuler, System, as_stiff_as, ball, box, stability_limit
+from msdwarp import Plane, Simulation, SymplecticEuler, System, ball, box, match_stiffness, stability_limit
 
 FOAM = box((8, 5, 4), 0.08, mass=0.01, stiffness=500.0, damping=3.0)
 
@@ -14,7 +14,7 @@ def heavy(mass: float = 0.2) -> System:
 
 @pytest.mark.parametrize("mass", [0.001, 0.2, 3.0])
 def test_it_has_the_step_of_the_other(mass):
-    stiff = as_stiff_as(heavy(mass), FOAM)
+    stiff = match_stiffness(heavy(mass), FOAM)
     # Springs and dampers are scaled by ratios of bounds that are linear in them: rounding alone.
     limits = [stability_limit(one, SymplecticEuler()) for one in (stiff, FOAM)]
     assert limits[0] == pytest.approx(limits[1], rel=1e-12)
@@ -24,14 +24,14 @@ def test_it_has_the_step_of_the_other(mass):
 
 
 def test_heavier_is_stiffer_in_proportion():
-    light, dense = (as_stiff_as(heavy(mass), FOAM) for mass in (0.1, 0.4))
+    light, dense = (match_stiffness(heavy(mass), FOAM) for mass in (0.1, 0.4))
     np.testing.assert_allclose(dense.stiffness, 4 * light.stiffness, rtol=1e-12)
 
 
 @pytest.mark.slow
 def test_it_bends_by_a_share_of_a_percent(plain_device):
     # Its own weight on a floor: each layer of springs bears the layers above, k of 20 times the foam's.
-    stiff = as_stiff_as(heavy(), FOAM).translate((0, 0, 0.3))
+    stiff = match_stiffness(heavy(), FOAM).translate((0, 0, 0.3))
     simulation = Simulation(stiff, colliders=[Plane(restitution=0.0)], device=plain_device)
     simulation.step(120)
     height = np.ptp(simulation.frame().position[:, 2]) / np.ptp(stiff.position[:, 2])
@@ -41,7 +41,7 @@ def test_it_bends_by_a_share_of_a_percent(plain_device):
 
 @pytest.mark.slow
 def test_it_turns_and_flies_as_a_rigid_body(plain_device):
-    body = as_stiff_as(heavy(), FOAM).spin((0, 0, 6.0))
+    body = match_stiffness(heavy(), FOAM).spin((0, 0, 6.0))
     simulation = Simulation(body, gravity=0.0, device=plain_device, precision="float64")
     before = simulation.measure()
     simulation.step(60)
@@ -61,4 +61,4 @@ def test_it_turns_and_flies_as_a_rigid_body(plain_device):
 )
 def test_what_has_no_springs_is_refused(system, other, message):
     with pytest.raises(ValueError, match=message):
-        as_stiff_as(system, other)
+        match_stiffness(system, other)

@@ -27,7 +27,7 @@ def source():
     # Undamped and without a floor that takes anything: it bounces for as long as a test takes.
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.5))
     scene = within_reach(Scene(system=body, colliders=[Plane(restitution=1.0)], duration=1.0))
-    return Running(scene, Simulation.of(scene, device="cpu"), "bouncing")
+    return Running(scene, Simulation.from_scene(scene, device="cpu"), "bouncing")
 
 
 @pytest.fixture

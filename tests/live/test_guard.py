@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 def source(size=4):
     body = box((size, size, size), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.5))
     scene = within_reach(Scene(system=body, colliders=[Plane(restitution=1.0)], duration=1.0))
-    running = Running(scene, Simulation.of(scene, device="cpu"), "bouncing", parameters={"size": size})
+    running = Running(scene, Simulation.from_scene(scene, device="cpu"), "bouncing", parameters={"size": size})
     return running
 
 

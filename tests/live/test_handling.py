@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_view import CUBE, Listener, played, running
 
-from msdwarp import Scene, Simulation, Touch, Trajectory
+from msdwarp import Contact, Scene, Simulation, Trajectory
 from msdwarp.files import TrajectoryWriter
 from msdwarp.live import Played, Repeat, View
 from msdwarp.pictures import Stage
@@ -14,7 +14,7 @@ from msdwarp.pictures import Stage
 
 @pytest.mark.slow
 def test_friction_and_restitution_are_set_and_done_again_to_the_last_bit():
-    changes = {"touch": Touch(friction=0.1), "gravity": (3.0, 0.0, -9.0)}
+    changes = {"contact": Contact(friction=0.1), "gravity": (3.0, 0.0, -9.0)}
     first = running(**changes)
     handling = first.handling
     assert handling.contact("obstacles", "friction") == 0.5
@@ -65,7 +65,7 @@ def test_what_does_not_touch_has_no_friction():
         source.handling.do("contact", side="obstacles", name="restitution", value=1.5)
     assert source.handling.contact("obstacles", "restitution") == 0.5
     with pytest.raises(ValueError, match="colliders takes the place"):
-        source.handling.simulation.change(colliders=[], freeze=True)
+        source.handling.simulation.change(colliders=[], set_rest_shape=True)
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def test_a_scene_is_simulated_and_shown_as_a_film(cell):
 
 
 def test_a_trajectory_is_shown_as_a_film(cell, tmp_path):
-    simulation = msd.Simulation.of(SCENE)
+    simulation = msd.Simulation.from_scene(SCENE)
     with msd.TrajectoryWriter(tmp_path / "t.vtkhdf", simulation.system, fps=simulation.fps) as writer:
         for frame in simulation.frames(0.05):
             writer.write(frame)
@@ -65,7 +65,7 @@ def test_a_trajectory_is_shown_as_a_film(cell, tmp_path):
 
 @pytest.mark.slow
 def test_a_simulation_is_shown_from_all_sides(cell):
-    simulation = msd.Simulation.of(SCENE)
+    simulation = msd.Simulation.from_scene(SCENE)
     msd.show(simulation, resolution=(96, 64))
     assert simulation.time == 0  # it did not go on
     first = pictures_in(cell[-1])[0]

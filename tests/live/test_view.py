@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from msdwarp import Force, Plane, Scene, Simulation, Touch, Trajectory, box
+from msdwarp import Contact, Force, Plane, Scene, Simulation, Trajectory, box
 from msdwarp.live import KEYS, Handling, Played, Repeat, Running, View, within_reach
 from msdwarp.live.shown import ENERGIES
 from msdwarp.studies import plots
@@ -20,7 +20,7 @@ def scene(**changes):
 
 def running(**changes):
     at = scene(**changes)
-    return Running(at, Simulation.of(at, device="cpu"), "cube")
+    return Running(at, Simulation.from_scene(at, device="cpu"), "cube")
 
 
 class Listener:
@@ -185,7 +185,7 @@ def test_what_is_pinned_stays():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "changes", [{}, {"loads": [Force((0, 0, 0.01))], "touch": Touch()}], ids=["cube", "loads"]
+    "changes", [{}, {"loads": [Force((0, 0, 0.01))], "contact": Contact()}], ids=["cube", "loads"]
 )
 def test_what_was_done_by_hand_is_done_again_to_the_last_bit(changes):
     first = running(**changes)
@@ -216,7 +216,7 @@ def test_what_was_done_by_hand_is_done_again_to_the_last_bit(changes):
 @pytest.mark.slow
 def test_a_divergence_stops_the_view_and_reset_goes_on():
     at = scene()
-    source = Running(at, Simulation.of(at, device="cpu", substeps=1, allow_unstable=True), "wild")
+    source = Running(at, Simulation.from_scene(at, device="cpu", substeps=1, allow_unstable=True), "wild")
 
     def stiffer(view):
         view.post("scale", name="stiffness", factor=1000.0)

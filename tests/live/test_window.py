@@ -65,7 +65,7 @@ def person(screen):
 def running(**changes):
     scene = {"system": CUBE, "colliders": [Plane()], "duration": 1.0, "gravity": 1.0} | changes
     at = within_reach(Scene(**scene))
-    return Running(at, Simulation.of(at, device="cpu"), "cube")
+    return Running(at, Simulation.from_scene(at, device="cpu"), "cube")
 
 
 class Script:

@@ -7,12 +7,12 @@ from backends import BACKENDS, with_opengl
 import msdwarp as msd
 from msdwarp import checks
 from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
-from msdwarp.pictures.drawing import Drawing, Scale
+from msdwarp.pictures.drawing import ColourScale, Drawing
 from msdwarp.pictures.legend import with_bar
 from msdwarp.pictures.timelapse import timelapse
 
 SIZE = (320, 180)
-SPEED = Scale("speed [m/s]", 4.0)
+SPEED = ColourScale("speed [m/s]", 4.0)
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ def test_the_legend_shows_the_scale():
     image = np.full((720, 1280, 3), 200, np.uint8)
     drawn = with_bar(image, SPEED, VALUE_STOPS)
     changed = np.argwhere((drawn != image).any(axis=2))
-    strain = np.argwhere((with_bar(image, Scale("strain", 0.2), STRAIN_STOPS) != image).any(axis=2))
+    strain = np.argwhere((with_bar(image, ColourScale("strain", 0.2), STRAIN_STOPS) != image).any(axis=2))
     np.testing.assert_array_equal(changed.min(axis=0), strain.min(axis=0))  # the same corner
     # The bar is the row with most of the scale's first colour's kin: it starts and ends with the stops.
     first, last = (np.round(255 * np.array(VALUE_STOPS[k])) for k in (0, -1))
@@ -165,7 +165,7 @@ def test_the_legend_shows_the_scale():
 def test_a_long_label_is_not_cut_off():
     image = np.zeros((720, 1280, 3), np.uint8)
     drawn = with_bar(
-        image, Scale("kinetic energy of a particle and of all that it is joined to [J]", 1.0), VALUE_STOPS
+        image, ColourScale("kinetic energy of a particle and of all that it is joined to [J]", 1.0), VALUE_STOPS
     )
     rows, columns = np.nonzero(drawn.any(axis=2))
     veil = drawn[rows.max(), columns.min()]
@@ -221,8 +221,8 @@ def test_bad_values_are_named(scene, colouring, values, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"colouring": Scale("speed [m/s]", 0.0)}, r"colouring.full is 0; it must be a number above 0"),
-        ({"colouring": Scale("speed [m/s]", np.inf)}, "colouring.full is inf"),
+        ({"colouring": ColourScale("speed [m/s]", 0.0)}, r"colouring.full is 0; it must be a number above 0"),
+        ({"colouring": ColourScale("speed [m/s]", np.inf)}, "colouring.full is inf"),
         ({"colouring": ("speed [m/s]", 4.0)}, "colouring is"),
         ({"zoom": 0.0}, "zoom is 0"),
         ({"zoom": np.nan}, "zoom is nan"),

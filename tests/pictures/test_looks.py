@@ -6,7 +6,7 @@ import warp as wp
 from backends import BACKENDS
 
 import msdwarp as msd
-from msdwarp.pictures.drawing import Drawing, Scale
+from msdwarp.pictures.drawing import ColourScale, Drawing
 from msdwarp.pictures.dressing import look_of_triangles, part_of, uncovered
 from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
 
@@ -145,7 +145,7 @@ def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
 def test_values_colour_ropes_and_surfaces_alike(backend):
     scene = msd.Scene(system=SYSTEM, looks={"rope": msd.Look(tube=0.03), "ball": RED})
     renderer = msd.Renderer(
-        scene, SYSTEM.position, resolution=SIZE, colouring=Scale("speed [m/s]", 1.0), backend=backend
+        scene, SYSTEM.position, resolution=SIZE, colouring=ColourScale("speed [m/s]", 1.0), backend=backend
     )
     still = renderer.image(SYSTEM.position, values=np.zeros(SYSTEM.particle_count))
     moving = renderer.image(SYSTEM.position, values=1.0 * SYSTEM.group("rope"))

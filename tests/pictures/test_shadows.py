@@ -173,7 +173,7 @@ def test_without_shadows_there_are_none():
 def test_positions_on_the_device_give_the_same_picture(place):
     body = msd.box((4, 4, 4), 0.1, mass=0.1).translate((0, 0, 0.6))
     scene = msd.Scene(system=body, colliders=[msd.Plane()])
-    simulation = msd.Simulation.of(scene, device=place)
+    simulation = msd.Simulation.from_scene(scene, device=place)
     simulation.step(5)
     renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend="raycast", device=place)
     np.testing.assert_array_equal(

@@ -11,7 +11,7 @@ from surfaces import areas
 
 from msdwarp import Surface, box, lattice, sheet
 from msdwarp.bodies import connectivity
-from msdwarp.engine.lattice_search import find_lattice
+from msdwarp.engine.model.lattice import find_lattice
 from msdwarp.shapes.grid import count_pieces
 
 

@@ -9,16 +9,16 @@ from problems import EPS64
 from msdwarp import (
     RK4,
     RKC2,
-    Drive,
+    Contact,
     Force,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
+    PrescribedMotion,
     Scene,
     Simulation,
     SymplecticEuler,
     System,
-    Touch,
     Wind,
     at,
     box,
@@ -182,7 +182,7 @@ def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
 
 def test_what_was_there_stays_as_it_is(device):
     # A drive that has moved on does not begin anew where it is.
-    drive = Drive([0], lambda t: (t, 0.0, 0.0))
+    drive = PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
     simulation = Simulation(free(), gravity=0.0, loads=[drive], **options(device))
     simulation.step(5)
     simulation.change(loads=[drive, Force((0.0, 1.0, 0.0))])
@@ -196,7 +196,7 @@ def meeting() -> System:
     return System(position=position, velocity=velocity, mass=1.0, connections=np.zeros((0, 2), int))
 
 
-CONTACT = Touch(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
+CONTACT = Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ CONTACT = Touch(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 def test_bodies_still_touch_when_loads_change(device, after):
     # In place, and by building anew: they bounce by 0.45 s, and do not pass through each other.
     simulation = Simulation(
-        meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=CONTACT, **options(device, fps=100.0)
+        meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], contact=CONTACT, **options(device, fps=100.0)
     )
     effects = simulation.model.effects
     simulation.step(20)
@@ -213,21 +213,21 @@ def test_bodies_still_touch_when_loads_change(device, after):
     assert (simulation.model.effects is effects) == isinstance(after, Force)
     simulation.step(60)
     assert simulation.frame().velocity[0, 0] < -0.9
-    simulation.change(loads=[Touch(between="none")])  # what stands among the loads counts as before
+    simulation.change(loads=[Contact(exclude=True)])  # what stands among the loads counts as before
     simulation.change(loads=[])
-    assert not any(type(one).__name__ == "Touching" for one in simulation.model.effects)
+    assert not any(type(one).__name__ == "BodyContact" for one in simulation.model.effects)
 
 
 def test_bodies_begin_and_cease_to_touch_by_a_change(device):
     bouncing, passing = (
         Simulation(
-            meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], touch=touch, **options(device, fps=100.0)
+            meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], contact=contact, **options(device, fps=100.0)
         )
-        for touch in (None, CONTACT)
+        for contact in (None, CONTACT)
     )
-    for simulation, touch in ((bouncing, CONTACT), (passing, ())):
+    for simulation, contact in ((bouncing, CONTACT), (passing, ())):
         simulation.step(20)
-        simulation.change(touch=touch)
+        simulation.change(contact=contact)
         simulation.step(60)
     assert bouncing.frame().velocity[0, 0] < -0.9
     assert passing.frame().velocity[0, 0] == 1.0
@@ -241,10 +241,10 @@ def test_bodies_begin_and_cease_to_touch_by_a_change(device):
 def test_a_method_that_cannot_touch_is_not_made_to(device):
     simulation = Simulation(free(), integrator=RKC2(), **options(device))
     with pytest.raises(ValueError, match="where bodies touch it must be another"):
-        simulation.change(touch=CONTACT)
+        simulation.change(contact=CONTACT)
 
 
-@pytest.mark.parametrize("what", [{"loads": []}, {"touch": CONTACT}], ids=["loads", "touch"])
+@pytest.mark.parametrize("what", [{"loads": []}, {"contact": CONTACT}], ids=["loads", "contact"])
 def test_a_schedule_says_that_it_holds_no_loads(what):
     with pytest.raises(ValueError, match="is given to a schedule, which cannot hold it"):
         at(1.0, **what)
@@ -258,10 +258,13 @@ def test_a_schedule_says_that_it_holds_no_loads(what):
         ({"gravity": lambda t: (1.0, 2.0)}, "gravity has 2 numbers; it must have 3"),
         ({"loads": [3]}, r"loads\[0\] is 3; it must be a Load"),
         ({"loads": [Force((1.0, 2.0))]}, r"loads\[0\].*force"),
-        ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; nothing but loads and touch may"),
-        ({"touch": Touch(), "mass": 2.0}, "touch takes the place of all rules of contact; nothing but loads and"),
-        ({"touch": 3}, r"touch\b.*must be"),
-        ({"touch": Touch(groups=("one", "other"))}, "a name in touch.groups is 'one'"),
+        ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; nothing but loads and contact may"),
+        (
+            {"contact": Contact(), "mass": 2.0},
+            "contact takes the place of all rules of contact; nothing but loads and",
+        ),
+        ({"contact": 3}, r"contact\b.*must be"),
+        ({"contact": Contact(groups=("one", "other"))}, "a name in contact.groups is 'one'"),
     ],
     ids=["shape", "inf", "function", "kind", "numbers", "beside", "touch beside", "no touch", "groups"],
 )

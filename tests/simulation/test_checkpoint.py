@@ -48,8 +48,8 @@ def test_it_goes_on_as_if_it_had_never_stopped(device, name, precision):
     integrator = INTEGRATORS[name]
     options = {"integrator": integrator, "precision": precision, "device": device}
     whole = scene(**options)
-    implicit = isinstance(integrator, LinearlyImplicitEuler)  # its products are scattered, whatever the route
-    if device.startswith("cuda") and (whole.model.route == "scatter" or implicit):
+    implicit = isinstance(integrator, LinearlyImplicitEuler)  # its products are scattered, whatever the algorithm
+    if device.startswith("cuda") and (whole.model.force_algorithm == "scatter" or implicit):
         pytest.skip("scattered sums on the GPU are not repeatable")
     whole.step(15)
     checkpoint = whole.checkpoint()
@@ -97,9 +97,9 @@ def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("route", ["scatter", "gather"])
-def test_a_checkpoint_goes_to_another_device_and_back(route):
-    there, here = scene(device="cuda:0", route=route), scene(device="cpu")
+@pytest.mark.parametrize("force_algorithm", ["scatter", "gather"])
+def test_a_checkpoint_goes_to_another_device_and_back(force_algorithm):
+    there, here = scene(device="cuda:0", force_algorithm=force_algorithm), scene(device="cpu")
     there.step(6)
     here.restore(*there.checkpoint())
     assert_same(here, there)

@@ -8,6 +8,7 @@ from msdwarp import (
     RK4,
     RKC2,
     Box,
+    Contact,
     Ensemble,
     ExplicitEuler,
     Force,
@@ -18,7 +19,6 @@ from msdwarp import (
     Scene,
     Sphere,
     SymplecticEuler,
-    Touch,
     UnstableStep,
     Wind,
     at,
@@ -36,7 +36,7 @@ METHODS = {
     "rk4": RK4(),
     "rkc2": RKC2(stages=4),
 }
-ROUTES = ("scatter", "gather", "stencil")
+FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 PRECISIONS = ("float32", "float32-compensated", "float64")
 
 
@@ -60,35 +60,45 @@ def parameters(seed: int = 1) -> dict[str, np.ndarray]:
     }
 
 
-def in_order(device: str, route: str) -> None:
-    """Skip a route whose sums have no order."""
-    if route == "scatter" and device != "cpu":
+def in_order(device: str, force_algorithm: str) -> None:
+    """Skip an algorithm whose sums have no order."""
+    if force_algorithm == "scatter" and device != "cpu":
         pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
 
 
 @pytest.mark.parametrize(
-    "route", ["gather", *(pytest.param(one, marks=pytest.mark.slow) for one in ("scatter", "stencil"))]
+    "force_algorithm", ["gather", *(pytest.param(one, marks=pytest.mark.slow) for one in ("scatter", "stencil"))]
 )
-def test_worlds_move_as_alone(plain_device, route):
-    in_order(plain_device, route)
-    how = {"colliders": [Plane()], "device": plain_device, "route": route, "integrator": Leapfrog()}
+def test_worlds_move_as_alone(plain_device, force_algorithm):
+    in_order(plain_device, force_algorithm)
+    how = {
+        "colliders": [Plane()],
+        "device": plain_device,
+        "force_algorithm": force_algorithm,
+        "integrator": Leapfrog(),
+    }
     assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **parameters()))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "method", "precision", "threads"),
+    ("force_algorithm", "method", "precision", "threads"),
     [
-        pytest.param(route, method, *how, id=f"{route}-{method}-{'-'.join(map(str, how))}")
-        for a, route in enumerate(ROUTES)
+        pytest.param(force_algorithm, method, *how, id=f"{force_algorithm}-{method}-{'-'.join(map(str, how))}")
+        for a, force_algorithm in enumerate(FORCE_ALGORITHMS)
         for b, method in enumerate(METHODS)
         for c, how in enumerate([*((one, "auto") for one in PRECISIONS), ("float32-compensated", None)])
         if (a + b + c) % 3 == 0 and (b + c) % 2 == 0  # each of them with several of the others
     ],
 )
-def test_worlds_move_as_alone_by_every_method(plain_device, route, method, precision, threads):
-    in_order(plain_device, route)
-    how = {"integrator": METHODS[method], "precision": precision, "route": route, "threads": threads}
+def test_worlds_move_as_alone_by_every_method(plain_device, force_algorithm, method, precision, threads):
+    in_order(plain_device, force_algorithm)
+    how = {
+        "integrator": METHODS[method],
+        "precision": precision,
+        "force_algorithm": force_algorithm,
+        "threads": threads,
+    }
     # Explicit Euler is stable with much damping only, and with short steps.
     own = parameters() | (
         {"damping": np.full(2, 2.0), "stiffness": np.full(3, 300.0)} if method == "explicit" else {}
@@ -109,19 +119,24 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "case"),
-    [(route, case) for a, case in enumerate(CASES) for b, route in enumerate(ROUTES) if (a + b) % 2 == 0],
+    ("force_algorithm", "case"),
+    [
+        (force_algorithm, case)
+        for a, case in enumerate(CASES)
+        for b, force_algorithm in enumerate(FORCE_ALGORITHMS)
+        if (a + b) % 2 == 0
+    ],
 )
-def test_parameters_of_any_shape(plain_device, route, case):
-    in_order(plain_device, route)
+def test_parameters_of_any_shape(plain_device, force_algorithm, case):
+    in_order(plain_device, force_algorithm)
     body = block().replace(velocity=0.0)
     own = CASES[case](body.connection_count)
     how = {"colliders": [Plane()], "device": plain_device, "substeps": 20}
-    if route == "stencil" and case in ("each connection its own", "few kinds"):
+    if force_algorithm == "stencil" and case in ("each connection its own", "few kinds"):
         with pytest.raises(ValueError, match="stiffness differs among the connections of a direction"):
-            Ensemble(body, WORLDS, **how, **own, route=route)
+            Ensemble(body, WORLDS, **how, **own, force_algorithm=force_algorithm)
         return
-    assert_each_is_as_alone(Ensemble(body, WORLDS, **how, **own, route=route))
+    assert_each_is_as_alone(Ensemble(body, WORLDS, **how, **own, force_algorithm=force_algorithm))
 
 
 BODIES = {
@@ -136,23 +151,28 @@ BODIES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "route"),
-    [(name, route) for a, name in enumerate(BODIES) for b, route in enumerate(ROUTES) if (a + b) % 3 == 0],
+    ("name", "force_algorithm"),
+    [
+        (name, force_algorithm)
+        for a, name in enumerate(BODIES)
+        for b, force_algorithm in enumerate(FORCE_ALGORITHMS)
+        if (a + b) % 3 == 0
+    ],
 )
-def test_worlds_of_other_bodies(plain_device, name, route):
-    in_order(plain_device, route)
+def test_worlds_of_other_bodies(plain_device, name, force_algorithm):
+    in_order(plain_device, force_algorithm)
     system = BODIES[name]()
     own = {"stiffness": np.linspace(0.5, 1.5, WORLDS)[:, None] * system.stiffness}
     own["gravity"] = np.linspace(5.0, 15.0, 3)
     how = {"colliders": [Plane(offset=-9.0)] if system.dim == 2 else [Plane(), Sphere((0.3, 0.3, 0.2), 0.2)]}
-    how |= {"substeps": 40, "device": plain_device, "route": route, "integrator": Leapfrog()}
+    how |= {"substeps": 40, "device": plain_device, "force_algorithm": force_algorithm, "integrator": Leapfrog()}
     if name == "rope":
         how["colliders"] = [Plane(offset=-9.0), Box((0.5, 0.0, -0.6), (0.4, 0.4, 0.2))]
     assert_each_is_as_alone(Ensemble(system, WORLDS, **how, **own), 15)
 
 
 def test_an_odd_number_of_substeps(plain_device):
-    how = {"device": plain_device, "route": "gather", "allow_unstable": True}
+    how = {"device": plain_device, "force_algorithm": "gather", "allow_unstable": True}
     for substeps in (5, 1):
         assert_each_is_as_alone(Ensemble(block(), WORLDS, substeps=substeps, **how, stiffness=[50.0, 60.0]), 9)
 
@@ -161,7 +181,13 @@ def test_an_odd_number_of_substeps(plain_device):
 def test_constant_forces_act_in_all_worlds(plain_device, threads):
     top = block().position[:, 2] > 0.2
     push = [Force((30.0, 0.0, 5.0), on=top), Force((0.0, 2.0, 0.0))]
-    how = {"device": plain_device, "route": "gather", "loads": push, "threads": threads, "colliders": [Plane()]}
+    how = {
+        "device": plain_device,
+        "force_algorithm": "gather",
+        "loads": push,
+        "threads": threads,
+        "colliders": [Plane()],
+    }
     ensemble = Ensemble(block(), WORLDS, **how, mass=np.linspace(0.5, 2.0, WORLDS), gravity=[3.0, 9.0])
     # Pushed for so long, a world has many times the energy it began with: none of that comes from nothing.
     assert_each_is_as_alone(ensemble, 120)
@@ -169,20 +195,26 @@ def test_constant_forces_act_in_all_worlds(plain_device, threads):
 
 def test_a_scene_brings_its_surroundings(plain_device):
     scene = Scene(system=block(), colliders=[Plane(friction=0.3)], gravity=3.0)
-    ensemble = Ensemble(scene, 2, device=plain_device, route="gather", damping=[0.5, 1.5])
+    ensemble = Ensemble(scene, 2, device=plain_device, force_algorithm="gather", damping=[0.5, 1.5])
     assert_each_is_as_alone(ensemble, 30)
     ensemble.reset()
     assert ensemble.time == 0.0
     assert_each_is_as_alone(ensemble, 10)
 
 
-@pytest.mark.parametrize("route", ["gather", "stencil"])
-def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, route):
+@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
+def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, force_algorithm):
     # One world is so stiff that its step is far too long; another has a start that is beyond all numbers.
     stiffness = np.full(WORLDS, 1e3)
     stiffness[2] = 1e7
     velocity = np.random.default_rng(3).uniform(-1, 1, (WORLDS, 3))
-    how = {"device": plain_device, "route": route, "substeps": 15, "allow_unstable": True, "colliders": [Plane()]}
+    how = {
+        "device": plain_device,
+        "force_algorithm": force_algorithm,
+        "substeps": 15,
+        "allow_unstable": True,
+        "colliders": [Plane()],
+    }
     sound = Ensemble(block(), WORLDS, **how, velocity=velocity, stiffness=[1e3])
     ensemble = Ensemble(block(), WORLDS, **how, velocity=velocity, stiffness=stiffness)
     for one in (sound, ensemble):
@@ -201,14 +233,14 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, rout
     if ensemble.diverged_at[2] > 0:
         alone.step(round(60 * ensemble.diverged_at[2]))
     np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[2])
-    assert "world 2" in str(ensemble.explain(2))
+    assert "world 2" in str(ensemble.diagnose(2))
     with pytest.raises(ValueError, match="world 1 has not diverged"):
-        ensemble.explain(1)
+        ensemble.diagnose(1)
 
 
 def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
     stiffness, mass = np.array([1e3, 9e3, 9e3]), np.array([1.0, 100.0, 2.0])
-    ensemble = Ensemble(block(), 3, stiffness=stiffness, mass=mass, device=plain_device, route="gather")
+    ensemble = Ensemble(block(), 3, stiffness=stiffness, mass=mass, device=plain_device, force_algorithm="gather")
     alone = [ensemble.simulation_of(world, substeps="auto", allow_unstable=False) for world in range(3)]
     assert ensemble.substeps == max(one.substeps for one in alone) == alone[2].substeps
     # On a GPU the iteration that finds it adds up in no order.
@@ -243,7 +275,10 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ({"scene": block().replace(break_strain=0.1)}, "break"),
         ({"scene": Scene(system=block(), loads=[Wind((1, 0, 0))])}, r"loads\[0\] is Wind"),
         ({"loads": [Force(lambda t: (0, 0, t))]}, r"loads\[0\] is Force"),
-        ({"scene": Scene(system=block(), touch=Touch()), "touch": Touch()}, "touch is given beside a Scene"),
+        (
+            {"scene": Scene(system=block(), contact=Contact()), "contact": Contact()},
+            "contact is given beside a Scene",
+        ),
         ({"scene": Scene(system=block(), schedule=[at(1.0, gravity=0.0)])}, "the scene has a schedule"),
         ({"scene": 3}, "scene is 3"),
         (
@@ -270,7 +305,13 @@ def test_worlds_by_number():
 def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_device):
     # Four substeps are stable for the first stiffness. For the other the fastest modes are beyond the limit by so
     # little that energy is noticed long before numbers overflow.
-    how = {"device": plain_device, "route": "gather", "substeps": 4, "allow_unstable": True, "damping": 0.0}
+    how = {
+        "device": plain_device,
+        "force_algorithm": "gather",
+        "substeps": 4,
+        "allow_unstable": True,
+        "damping": 0.0,
+    }
     ensemble = Ensemble(block(), 2, stiffness=[1e4, 2.5e4], **how)
     for _ in range(20):
         ensemble.step(10)
@@ -279,5 +320,5 @@ def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_de
     assert list(ensemble.status) == ["running", "energy"]
     assert ensemble.diverged_particle[1] == -1
     assert np.abs(ensemble.frame().position).max() < 1e6
-    error = ensemble.explain(1)
+    error = ensemble.diagnose(1)
     assert error.time > ensemble.diverged_at[1] > 0.0

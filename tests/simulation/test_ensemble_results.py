@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from msdwarp import Ensemble, Leapfrog, Mean, Plane, Probe, box
+from msdwarp import Ensemble, GroupMean, Leapfrog, Plane, Probe, box
 
 xarray = pytest.importorskip("xarray")
 WORLDS = 4
@@ -31,7 +31,7 @@ def ensemble(device: str, **options) -> Ensemble:
         "mass": [1.0, 2.0],
         "friction": [0.2],
     }
-    how = {"colliders": [Plane()], "device": device, "route": "gather", "integrator": Leapfrog()}
+    how = {"colliders": [Plane()], "device": device, "force_algorithm": "gather", "integrator": Leapfrog()}
     return Ensemble(body, WORLDS, **(given | how | options))
 
 
@@ -42,8 +42,8 @@ def test_sums_are_those_of_the_frames(plain_device, precision):
         observe={
             "top": Probe("top", "position"),
             "drift": Probe("top", "velocity"),
-            "squared": Mean(speed_squared, on="top"),
-            "centre": Mean(place, width=3),
+            "squared": GroupMean(speed_squared, on="top"),
+            "centre": GroupMean(place, width=3),
             "x": "positions",
             "v": "velocities",
             "energy": "energy",
@@ -129,7 +129,7 @@ def test_bad_arguments_of_a_run(monkeypatch):
     with pytest.raises(ValueError, match="every is 7; it must be at most the 6 frames"):
         worlds.run(0.1, every=7)
     with pytest.raises(ValueError, match="function is <function"):
-        Mean(lambda x, v, i: x)
+        GroupMean(lambda x, v, i: x)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ValueError, match=r"need xarray: pip install 'msdwarp\[ensemble\]'"):
         worlds.run(0.1)

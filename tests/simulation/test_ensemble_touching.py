@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from alone import assert_each_is_as_alone, simulation_alone
 
-from msdwarp import RK4, RKC2, Ensemble, Leapfrog, Plane, System, Touch, UnstableStep, box, chain, sheet
-from msdwarp.checks import ContactOverrun
+from msdwarp import RK4, RKC2, Contact, Ensemble, Leapfrog, Plane, System, UnstableStep, box, chain, sheet
+from msdwarp.checks import TunnellingWarning
 
 WORLDS = 4
 FPS = 600
 """Frames are short, for each launch of a frame is recorded, which on a CPU takes longer than the launch itself."""
-TOUCH = Touch(friction=0.5, restitution=0.3)
+TOUCH = Contact(friction=0.5, restitution=0.3)
 LIFTED = np.repeat([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 27, axis=0)
 """Upwards for the particles of the upper die."""
 METHODS = {"leapfrog": Leapfrog(), "extrapolated": Leapfrog(damper_extrapolation=0.5), "rk4": RK4()}
@@ -26,9 +26,9 @@ def two_dice() -> System:
 def around(device: str, **more) -> dict:
     return {
         "colliders": [Plane(friction=0.4)],
-        "touch": TOUCH,
+        "contact": TOUCH,
         "device": device,
-        "route": "gather",
+        "force_algorithm": "gather",
         "fps": FPS,
     } | more
 
@@ -48,9 +48,11 @@ def parameters() -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("route", ["gather", "stencil"])
-def test_worlds_touch_as_alone(plain_device, route):
-    ensemble = Ensemble(two_dice(), WORLDS, **around(plain_device, route=route), **parameters())
+@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
+def test_worlds_touch_as_alone(plain_device, force_algorithm):
+    ensemble = Ensemble(
+        two_dice(), WORLDS, **around(plain_device, force_algorithm=force_algorithm), **parameters()
+    )
     assert_each_is_as_alone(ensemble, 100)
     # That is worth something only where they do: what falls freely for that long ends in the lower one.
     upper = ensemble.frame().position[:, 27:, 2].mean(axis=1)
@@ -61,7 +63,7 @@ def test_worlds_touch_as_alone(plain_device, route):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("route", "method", "precision"),
+    ("force_algorithm", "method", "precision"),
     [
         ("scatter", "leapfrog", "float32"),
         ("gather", "leapfrog", "float32-compensated"),
@@ -69,10 +71,10 @@ def test_worlds_touch_as_alone(plain_device, route):
         ("scatter", "rk4", "float64"),
     ],
 )
-def test_worlds_touch_as_alone_by_every_method(plain_device, route, method, precision):
-    if route == "scatter" and plain_device != "cpu":
+def test_worlds_touch_as_alone_by_every_method(plain_device, force_algorithm, method, precision):
+    if force_algorithm == "scatter" and plain_device != "cpu":
         pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
-    how = around(plain_device, integrator=METHODS[method], precision=precision, route=route)
+    how = around(plain_device, integrator=METHODS[method], precision=precision, force_algorithm=force_algorithm)
     assert_each_is_as_alone(Ensemble(two_dice(), WORLDS, **how, **parameters()), 120)
 
 
@@ -85,7 +87,7 @@ def hammock() -> System:
 
 @pytest.mark.slow
 def test_worlds_of_sheets_and_ropes(plain_device):
-    how = around(plain_device, colliders=[], touch=Touch(friction=0.5, between="all"))
+    how = around(plain_device, colliders=[], contact=Contact(friction=0.5, self_contact=True))
     ensemble = Ensemble(hammock(), 3, **how, gravity=[5.0, 10.0, 15.0])
     assert_each_is_as_alone(ensemble, 200)
 
@@ -111,7 +113,7 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
     if ensemble.diverged_at[1] > 0:
         alone.step(round(FPS * ensemble.diverged_at[1]))
     np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[1])
-    assert "world 1" in str(ensemble.explain(1))
+    assert "world 1" in str(ensemble.diagnose(1))
 
 
 @pytest.mark.slow
@@ -122,8 +124,8 @@ def test_the_simulation_of_a_world_on_its_way_knows_what_sticks(plain_device, pr
     ensemble = Ensemble(system, 2, **around(plain_device, precision=precision))
     ensemble.step(16)
     assert ensemble.model.touching is not None
-    partner = ensemble.model.touching.checkpoints()[1]["touch.partner"]
-    assert (partner >= 0).any(), "nothing sticks: the test is of nothing"
+    contact_body = ensemble.model.touching.checkpoints()[1]["touch.partner"]
+    assert (contact_body >= 0).any(), "nothing sticks: the test is of nothing"
     alone = simulation_alone(ensemble, 1, start=False)
     for _ in range(3):
         ensemble.step()
@@ -136,7 +138,7 @@ def test_the_simulation_of_a_world_on_its_way_knows_what_sticks(plain_device, pr
 def test_the_simulation_of_a_world_on_its_way_may_have_other_options(plain_device):
     ensemble = Ensemble(two_dice(), 2, **around(plain_device))
     ensemble.step(16)
-    for options in ({"precision": "float64"}, {"touch": (), "loads": ()}, {"substeps": "auto"}):
+    for options in ({"precision": "float64"}, {"contact": (), "loads": ()}, {"substeps": "auto"}):
         alone = ensemble.simulation_of(0, start=False, **options)
         now = alone.frame().position
         np.testing.assert_allclose(now, ensemble.frame().position[0], rtol=0, atol=1e-7)  # rounding of 0.4 m
@@ -145,7 +147,7 @@ def test_the_simulation_of_a_world_on_its_way_may_have_other_options(plain_devic
 
 @pytest.mark.slow
 def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_device, monkeypatch):
-    from msdwarp.engine import nearby
+    from msdwarp.engine.collision import neighbor_list as nearby
 
     system = two_dice()
     system = system.replace(position=system.position + 0.2 * LIFTED)
@@ -154,10 +156,10 @@ def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_d
     monkeypatch.setattr(nearby, "ROOM", 1)
     short = Ensemble(system, 2, **around(plain_device), velocity=velocity)
     # At the start no facet is near any point; what comes near while they fall is too much for the lists.
-    assert short.model.touching._touch.row.shape[1] < 4
+    assert short.model.touching._data.candidates.shape[1] < 4
     for one in (long_enough, short):
         one.step(100)
-    assert short.model.touching._touch.row.shape[1] >= 8
+    assert short.model.touching._data.candidates.shape[1] >= 8
     np.testing.assert_array_equal(short.frame().position, long_enough.frame().position)
 
 
@@ -165,11 +167,11 @@ def test_worlds_do_not_see_each_other():
     """A search looks at the bodies of one world alone: none is beside those of the others in the same place."""
     ensemble = Ensemble(two_dice(), 64, **around("cpu"))
     ensemble.step(20)
-    data = ensemble.model.touching._touch
-    beside, count = data.beside.numpy(), data.beside_count.numpy()
+    data = ensemble.model.touching._data
+    body_pairs, count = data.body_pairs.numpy(), data.body_pair_count.numpy()
     assert count.max() == 1
     for body in np.flatnonzero(count):
-        assert beside[body, 0] == body ^ 1  # of each pair of bodies the other one
+        assert body_pairs[body, 0] == body ^ 1  # of each pair of bodies the other one
 
 
 def test_substeps_count_contact(plain_device):
@@ -194,7 +196,7 @@ def test_a_contact_that_is_overrun_is_told_with_its_world():
     fast = np.zeros((2, 54, 3))
     fast[1, 27:, 2] = -80.0
     ensemble = Ensemble(two_dice(), 2, **around("cpu"), velocity=fast)
-    with pytest.warns(ContactOverrun, match="in world 1 a point of"):
+    with pytest.warns(TunnellingWarning, match="in world 1 a point of"):
         ensemble.step()
 
 
@@ -204,8 +206,8 @@ def test_a_contact_that_is_overrun_is_told_with_its_world():
         ({"integrator": RKC2(stages=4)}, "where bodies touch it must be another"),
         ({"threads": 1}, "threads is 1; it must be 'auto' or None where bodies touch"),
         (
-            {"touch": Touch(obstacles=True)},
-            "touch has obstacles=True, which worlds of an ensemble cannot have yet",
+            {"contact": Contact(surface_colliders=True)},
+            "contact has surface_colliders=True, which worlds of an ensemble cannot have yet",
         ),
         (
             {"position": two_dice().position - np.array([0.0, 0.1])[:, None, None] * LIFTED},

@@ -26,14 +26,16 @@ def chip_of(ensemble: Ensemble):
 
 
 def ensemble_of(name: str, device: str, **how) -> Ensemble:
-    body, route, _ = BODIES[name]
+    body, force_algorithm, _ = BODIES[name]
     random = np.random.default_rng(3)
     own = {
         "stiffness": random.uniform(500, 1500, WORLDS),
         "velocity": random.uniform(-1, 1, (WORLDS, body.dim)),
         "gravity": random.uniform(5, 12, WORLDS),
     }
-    return Ensemble(body, WORLDS, colliders=[Plane()], device=device, route=route, **(own | how))
+    return Ensemble(
+        body, WORLDS, colliders=[Plane()], device=device, force_algorithm=force_algorithm, **(own | how)
+    )
 
 
 @pytest.mark.gpu

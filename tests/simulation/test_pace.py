@@ -9,7 +9,7 @@ import pytest
 
 from msdwarp import (
     RK4,
-    DoubtfulEnergy,
+    EnergyDriftWarning,
     ExplicitEuler,
     Leapfrog,
     Plane,
@@ -106,8 +106,8 @@ def shaken():
 def test_a_first_frame_that_is_refined_starts_from_the_start():
     simulation = Simulation(shaken(), **OPTIONS)
     simulation.step()
-    assert simulation.chosen[-1] == (0.0, simulation.substeps)
-    assert len(simulation.chosen) > 1  # it was refined
+    assert simulation.substep_history[-1] == (0.0, simulation.substeps)
+    assert len(simulation.substep_history) > 1  # it was refined
     fixed = Simulation(shaken(), substeps=simulation.substeps, **OPTIONS)
     fixed.step()
     # By the same launches from the same numbers; velocities differ by up to a times half a substep else.
@@ -135,7 +135,7 @@ def test_it_is_the_same_again_and_from_a_checkpoint_in_between():
     runs = [Simulation(stretched(), **OPTIONS) for _ in range(3)]
     runs[0].step(90)
     arrays, numbers = runs[0].checkpoint()
-    assert len(runs[0].chosen) > 1  # in the midst of it
+    assert len(runs[0].substep_history) > 1  # in the midst of it
     runs[0].step(60)
     runs[1].step(150)
     runs[2].restore(arrays, json.loads(json.dumps(numbers)))  # as a restart file keeps them
@@ -143,7 +143,7 @@ def test_it_is_the_same_again_and_from_a_checkpoint_in_between():
     for other in runs[1:]:
         np.testing.assert_array_equal(other.frame().position, runs[0].frame().position)
         np.testing.assert_array_equal(other.frame().velocity, runs[0].frame().velocity)
-        assert other.chosen == runs[0].chosen
+        assert other.substep_history == runs[0].substep_history
 
 
 def test_an_older_checkpoint_goes_on_as_a_run_that_begins():
@@ -154,7 +154,7 @@ def test_an_older_checkpoint_goes_on_as_a_run_that_begins():
     other.restore(arrays, older)
     other.step(60)
     assert other.measure().energy < 1.1 * simulation.measure().energy
-    assert other.chosen[0] == (0.0, simulation.choice.substeps)
+    assert other.substep_history[0] == (0.0, simulation.choice.substeps)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_fewer_substeps_are_tried_when_all_is_calm():
     simulation = Simulation(damped, **OPTIONS)
     few = simulation.substeps
     simulation.step(900)
-    counts = [count for _, count in simulation.chosen]
+    counts = [count for _, count in simulation.substep_history]
     assert max(counts) > few
     assert counts[-1] < max(counts)
 
@@ -204,7 +204,7 @@ def test_given_substeps_and_no_limit_are_left_alone():
     for options in ({"substeps": 6, "allow_unstable": True}, {"energy_limit": math.inf}):
         simulation = Simulation(stretched(), **options, **OPTIONS)
         simulation.step(60)
-        assert len(simulation.chosen) == 1
+        assert len(simulation.substep_history) == 1
 
 
 @pytest.mark.slow
@@ -235,7 +235,9 @@ def test_energy_from_rounding_errors_is_told_once():
     # Places near 20 m are rounded to 2e-6 m, which gives each of some 270 springs about 1e-7 J, 138 times a frame;
     # there are 9 mJ at the start.
     simulation = Simulation(trembling(), gravity=0.0, device="cpu")
-    with pytest.warns(DoubtfulEnergy, match=r"energy has risen by .* J, .*float32.*'float32-compensated'") as told:
+    with pytest.warns(
+        EnergyDriftWarning, match=r"energy has risen by .* J, .*float32.*'float32-compensated'"
+    ) as told:
         simulation.step(120)
     assert len(told) == 1
     start = Simulation(trembling(), gravity=0.0, device="cpu").measure().energy
@@ -279,13 +281,13 @@ def test_what_was_chosen_is_kept_with_each_frame(tmp_path):
     with Trajectory(path) as trajectory:
         counts = trajectory.substeps
         assert counts is not None
-        assert counts[0] == simulation.chosen[0][1]
+        assert counts[0] == simulation.substep_history[0][1]
         np.testing.assert_array_equal(counts[1:], taken)
     with h5py.File(path, "r+") as file:
         file["msdwarp/substeps"][3] = -1
     with Trajectory(path) as trajectory, pytest.raises(ValueError, match="its substeps are no counts"):
         _ = trajectory.substeps
-    times, numbers = zip(*simulation.chosen, strict=True)
+    times, numbers = zip(*simulation.substep_history, strict=True)
     assert len(set(taken)) > 1
     for k, count in enumerate(taken):  # frame k + 1 begins at k/60 s
         assert numbers[np.searchsorted(times, k / 60 + 1e-9) - 1] == count

@@ -61,7 +61,7 @@ def test_a_frame_is_the_simulations(device, precision):
 
 def test_velocities_are_of_the_instant_of_the_positions(device):
     simulation = start(device, integrator=Leapfrog())
-    if device.startswith("cuda") and simulation.model.route == "scatter":
+    if device.startswith("cuda") and simulation.model.force_algorithm == "scatter":
         pytest.skip("scattered sums on the GPU are not repeatable, and the velocities need one each time")
     readback = Readback(simulation)
     simulation.step(3)
@@ -126,11 +126,11 @@ def test_it_waits_where_all_are_taken(plain_device):
     simulation.step()
     released = threading.Event()
 
-    def release():
+    def unpin():
         released.set()
         first.release()
 
-    threading.Timer(0.1, release).start()
+    threading.Timer(0.1, unpin).start()
     third = readback.take()
     assert released.is_set()
     strain = strain_of(simulation)
@@ -160,7 +160,7 @@ def test_a_depth_of_none():
 def test_what_is_written_on_the_way_is_what_is_written(tmp_path, device, every):
     options = {"schedule": [at(0.1, stiffness=200.0)]}  # a frame is recorded anew while others are on their way
     if device.startswith("cuda"):
-        options["route"] = "gather"  # which is repeatable
+        options["force_algorithm"] = "gather"  # which is repeatable
     path, other, count = tmp_path / "a.vtkhdf", tmp_path / "b.vtkhdf", 10
     simulation, twin = start(device, **options), start(device, **options)
     readback, wanted = Readback(simulation), []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import EPS64
 
-from msdwarp import Box, DoubtfulStart, Ensemble, Leapfrog, Plane, Simulation, System, box
+from msdwarp import Box, Ensemble, Leapfrog, Plane, Simulation, StartWarning, System, box
 
 FPS, SUBSTEPS, G = 60, 60, 9.82
 FLOOR = Plane(tangential_factor=0.9, restitution=0.5)
@@ -45,8 +45,14 @@ def algorithm_1(system: System, substeps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def simulated(system: System, *, substeps: int | str = SUBSTEPS, **more) -> Simulation:
-    options = {"colliders": [FLOOR], "contact": "report", "precision": "float64", "device": "cpu", "fps": FPS}
-    with pytest.warns(DoubtfulStart, match=r"inside colliders\[\d\].*put onto the surface at once"):
+    options = {
+        "colliders": [FLOOR],
+        "collider_rule": "report",
+        "precision": "float64",
+        "device": "cpu",
+        "fps": FPS,
+    }
+    with pytest.warns(StartWarning, match=r"inside colliders\[\d\].*put onto the surface at once"):
         return Simulation(system, **{"gravity": G, "substeps": substeps} | options | more)
 
 
@@ -72,7 +78,7 @@ def test_what_that_brings_in_is_no_divergence(system, method):
 
 @pytest.mark.slow
 def test_worlds_of_an_ensemble_do_so_too():
-    how = {"contact": "report", "precision": "float64", "substeps": SUBSTEPS, "device": "cpu"}
+    how = {"collider_rule": "report", "precision": "float64", "substeps": SUBSTEPS, "device": "cpu"}
     ensemble = Ensemble(SNAKE, 2, stiffness=[1e5, 9e4], colliders=[FLOOR], gravity=G, **how)
     ensemble.step(10)
     assert (ensemble.status == "running").all()
@@ -90,4 +96,4 @@ def test_a_body_that_it_tears_is_not_refused():
 
 
 def test_what_starts_outside_is_told_nothing():
-    Simulation(SNAKE.translate((0, 0, 0.5)), colliders=[FLOOR], contact="report", device="cpu")
+    Simulation(SNAKE.translate((0, 0, 0.5)), colliders=[FLOOR], collider_rule="report", device="cpu")

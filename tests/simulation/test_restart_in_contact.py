@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import warp as wp
 
-from msdwarp import Ensemble, Plane, Scene, Simulation, System, Touch, ball, box, sheet
-from msdwarp.engine import Touching
-from msdwarp.engine.nearby import Nearby
+from msdwarp import Contact, Ensemble, Plane, Scene, Simulation, System, ball, box, sheet
+from msdwarp.engine import BodyContact
+from msdwarp.engine.collision.neighbor_list import NeighborList
 
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.ContactOverrun")  # the ball comes at 8 m/s
+pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")  # the ball comes at 8 m/s
 
 
 def thrown(break_strain: float = np.inf) -> System:
@@ -25,9 +25,9 @@ def thrown(break_strain: float = np.inf) -> System:
 @pytest.mark.parametrize(("break_strain", "frames"), [(np.inf, 3), (0.1, 10)], ids=["whole", "torn"])
 def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain, frames):
     # Hundreds of facets are near a point of the sheet by then; where the run starts there are none.
-    run = Simulation(thrown(break_strain), touch=Touch(), device=plain_device)
+    run = Simulation(thrown(break_strain), contact=Contact(), device=plain_device)
     run.step(frames)
-    restored = Simulation(thrown(break_strain), touch=Touch(), device=plain_device)
+    restored = Simulation(thrown(break_strain), contact=Contact(), device=plain_device)
     restored.restore(*run.checkpoint())
     one, other = run.measure(), restored.measure()
     assert other.effect_energy == one.effect_energy
@@ -42,7 +42,7 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain
 
 
 def test_the_largest_strain_is_that_of_what_is_whole(plain_device):
-    run = Simulation(thrown(0.1), touch=Touch(), device=plain_device)
+    run = Simulation(thrown(0.1), contact=Contact(), device=plain_device)
     run.step(12)
     now = run.snapshot()
     assert now.broken.any()
@@ -64,17 +64,17 @@ def sheets(apart: float) -> Scene:
     """Return two sheets so far over each other [m], above a floor: they touch at 0.14 m."""
     sheet_of_cloth = sheet((12, 12), spacing=0.05, mass=0.001, stiffness=50.0, damping=0.02)
     two = sheet_of_cloth + sheet_of_cloth.translate((0.01, 0.0, apart))
-    return Scene(system=two, colliders=[Plane()], touch=Touch(thickness=0.14, between="bodies"))
+    return Scene(system=two, colliders=[Plane()], contact=Contact(thickness=0.14, self_contact=False))
 
 
-def nearby_in(model) -> Nearby:
-    return next(one for one in model.effects if isinstance(one, Touching))._nearby
+def nearby_in(model) -> NeighborList:
+    return next(one for one in model.effects if isinstance(one, BodyContact))._neighbors
 
 
-def marked(nearby: Nearby) -> list[wp.array]:
+def marked(nearby: NeighborList) -> list[wp.array]:
     """Return the lists of what is near what, each filled with what no list holds."""
     data = nearby._data
-    rows = [data.row, data.whose, data.away, data.beside]
+    rows = [data.candidates, data.candidate_body, data.candidate_distance, data.body_pairs]
     for one in rows:
         one.fill_(-777)
     return rows
@@ -89,13 +89,13 @@ def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, thr
     # On a GPU that memory may be another's by then.
     if threads > 1 and plain_device != "cpu":
         pytest.skip("a GPU has threads of its own")
-    simulation = Simulation.of(sheets(0.15), device=plain_device, threads=threads)
+    simulation = Simulation.from_scene(sheets(0.15), device=plain_device, threads=threads)
     simulation.step(2)
     nearby = nearby_in(simulation.model)
     old = marked(nearby)
     nearby._give_room(64, 2)
     simulation.stepping.balance()
-    assert nearby._data.length.numpy().any(), "nothing is listed: the test is of nothing"
+    assert nearby._data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
     simulation.step()
     assert untouched(old)
@@ -108,23 +108,23 @@ def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_devi
     old = marked(nearby)
     nearby._give_room(64, 4)
     ensemble.step()
-    assert nearby._data.length.numpy().any(), "nothing is listed: the test is of nothing"
+    assert nearby._data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
 
 
 @pytest.mark.slow
 def test_a_change_behind_a_restart_does_not_write_into_lists_that_were_replaced(plain_device, monkeypatch):
-    run = Simulation.of(sheets(0.2), device=plain_device)
+    run = Simulation.from_scene(sheets(0.2), device=plain_device)
     run.step(20)
-    restored = Simulation.of(sheets(0.2), device=plain_device)
-    old, give_room = list[list[wp.array]](), Nearby._give_room
+    restored = Simulation.from_scene(sheets(0.2), device=plain_device)
+    old, give_room = list[list[wp.array]](), NeighborList._give_room
 
-    def give_room_and_note(nearby, room, beside):
-        if nearby._data.row is not None and nearby._data.row.size:
+    def give_room_and_note(nearby, room, body_pairs):
+        if nearby._data.candidates is not None and nearby._data.candidates.size:
             old.append(marked(nearby))
-        give_room(nearby, room, beside)
+        give_room(nearby, room, body_pairs)
 
-    monkeypatch.setattr(Nearby, "_give_room", give_room_and_note)
+    monkeypatch.setattr(NeighborList, "_give_room", give_room_and_note)
     restored.restore(*run.checkpoint())
     assert old, "nothing was replaced: the test is of nothing"
     restored.change(stiffness=60.0)

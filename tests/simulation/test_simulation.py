@@ -8,16 +8,16 @@ import problems
 import pytest
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
-from msdwarp.engine.dynamics import Dynamics
-from msdwarp.engine.model import Model
-from msdwarp.engine.state import State
-from msdwarp.kernels.contact.obstacles import fixed_contact
-from msdwarp.kernels.forces.gather import gather
-from msdwarp.kernels.forces.scatter import scatter
-from msdwarp.kernels.forces.stencil import stencil
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
 from msdwarp.kernels.integrators.stages import particle_acceleration
 from msdwarp.kernels.reductions.divergence import look_over
+from msdwarp.kernels.springs.gather import gather
+from msdwarp.kernels.springs.scatter import scatter
+from msdwarp.kernels.springs.stencil import stencil
 
 every_integrator = pytest.mark.parametrize(
     "integrator", [SymplecticEuler(), Leapfrog(), RK4()], ids=["symplectic euler", "leapfrog", "rk4"]
@@ -31,7 +31,7 @@ def block(**changes) -> System:
     return system.rotate(0.5, axis=(1, 1, 0.3)).translate((0, 0, 0.25)).replace(**changes)
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.DoubtfulStart")  # it is put back hard
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it is put back hard
 @every_integrator
 def test_pinned_particles_never_move(device, integrator):
     # In mid-air, and one below the ground where a free particle would be pushed out.
@@ -189,7 +189,7 @@ def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
     system = problems.tumbling_box(damping=0.1)
     simulation = Simulation(system, integrator=integrator, fps=10, substeps=8, device=device, precision="float64")
     model = Model(system, device=device, precision="float64")
-    dynamics, state = Dynamics(model), State.of(system, model, integrator.carried)
+    dynamics, state = Dynamics(model), State.from_system(system, model, integrator.method_state)
     work, h = integrator.workspace(state), 1 / 80
     integrator.start(dynamics, state, work, h)
     for _ in range(3):

@@ -10,13 +10,13 @@ from msdwarp import (
     Box,
     Capsule,
     Cone,
-    DoubtfulStart,
+    Contact,
     Plane,
     Simulation,
     SimulationDiverged,
     Sphere,
+    StartWarning,
     System,
-    Touch,
     at,
     box,
     chain,
@@ -52,7 +52,7 @@ def cube(height: float = 0.0, **options) -> System:
 )
 def test_what_starts_inside_is_named(collider, depth):
     told = rf"starts {depth:g} m inside colliders\[1\], a {type(collider).__name__} .*deepest.*strain its.*or pin"
-    with pytest.warns(DoubtfulStart, match=told) as all_told:
+    with pytest.warns(StartWarning, match=told) as all_told:
         simulate(cube(-0.05), Plane(offset=-9), collider)
     assert len(all_told) == 1
     assert all_told[0].filename == __file__  # where the simulation is made, at least by a function of the user's
@@ -76,7 +76,7 @@ def test_a_body_that_would_be_torn_on_its_way_out_is_refused(collider):
 
 @pytest.mark.slow
 def test_a_body_near_one_side_of_a_box_is_led_out_whole():
-    with pytest.warns(DoubtfulStart, match=r"starts 0.25 m inside colliders\[0\], a Box"):
+    with pytest.warns(StartWarning, match=r"starts 0.25 m inside colliders\[0\], a Box"):
         simulation = simulate(cube(-0.25, damping=1.0), Box((0, 0, -1), (4, 4, 2), restitution=0.0))
     simulation.step(45)  # half as long again as it is led out
     position = simulation.frame().position
@@ -94,11 +94,11 @@ def test_a_pinned_body_may_lie_inside():
 def test_particle_and_depth_are_those_of_the_deepest():
     points = System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
     with pytest.warns(
-        DoubtfulStart, match=r"^particle 1 starts 0.2 m inside colliders\[0\], a Plane: if it"
+        StartWarning, match=r"^particle 1 starts 0.2 m inside colliders\[0\], a Plane: if it"
     ) as told:
         simulate(points, Plane())
     assert "connections" not in str(told[0].message)  # there are none
-    with pytest.warns(DoubtfulStart, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
+    with pytest.warns(StartWarning, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
         simulate(System(position=[[0.2], [0.9]]), Box((0.0,), (1.0,)))
 
 
@@ -120,7 +120,7 @@ def test_what_is_pinned_may_be_inside():
 
 
 def test_what_was_said_is_not_said_again():
-    with pytest.warns(DoubtfulStart) as told:
+    with pytest.warns(StartWarning) as told:
         simulation = simulate(cube(-0.05), Plane(), schedule=[at(0.02, stiffness=200.0)], refresh=True)
     assert len(told) == 1
     simulation.step(3)
@@ -130,7 +130,7 @@ def test_what_was_said_is_not_said_again():
 
 
 def test_a_divergence_of_what_started_inside_says_so():
-    with pytest.warns(DoubtfulStart):
+    with pytest.warns(StartWarning):
         simulation = simulate(cube(-0.15), Plane(), substeps=1, allow_unstable=True)
     with pytest.raises(
         SimulationDiverged, match=r"particle \d+ starts 0.15 m inside colliders\[0\], a Plane"
@@ -140,13 +140,13 @@ def test_a_divergence_of_what_started_inside_says_so():
 
 
 @pytest.mark.parametrize(
-    ("apart", "between", "told"),
+    ("apart", "self_contact", "told"),
     [
-        (0.08, "bodies", r"^the body of particle 0 starts 0\.\d+ m inside that of particle 8 \("),
-        (None, "all", "inside itself"),
+        (0.08, False, r"^the body of particle 0 starts 0\.\d+ m inside that of particle 8 \("),
+        (None, True, "inside itself"),
     ],
 )
-def test_bodies_in_each_other_and_in_themselves_are_named(apart, between, told):
+def test_bodies_in_each_other_and_in_themselves_are_named(apart, self_contact, told):
     if apart is None:  # a strip whose ends lie in each other
         system = sheet((7, 3), 0.1, stiffness=100.0)
         folded = system.position.copy()
@@ -157,8 +157,8 @@ def test_bodies_in_each_other_and_in_themselves_are_named(apart, between, told):
     else:
         body = box((2, 2, 2), 0.1, stiffness=100.0)
         system = body + body.translate((apart, 0.0, 0.0))
-    with pytest.warns(DoubtfulStart, match=told):
-        Simulation(system, touch=Touch(between=between), device="cpu")
+    with pytest.warns(StartWarning, match=told):
+        Simulation(system, contact=Contact(self_contact=self_contact), device="cpu")
 
 
 # Far from the origin
@@ -170,7 +170,7 @@ def test_a_body_far_away_is_named_in_float32(far, apart):
     told = (
         rf"reaches to {abs(far):.3g} m from the origin, where numbers of float32 are {apart:g} m apart .*float64"
     )
-    with pytest.warns(DoubtfulStart, match=told.replace("+", r"\+")) as all_told:
+    with pytest.warns(StartWarning, match=told.replace("+", r"\+")) as all_told:
         simulation = simulate(body)
     simulation.change(stiffness=90.0)
     assert len(all_told) == 1
@@ -189,7 +189,7 @@ def test_what_precision_bears_is_not_named():
 def test_what_is_led_out_without_gravity_is_no_divergence(substeps):
     # Where nothing else moves, the energy of being led out is all there is.
     body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=1.0).translate((0, 0, -0.15))
-    with pytest.warns(DoubtfulStart):
+    with pytest.warns(StartWarning):
         simulation = Simulation(body, colliders=[Plane()], gravity=0.0, substeps=substeps, device="cpu")
     simulation.step(60)
     assert simulation.frame().position[:, 2].min() > 0

@@ -97,7 +97,7 @@ def test_the_simulation_of_a_scene_is_that_of_its_parts():
     scene = msd.Scene(
         system=box((3, 3, 3), 0.1, mass=0.01).translate((0, 0, 0.3)), colliders=[Plane()], gravity=3.0
     )
-    whole = Simulation.of(scene, device="cpu", substeps=20)
+    whole = Simulation.from_scene(scene, device="cpu", substeps=20)
     parts = Simulation(scene.system, colliders=scene.colliders, gravity=3.0, device="cpu", substeps=20)
     for simulation in (whole, parts):
         simulation.step(5)

@@ -19,9 +19,9 @@ from msdwarp import (
     Simulation,
     Trajectory,
     TrajectoryWriter,
-    as_stiff_as,
     box,
     chain,
+    match_stiffness,
     quiet,
 )
 from msdwarp.quiet import in_turn
@@ -143,7 +143,7 @@ def test_all_that_is_done_with_warp_is_done_in_turn(tmp_path, monkeypatch, plain
 
     body = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).translate((0, 0, 0.2))
     scene = Scene(system=body, colliders=[Plane()], probes={"top": Probe(slice(0, 3), "position")})
-    simulation = Simulation.of(scene, device=plain_device, contact_forces=True)
+    simulation = Simulation.from_scene(scene, device=plain_device, contact_forces=True)
     readback = Readback(simulation, contact_forces=True)
     with TrajectoryWriter(tmp_path / "a.vtkhdf", body, fps=60, contact_forces=True) as writer:
         for _ in simulation.frames(0.05):
@@ -162,7 +162,7 @@ def test_all_that_is_done_with_warp_is_done_in_turn(tmp_path, monkeypatch, plain
     ensemble.run(0.05, observe={"top": Probe(slice(0, 3), "position"), "energy": "energy"})
     _ = ensemble.system_of(1), ensemble.status, ensemble.diverged_at, ensemble.diverged_particle
     ensemble.simulation_of(1, start=False).step()
-    as_stiff_as(body, body)
+    match_stiffness(body, body)
 
     for backend in ("raster", "raycast"):
         device = plain_device if backend == "raycast" else None

@@ -7,11 +7,11 @@ from problems import EPS64
 from msdwarp import (
     RK4,
     RKC2,
-    Drive,
     Force,
     Leapfrog,
     LinearlyImplicitEuler,
     Plane,
+    PrescribedMotion,
     Simulation,
     SymplecticEuler,
     Wind,
@@ -99,7 +99,7 @@ def test_the_energy_that_it_gets_is_no_divergence(device, loads, speed):
     # At rest on the ground there is next to no energy: 300 m/s are some 10⁵ times as much.
     simulation = simulated(device, substeps="auto", loads=loads)
     simulation.step(120)
-    before, taken = simulation.measure(), len(simulation.chosen)
+    before, taken = simulation.measure(), len(simulation.substep_history)
     simulation.change(velocity=(0.0, 0.0, speed))
     after = simulation.measure()
     kinetic = 0.5 * simulation.system.mass.sum() * speed**2
@@ -107,7 +107,7 @@ def test_the_energy_that_it_gets_is_no_divergence(device, loads, speed):
     # The last force's work on the old velocities has been counted, and velocities that jump are none of its doing.
     assert after.external_work == pytest.approx(before.external_work, rel=1e-9, abs=1e-12)
     simulation.step(120)
-    counts = [count for _, count in simulation.chosen[taken - 1 :]]
+    counts = [count for _, count in simulation.substep_history[taken - 1 :]]
     assert max(counts) == counts[0], "no substep was found too long"
     start = simulation.checkpoint()
     other = simulated(device, substeps="auto", loads=loads)
@@ -160,7 +160,7 @@ def test_energy_from_nowhere_is_still_found(device):
 
 def test_what_is_held_keeps_its_velocity(device):
     system = block().pin([0])
-    drive = Drive([26], lambda t: (0.5 * t, 0.0, 0.0))
+    drive = PrescribedMotion([26], lambda t: (0.5 * t, 0.0, 0.0))
     simulation = simulated(device, system, loads=[drive])
     simulation.step(3)
     simulation.change(velocity=(0.0, 2.0, 0.0))
@@ -179,13 +179,13 @@ def test_what_is_held_keeps_its_velocity(device):
         ({"velocity": 1.0, "group": [0]}, "velocity is given to group .*0.*, whose particles are all pinned"),
         ({"velocity": 1.0, "group": [26]}, "velocity is given to group .*26.*, whose particles are all pinned"),
         ({"velocity": 1e300}, "velocity.*at most 1e[+]18"),
-        ({"velocity": 1.0, "loads": []}, "loads takes the place of all loads; nothing but loads and touch"),
+        ({"velocity": 1.0, "loads": []}, "loads takes the place of all loads; nothing but loads and contact"),
         ({"velocity": (0.0, 1e9, 0.0)}, "substeps is 20; at least"),
     ],
     ids=["shape", "nan", "group", "pinned", "driven", "range", "loads", "step"],
 )
 def test_what_cannot_be_thrown_is_refused_by_name_and_stays_as_it_is(changes, message):
-    drive, wind = Drive([26], lambda t: (0.5 * t, 0.0, 0.0)), Wind((0.0, 0.0, 0.0), area=0.01, on=[5])
+    drive, wind = PrescribedMotion([26], lambda t: (0.5 * t, 0.0, 0.0)), Wind((0.0, 0.0, 0.0), area=0.01, on=[5])
     simulation = simulated("cpu", block().pin([0]), loads=[drive, wind], precision="float32")
     simulation.step(2)
     before = simulation.frame()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from msdwarp import Ensemble, Plane, Touch, box
+from msdwarp import Contact, Ensemble, Plane, box
 
 THROWS = 180
 EDGE = 0.15
@@ -72,7 +72,7 @@ def test_dice_that_knock_each_other_are_fair_but_for_a_loaded_one():
         position=place.reshape(worlds, -1, 3),
         velocity=velocity.reshape(worlds, -1, 3),
         colliders=[Plane(friction=0.4, restitution=0.3)],
-        touch=Touch(friction=0.3, restitution=0.5),
+        contact=Contact(friction=0.3, restitution=0.5),
         device="cpu",
     )
     ensemble.step(90)

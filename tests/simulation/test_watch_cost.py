@@ -12,9 +12,9 @@ import warp as wp
 
 from msdwarp import (
     Box,
-    Drive,
     Force,
     Leapfrog,
+    PrescribedMotion,
     Simulation,
     SimulationDiverged,
     SymplecticEuler,
@@ -22,8 +22,8 @@ from msdwarp import (
     box,
     chain,
 )
-from msdwarp.engine import Watch
-from msdwarp.simulation.pace import Pace
+from msdwarp.engine import DivergenceMonitor
+from msdwarp.simulation.step_controller import StepController
 from msdwarp.simulation.stepping import Stepping
 
 WATCHED = {"threads": 1, "gravity": 0.0}
@@ -86,20 +86,20 @@ def test_a_frame_that_is_watched_has_a_device_do_no_more_than_one_that_is_not(
     integrator, device, as_on_a_gpu, calls, monkeypatch
 ):
     looks = collections.Counter()
-    judge = Pace._is_well
+    judge = StepController._is_well
 
     def counted(*args):
         looks["at a balance"] += 1
         return judge(*args)
 
-    monkeypatch.setattr(Pace, "_is_well", counted)
+    monkeypatch.setattr(StepController, "_is_well", counted)
     how = {"integrator": integrator, "device": device, **WATCHED}
     watched, free = (Simulation(whirling(), **how, energy_limit=limit) for limit in (10.0, math.inf))
     for simulation in (watched, free):
         simulation.step(FRAMES)  # records the frame
     looks.clear()
     found = batch(watched, calls)
-    assert len(watched.chosen) == 1  # nothing was recorded again
+    assert len(watched.substep_history) == 1  # nothing was recorded again
     assert looks["at a balance"] == FRAMES
     assert found == batch(free, calls)
     assert found["capture_launch"] == FRAMES
@@ -115,8 +115,8 @@ def test_what_frames_tell_decides_as_what_is_asked_for(monkeypatch):
         simulation.step(5 * FRAMES)
         runs.append(simulation)
     asked, told = runs
-    assert len(asked.chosen) > 1  # something had to be decided
-    assert told.chosen == asked.chosen
+    assert len(asked.substep_history) > 1  # something had to be decided
+    assert told.substep_history == asked.substep_history
     np.testing.assert_array_equal(told.frame().position, asked.frame().position)
     assert told.checkpoint()[1] == asked.checkpoint()[1]
 
@@ -145,7 +145,7 @@ SCENES = {
     "refined": (swinging(), {"gravity": 0.0}),
     "pushed": (swinging(), {"loads": [Force(lambda t: (math.sin(9.0 * t), 0.0, 0.5))]}),
     "on what moves": (box((3, 3, 3), 0.1, damping=1.0).translate((0, 0, 0.1)), {"colliders": [TRAY]}),
-    "driven": (box((3, 3, 3), 0.1, damping=1.0), {"loads": [Drive([0, 1, 2], shaken)]}),
+    "driven": (box((3, 3, 3), 0.1, damping=1.0), {"loads": [PrescribedMotion([0, 1, 2], shaken)]}),
     "torn": (swinging().replace(break_strain=0.52), {}),
     "changed on the way": (swinging(), {"schedule": CHANGES}),
     "refreshed": (swinging(), {"refresh": True}),
@@ -182,9 +182,9 @@ def test_a_batch_of_frames_is_those_frames_one_by_one(name, as_on_a_gpu, monkeyp
 def test_the_host_waits_for_a_frame_when_the_next_one_is_under_way(as_on_a_gpu, monkeypatch):
     simulation, order = Simulation(whirling(), device="cpu", **WATCHED), list[str]()
     simulation.step(FRAMES)
-    launch, judge = wp.capture_launch, Watch.finds_trouble
+    launch, judge = wp.capture_launch, DivergenceMonitor.finds_trouble
     monkeypatch.setattr(wp, "capture_launch", lambda graph: (order.append("launch"), launch(graph)))
-    monkeypatch.setattr(Watch, "finds_trouble", lambda *args: (order.append("wait"), judge(*args))[1])
+    monkeypatch.setattr(DivergenceMonitor, "finds_trouble", lambda *args: (order.append("wait"), judge(*args))[1])
     simulation.step(4)
     assert order == ["launch", *3 * ["launch", "wait"], "wait"]
 
@@ -225,14 +225,14 @@ def test_what_a_function_of_time_raises_ends_the_batch_where_it_begins(as_on_a_g
 
 def test_what_is_raised_between_frames_leaves_none_on_its_way(as_on_a_gpu, monkeypatch):
     runs = [Simulation(swinging(), **WATCHED, device="cpu") for _ in range(2)]
-    doubt = Stepping.doubt
+    asked = Stepping.warnings
 
     def interrupted(stepping):
         if runs[0].frame_index == 5 and stepping is runs[0].stepping:
             raise KeyboardInterrupt
-        return doubt(stepping)
+        return asked(stepping)
 
-    monkeypatch.setattr(Stepping, "doubt", interrupted)
+    monkeypatch.setattr(Stepping, "warnings", interrupted)
     with pytest.raises(KeyboardInterrupt):
         runs[0].step(FRAMES)
     monkeypatch.undo()

@@ -9,7 +9,7 @@ from measurements import BOUNDS, DAMPING, HOW, METHOD, STIFFNESS, SUBSTEPS, drop
 from PIL import Image
 
 import msdwarp as msd
-from msdwarp import DoubtfulFit, Probe, Scene, Simulation, Touch, Tracked, TrajectoryWriter, fit
+from msdwarp import Contact, FitWarning, Probe, Scene, Simulation, TrackedPoints, TrajectoryWriter, fit
 from msdwarp.studies.least_squares import Problem
 
 BOTH = ["stiffness", "damping"]
@@ -83,7 +83,7 @@ def test_with_noise_values_lie_within_three_standard_deviations(scene, seeds):
 def test_what_cannot_be_seen_is_named_and_stays():
     # In free fall no spring is stretched.
     falling = Scene(system=hung().system.replace(mass=0.05))
-    with pytest.warns(DoubtfulFit, match="stiffness and damping cannot be told apart, or seen"):
+    with pytest.warns(FitWarning, match="stiffness and damping cannot be told apart, or seen"):
         found = fit(falling, tracked(falling, 0.2, noise=1e-3), BOTH, **HOW)
     assert found.unseen == ("stiffness", "damping")
     assert not np.isfinite(found.standard_deviations["stiffness"])
@@ -97,15 +97,15 @@ def test_stiffness_and_mass_cannot_be_told_apart_without_a_force_that_is_known()
     body = hung().system
     stretched = body.replace(position=body.position * [1.1, 1.0, 0.9], mass=0.05)
     afloat = Scene(system=stretched, gravity=0.0)
-    with pytest.warns(DoubtfulFit, match="cannot be told apart"):
+    with pytest.warns(FitWarning, match="cannot be told apart"):
         found = fit(afloat, tracked(afloat, 0.2, noise=1e-4), ["stiffness", "damping", "mass"], device="cpu")
     assert {"stiffness", "mass"} <= set(found.unseen)
 
 
 def test_bounds_hold_and_say_so():
     with (
-        pytest.warns(DoubtfulFit, match="stiffness ends at its bound, 250"),
-        pytest.warns(DoubtfulFit, match="residuals of points are alike"),
+        pytest.warns(FitWarning, match="stiffness ends at its bound, 250"),
+        pytest.warns(FitWarning, match="residuals of points are alike"),
     ):
         found = fit(
             hung(*FAR), tracked(hung(), 0.3), ["stiffness"], bounds={"stiffness": (250, 1000)}, device="cpu"
@@ -118,7 +118,7 @@ def test_a_robust_loss_bears_points_that_are_wrong():
     points = tracked(hung(), 0.4, noise=1e-3)
     wrong = points.position.copy()
     wrong[::20] += 0.1  # m: every twentieth was tracked badly
-    measured, how = Tracked(points.time, points.particle, wrong), _only("stiffness", HOW)
+    measured, how = TrackedPoints(points.time, points.particle, wrong), _only("stiffness", HOW)
     start = hung(FAR[0], DAMPING)
     squares = fit(start, measured, ["stiffness"], **how)
     robust = fit(start, measured, ["stiffness"], loss="soft_l1", noise=1e-3, **how)
@@ -138,7 +138,7 @@ def test_a_probe_and_the_energy_tell_as_well():
     scene = hung()
     low = scene.system.position[:, 2] < scene.system.position[:, 2].min() + 1e-6
     probes = {"foot": Probe(low, "position")}
-    true = Simulation.of(
+    true = Simulation.from_scene(
         Scene(system=scene.system, probes=probes),
         integrator=METHOD,
         precision="float64",
@@ -161,7 +161,7 @@ def test_a_probe_and_the_energy_tell_as_well():
 
 @pytest.mark.slow
 def test_a_trajectory_is_measured_motion(tmp_path):
-    simulation = Simulation.of(hung(), integrator=METHOD, precision="float64", substeps=32, device="cpu")
+    simulation = Simulation.from_scene(hung(), integrator=METHOD, precision="float64", substeps=32, device="cpu")
     with TrajectoryWriter(tmp_path / "run.vtkhdf", simulation.system, fps=60.0) as writer:
         for frame in simulation.frames(0.4):
             writer.write(frame)
@@ -173,7 +173,7 @@ def test_a_trajectory_is_measured_motion(tmp_path):
 def test_times_between_frames_are_told_by_a_spline():
     points = tracked(hung(), 0.4, fps=240.0, substeps=8)
     k = np.flatnonzero(np.round(points.time * 240) % 7 == 3)  # no frame's end at 60
-    measured = Tracked(points.time[k] + 1e-4, points.particle[k], points.position[k])
+    measured = TrackedPoints(points.time[k] + 1e-4, points.particle[k], points.position[k])
     found = fit(hung(*FAR), measured, ["stiffness"], fps=60.0, **_only("stiffness", HOW))
     assert found.fps == 60.0
     # Times are 0.1 ms late, the damping is half; a wrong fps or time would be off by far more.
@@ -186,7 +186,7 @@ def test_bodies_that_touch_are_simulated_together():
         lower = msd.box((2, 2, 2), 0.1, mass=0.05, stiffness=stiffness, damping=DAMPING)
         upper = lower.translate((0.03, 0.02, 0.2))
         lower = lower.pin(lower.position[:, 2] < lower.position[:, 2].min() + 1e-6)
-        return Scene(system=lower + upper, touch=Touch())
+        return Scene(system=lower + upper, contact=Contact())
 
     true = pair(STIFFNESS)
     found = fit(pair(1.2 * STIFFNESS), tracked(true, 0.3), ["stiffness"], **_only("stiffness", HOW))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measurements import BOUNDS, DAMPING, STIFFNESS, SUBSTEPS, hung, tracked
 
-from msdwarp import RK4, DoubtfulFit, Tracked, fit
+from msdwarp import RK4, FitWarning, TrackedPoints, fit
 from msdwarp.studies.doubts import doubts_of_noise
 from msdwarp.studies.measured import POINTS, Channel
 
@@ -23,7 +23,7 @@ def off(found):
 
 
 def late(points, seconds=0.0, times=1.0):
-    return Tracked(times * points.time + seconds, points.particle, points.position)
+    return TrackedPoints(times * points.time + seconds, points.particle, points.position)
 
 
 def test_steps_are_made_shorter_until_their_errors_do_not_count():
@@ -47,12 +47,12 @@ def test_substeps_that_are_given_are_kept():
 
 def test_a_time_step_that_cannot_be_short_enough_is_told(monkeypatch):
     monkeypatch.setattr(sys.modules["msdwarp.studies.fit"], "MOST_REFINEMENT", 1)
-    with pytest.warns(DoubtfulFit, match=r"shorter steps would change .*damping by 0\.\d+ %: \d+ a frame"):
+    with pytest.warns(FitWarning, match=r"shorter steps would change .*damping by 0\.\d+ %: \d+ a frame"):
         fit(hung(*NEAR), TRUE, BOTH, **HOW)
 
 
 def test_data_that_are_late_leave_residuals_that_go_together():
-    with pytest.warns(DoubtfulFit, match="residuals of points are alike at neighbouring times"):
+    with pytest.warns(FitWarning, match="residuals of points are alike at neighbouring times"):
         fit(hung(*NEAR), late(TRUE, 0.1), BOTH, **HOW)
 
 
@@ -62,7 +62,7 @@ def test_milliseconds_for_seconds_are_told_before_anything_long_starts():
 
     measured = late(tracked(hung(), 0.1), times=1e3)
     with (
-        pytest.warns(DoubtfulFit, match=r"measured has times 16\.7 s apart.*in seconds"),
+        pytest.warns(FitWarning, match=r"measured has times 16\.7 s apart.*in seconds"),
         pytest.raises(InterruptedError),
     ):
         fit(hung(*NEAR), measured, BOTH, report=enough, **HOW)
@@ -72,7 +72,7 @@ def test_milliseconds_for_seconds_are_told_before_anything_long_starts():
     ("told", "said"), [(1e-4, r"10 times the noise told"), (1e-2, r"0\.1 times the noise told")]
 )
 def test_noise_that_is_not_as_told_is_told(told, said):
-    with pytest.warns(DoubtfulFit, match=f"residuals of points are {said}"):
+    with pytest.warns(FitWarning, match=f"residuals of points are {said}"):
         fit(hung(*NEAR), tracked(hung(), 0.4, noise=1e-3), BOTH, noise=told, **HOW)
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from measurements import STIFFNESS, block, csv_of, hung, tracked
 
-from msdwarp import Plane, Probe, Scene, Tracked, UnstableStep, fit
+from msdwarp import Plane, Probe, Scene, TrackedPoints, UnstableStep, fit
 from msdwarp.studies.measured import channels_of, frame_rate, read_measured
 
 SCENE = hung()
-POINTS = Tracked([0.1, 0.2], [0, 1], np.zeros((2, 3)))
+POINTS = TrackedPoints([0.1, 0.2], [0, 1], np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize(
@@ -39,11 +39,11 @@ POINTS = Tracked([0.1, 0.2], [0, 1], np.zeros((2, 3)))
         ({"measured": {"energy": 3}}, r"measured\['energy'\] is 3"),
         ({"measured": {"energy": ([1.0], [1.0, 2.0])}}, "times of shape"),
         (
-            {"measured": Tracked([0.1], [99], np.zeros((1, 3)))},
+            {"measured": TrackedPoints([0.1], [99], np.zeros((1, 3)))},
             "particle of measured.* is 99; it must be below 27",
         ),
-        ({"measured": Tracked([0.1], [0], np.zeros((1, 2)))}, "measured has 2 coordinates; the scene has 3"),
-        ({"measured": Tracked([0.0], [0], np.zeros((1, 3)))}, "nothing of points after time 0"),
+        ({"measured": TrackedPoints([0.1], [0], np.zeros((1, 2)))}, "measured has 2 coordinates; the scene has 3"),
+        ({"measured": TrackedPoints([0.0], [0], np.zeros((1, 3)))}, "nothing of points after time 0"),
     ],
 )
 def test_what_is_wrong_is_named(wrong, said):
@@ -84,7 +84,7 @@ def test_substeps_that_are_unstable_within_the_bounds_are_refused():
 )
 def test_tracked_points_are_checked(rows, said):
     with pytest.raises(ValueError, match=said):
-        Tracked(*rows)
+        TrackedPoints(*rows)
 
 
 def test_points_come_from_a_file(tmp_path):
@@ -134,7 +134,7 @@ def test_a_file_that_is_wrong_is_told_by_line(tmp_path, text, said):
     ],
 )
 def test_the_frame_rate_is_told_by_the_times(times, fps):
-    points = Tracked(times, np.zeros(len(times)), np.ones((len(times), 3)))
+    points = TrackedPoints(times, np.zeros(len(times)), np.ones((len(times), 3)))
     assert frame_rate(channels_of(points, SCENE, None)) == pytest.approx(fps, rel=1e-9)
 
 

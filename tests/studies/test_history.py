@@ -9,7 +9,7 @@ from PIL import Image
 from problems import EPS32, EPS64
 
 from msdwarp import Simulation, System, Trajectory, at
-from msdwarp.engine.measures import Measures
+from msdwarp.engine.diagnostics.energies import Measures
 from msdwarp.files.writer import TrajectoryWriter
 from msdwarp.simulation.readback import Readback
 from msdwarp.studies import history
@@ -208,7 +208,7 @@ def test_a_schedule_is_followed(tmp_path):
     schedule = [
         at(1.5 / 60, stiffness=lambda k: 2 * k),
         at(4 / 60, rest_length=lambda length: 0.9 * length, mass=lambda m: 2 * m),
-        at(6 / 60, freeze=True),
+        at(6 / 60, set_rest_shape=True),
     ]
     for every in (1, 2):
         path = tmp_path / f"{every}.vtkhdf"

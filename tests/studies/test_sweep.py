@@ -35,7 +35,7 @@ def test_a_sweep_is_so_many_single_runs(tmp_path):
     assert (found["status"] == "done").all()
     for stiffness, count, fps in ((100, 3, 60), (200, 4, 30)):
         scene = swept.build(stiffness=stiffness, count=count)
-        single = msd.Simulation.of(scene, fps=fps, device="cpu")
+        single = msd.Simulation.from_scene(scene, fps=fps, device="cpu")
         single.step(round(0.1 * fps))
         row, measures = found.sel(stiffness=stiffness, count=count, fps=fps), single.measure()
         # The same computation, so the same bits; and the very numbers that the simulation gives.
@@ -148,7 +148,7 @@ def killing(tmp_path: Path, stiffness: float) -> dict:
     """Return parameters by which the first worker that comes to a stiffness is killed."""
     mark = tmp_path / "mark"
     mark.mkdir()
-    (mark / f"kill-{stiffness:g}").touch()
+    (mark / f"kill-{stiffness:g}").contact()
     return {"mark": str(mark)}
 
 

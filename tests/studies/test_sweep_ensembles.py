@@ -41,14 +41,16 @@ def own_folders(folder):
             {"substeps": 12, "integrator": "leapfrog-extrapolated", "precision": "float32-compensated"},
             marks=pytest.mark.slow,
         ),
-        pytest.param({}, {"substeps": 12, "route": "gather", "precision": "float64"}, marks=pytest.mark.slow),
-        pytest.param({}, {"substeps": 12, "route": "stencil", "fps": 30}, marks=pytest.mark.slow),
+        pytest.param(
+            {}, {"substeps": 12, "force_algorithm": "gather", "precision": "float64"}, marks=pytest.mark.slow
+        ),
+        pytest.param({}, {"substeps": 12, "force_algorithm": "stencil", "fps": 30}, marks=pytest.mark.slow),
     ],
 )
 def test_worlds_find_what_runs_of_their_own_find(tmp_path, plain_device, more, options):
     options = options | {"device": plain_device}
     if plain_device != "cpu":  # what repeats to the last bit there
-        options |= {"route": "gather"}
+        options |= {"force_algorithm": "gather"}
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # all of them are worlds
         found = msd.sweep(swept.thrown, grid(**more), tmp_path / "worlds", jobs="ensemble", **options)
@@ -96,7 +98,9 @@ def test_worlds_go_on_where_runs_have_ended_and_runs_where_worlds_have(tmp_path)
 def test_automatic_substeps_are_those_of_the_world_that_needs_most(tmp_path):
     stiffness = {"stiffness": [100.0, 400.0, 1600.0]}
     found = msd.sweep(swept.thrown, stiffness, tmp_path, jobs="ensemble", device="cpu")
-    needed = [msd.Simulation.of(swept.thrown(stiffness=one), device="cpu").substeps for one in (100, 400, 1600)]
+    needed = [
+        msd.Simulation.from_scene(swept.thrown(stiffness=one), device="cpu").substeps for one in (100, 400, 1600)
+    ]
     assert needed[0] < needed[2]
     assert found["substeps"].values.tolist() == [needed[2]] * 3
 

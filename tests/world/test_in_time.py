@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from msdwarp.world.in_time import sampled
+from msdwarp.world.time_functions import sampled
 
 TIMES = np.linspace(0.3, 2.2, 40)
 

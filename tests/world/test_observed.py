@@ -33,7 +33,7 @@ def build(*, length: float = 0.1) -> Scene:
 @pytest.mark.slow
 def test_one_world_is_observed_as_many_are():
     pytest.importorskip("xarray")
-    simulation = Simulation.of(build(), device="cpu")
+    simulation = Simulation.from_scene(build(), device="cpu")
     simulation.step(6)
     _, position, velocity = simulation.frame()
     told = build().observed(position, velocity)

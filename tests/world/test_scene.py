@@ -4,28 +4,28 @@ import dataclasses
 
 import pytest
 
-from msdwarp import Plane, Scene, Touch, Wind, box
+from msdwarp import Contact, Plane, Scene, Wind, box
 
-SCENE = Scene(system=box((2, 2, 2)), colliders=[Plane()], loads=[Wind((1, 0, 0))], touch=Touch(friction=0.3))
+SCENE = Scene(system=box((2, 2, 2)), colliders=[Plane()], loads=[Wind((1, 0, 0))], contact=Contact(friction=0.3))
 
 
 @pytest.mark.parametrize("replaced", [lambda **k: SCENE.replace(**k), lambda **k: dataclasses.replace(SCENE, **k)])
 def test_a_scene_can_be_replaced_in_part(replaced):
     longer = replaced(duration=9.0)
-    assert (longer.duration, longer.system, longer.loads, longer.touch) == (
-        *(9.0, SCENE.system, SCENE.loads, SCENE.touch),
+    assert (longer.duration, longer.system, longer.loads, longer.contact) == (
+        *(9.0, SCENE.system, SCENE.loads, SCENE.contact),
     )
-    without = replaced(touch=None)
-    assert without.touch is None
+    without = replaced(contact=None)
+    assert without.contact is None
     assert without.loads == SCENE.loads[:1]
-    rougher = Touch(friction=0.9)
-    assert replaced(touch=rougher).loads == (SCENE.loads[0], rougher)
-    assert replaced(loads=()).loads == (SCENE.touch,)
-    assert replaced(touch=None).replace(touch=rougher).loads == (SCENE.loads[0], rougher)
+    rougher = Contact(friction=0.9)
+    assert replaced(contact=rougher).loads == (SCENE.loads[0], rougher)
+    assert replaced(loads=()).loads == (SCENE.contact,)
+    assert replaced(contact=None).replace(contact=rougher).loads == (SCENE.loads[0], rougher)
     with pytest.raises(ValueError, match="duration is -1"):
         replaced(duration=-1)
-    with pytest.raises(ValueError, match=r"loads\[1\] is a Touch"):
-        replaced(touch=None, loads=list(SCENE.loads))
+    with pytest.raises(ValueError, match=r"loads\[1\] is a Contact"):
+        replaced(contact=None, loads=list(SCENE.loads))
 
 
 def test_a_field_that_a_scene_lacks_is_named():

@@ -170,12 +170,12 @@ def test_freezing_keeps_the_shape(device):
     # A stretched row, whose left part forgets what it was: its springs are slack from then on.
     row = chain(5, dim=2).replace(groups={"left": [0, 1, 2]})
     row = row.replace(position=1.2 * row.position)
-    simulation = simulate(row.pin(slice(None)), device, at(0.1, group="left", freeze=True))
+    simulation = simulate(row.pin(slice(None)), device, at(0.1, group="left", set_rest_shape=True))
     simulation.step(2)
     np.testing.assert_allclose(simulation.system.rest_length, [1.2, 1.2, 1, 1], rtol=4 * EPS64)
     # Half k (0.2 m)² of each of the others.
     assert simulation.measure().elastic_energy == pytest.approx(2 * 1000 * 0.2**2 / 2, rel=40 * EPS64)
-    simulation.change(freeze=True, stiffness=500.0)
+    simulation.change(set_rest_shape=True, stiffness=500.0)
     assert simulation.measure().elastic_energy == 0.0  # lengths along an axis are exact
     np.testing.assert_array_equal(simulation.system.stiffness, 500.0)
 
@@ -224,7 +224,8 @@ def test_forced_substeps_that_do_no_longer_are_refused_until_they_do(device):
 
 
 def test_reset_runs_the_schedule_again(device):
-    changes = [at(0.2, stiffness=9 * K), at(0.4, group=[1], mass=lambda mass: 2 * mass), at(0.6, freeze=True)]
+    changes = [at(0.2, stiffness=9 * K), at(0.4, group=[1], mass=lambda mass: 2 * mass)]
+    changes += [at(0.6, set_rest_shape=True)]
     simulation = simulate(swing(), device, *changes)
 
     def run() -> list:
@@ -277,7 +278,7 @@ def test_a_yielding_body_keeps_its_history_elsewhere(device):
 
 def test_a_scene_brings_its_schedule():
     scene = Scene(system=swing(3), gravity=0.0, schedule=[at(0.1, stiffness=7.0)])
-    simulation = Simulation.of(scene, device="cpu")
+    simulation = Simulation.from_scene(scene, device="cpu")
     simulation.step(7)
     assert simulation.system.stiffness[0] == 7.0
     simulation.reset()
@@ -297,7 +298,7 @@ def test_groups_outlive_what_is_done_to_systems():
         both.rotate(0.5),
         both.spin(1.0),
         both.pin(0),
-        both.freeze(),
+        both.set_rest_shape(),
         both.with_velocity((1, 0)),
         both.named("all"),
         both.replace(mass=2.0),
@@ -346,7 +347,7 @@ def test_a_change_at_once_is_as_one_of_a_schedule(device):
         ({"time": "soon"}, "time is 'soon'"),
         ({"time": 1.0, "colour": 1.0}, "parameter is 'colour'; it must be one of 'mass', 'velocity', 'stiffness'"),
         ({"time": 1.0, "position": 1.0}, "parameter is 'position'"),
-        ({"time": 1.0, "freeze": True, "rest_length": 1.0}, "freeze sets rest_length"),
+        ({"time": 1.0, "set_rest_shape": True, "rest_length": 1.0}, "set_rest_shape sets rest_length"),
     ],
 )
 def test_bad_change_is_named(arguments, message):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from msdwarp import Force, Plane, Scene, Simulation, Touch, box, sheet
+from msdwarp import Contact, Force, Plane, Scene, Simulation, box, sheet
+from msdwarp.world.contact import restitution_of, with_contact
 from msdwarp.world.loads import Load
-from msdwarp.world.touch import restitution_of, with_touch
 
 
 def bounce(ratio: float) -> float:
@@ -34,7 +34,7 @@ def test_restitution_of_a_damped_contact(ratio):
 @pytest.mark.parametrize("restitution", [0.05, 0.2, 0.5, 0.9, 0.999, 1.0])
 def test_a_damping_ratio_gives_its_restitution(restitution):
     # Bisection halves an interval of 10 until float64 has no numbers between: ε of 10, times a slope of at most 2.
-    assert restitution_of(Touch(restitution=restitution).damping_ratio) == pytest.approx(restitution, abs=1e-13)
+    assert restitution_of(Contact(restitution=restitution).damping_ratio) == pytest.approx(restitution, abs=1e-13)
 
 
 def test_restitution_falls_with_damping():
@@ -51,7 +51,7 @@ def test_restitution_falls_with_damping():
         ({"restitution": 0.04}, "restitution is 0.04"),
         ({"restitution": 1.1}, "restitution is 1.1"),
         ({"restitution": -1.0}, "restitution is -1"),
-        ({"between": "some"}, "between is 'some'; it must be one of 'bodies', 'all', 'none'"),
+        ({"self_contact": "some"}, "self_contact is 'some'; it must be one of False, True"),
         ({"thickness": -1e-3}, "thickness is -0.001"),
         ({"thickness": np.inf}, "thickness is inf"),
         ({"stiffness": 0.0}, "stiffness is 0"),
@@ -60,55 +60,55 @@ def test_restitution_falls_with_damping():
         ({"groups": ("die",)}, "groups is .*; it must be two names"),
         ({"groups": ("a", "b", "c")}, "groups is .*; it must be two names"),
         ({"groups": (1, 2)}, "groups is .*; it must be two names"),
-        ({"obstacles": "no"}, "obstacles is 'no'; it must be one of False, True"),
+        ({"surface_colliders": "no"}, "surface_colliders is 'no'; it must be one of False, True"),
         ({"on": "die"}, "on is 'die'; which bodies are meant is said by groups"),
     ],
 )
 def test_wrong_arguments_are_refused_by_name(arguments, message):
     with pytest.raises(ValueError, match=message):
-        Touch(**arguments)
+        Contact(**arguments)
 
 
 DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("high")
 
 
 @pytest.mark.parametrize(
-    ("system", "touch", "message"),
+    ("system", "contact", "message"),
     [
         (
             DICE,
-            Touch(groups=("low", "hihg")),
-            "^a name in touch.groups is 'hihg'; it must be one of 'low', 'high'",
+            Contact(groups=("low", "hihg")),
+            "^a name in contact.groups is 'hihg'; it must be one of 'low', 'high'",
         ),
-        (sheet((3, 3), dim=2), Touch(), "^touch is asked for in 2 dimensions; bodies touch in three only"),
-        (DICE, "all", "touch"),
-        (DICE, [Touch(), 0.5], "touch"),
+        (sheet((3, 3), dim=2), Contact(), "^contact is asked for in 2 dimensions; bodies touch in three only"),
+        (DICE, "all", "contact"),
+        (DICE, [Contact(), 0.5], "contact"),
     ],
     ids=["a name", "flat", "a word", "a number"],
 )
-def test_what_cannot_touch_is_refused(system, touch, message):
+def test_what_cannot_touch_is_refused(system, contact, message):
     for refusing in (
-        lambda: Scene(system=system, touch=touch),
-        lambda: Simulation(system, touch=touch, device="cpu"),
+        lambda: Scene(system=system, contact=contact),
+        lambda: Simulation(system, contact=contact, device="cpu"),
     ):
         with pytest.raises(ValueError, match=message):
             refusing()
 
 
 def test_a_scene_hands_on_how_its_bodies_touch():
-    touch, force = Touch(friction=0.2), Force((0, 0, 1))
-    scene = Scene(system=DICE, loads=[force], touch=touch)
-    assert list(scene.loads) == [force, touch]
+    contact, force = Contact(friction=0.2), Force((0, 0, 1))
+    scene = Scene(system=DICE, loads=[force], contact=contact)
+    assert list(scene.loads) == [force, contact]
     # What is said anew takes the place of what was said before.
-    again = Touch(groups=("low", "high"), friction=0.1), Touch(groups=("low", "low"))
-    assert with_touch(scene.loads, again) == (force, *again)
-    assert with_touch(scene.loads, ()) == (force,)
+    again = Contact(groups=("low", "high"), friction=0.1), Contact(groups=("low", "low"))
+    assert with_contact(scene.loads, again) == (force, *again)
+    assert with_contact(scene.loads, ()) == (force,)
 
 
 @pytest.mark.parametrize(
     ("loads", "message"),
     [
-        ([Force((0, 0, 1)), Touch()], r"loads\[1\] is a Touch; how bodies touch must be said by touch"),
+        ([Force((0, 0, 1)), Contact()], r"loads\[1\] is a Contact; rules of contact are given by contact"),
         ([Load()], r"loads\[0\] is a Load, which does nothing; it must be one such as Force"),
         ([Plane()], r"loads\[0\] is Plane\(\); it must be a Load"),
         ([None], r"loads\[0\] is None; it must be a Load"),

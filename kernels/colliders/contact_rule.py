@@ -1,0 +1,152 @@
+"""Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
+
+import functools
+from typing import NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+
+
+class Needed(NamedTuple):
+    """What the obstacles of a scene need beside the rule; what they do not is not compiled."""
+
+    bounces: bool = True
+    """Whether anything bounces, by rule "coulomb"."""
+    several: bool = False
+    """Whether there are several, and so corners between them."""
+    overlapping_at_start: bool = False
+    """Whether anything starts inside one."""
+
+
+@functools.cache
+def contact_response(dim: int, scalar: type, rule: str):
+    """Compose (velocity after, share) for a contact with surface normal n of a particle approaching it.
+
+    The share is |v_t'| / |v_t|, what is left of the tangential velocity. Rule "coulomb": with v_old the
+    velocity before the force of this substep,
+
+        v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
+        j    = v_n' − v_n                       normal impulse per mass, support of the load included
+        v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
+
+    so that neither bounce nor friction depends on the step. Rule "report" (its Algorithm 1) mirrors and
+    multiplies at every touch, v_n' = −e v_n and v_t' = f v_t: both depend on the step.
+    e: restitution, μ: friction, f: tangential factor.
+    """
+    V = vector(dim, scalar)
+    coulomb = rule == "coulomb"
+
+    @wp.func
+    def respond(
+        # State in:
+        v: V,  # [m/s]
+        v_old: V,  # [m/s]
+        # The obstacle:
+        normal: V,
+        restitution: scalar,
+        friction: scalar,
+        tangential_factor: scalar,
+        rest_speed: scalar,  # [m/s]
+    ):
+        v_n = wp.dot(v, normal)
+        v_t = v - v_n * normal
+        v_n_after = -restitution * v_n
+        if wp.static(coulomb):
+            v_n_old = wp.dot(v_old, normal)
+            v_n_after = scalar(0.0)
+            if v_n_old < -rest_speed:
+                v_n_after = -restitution * v_n_old
+        share = tangential_factor
+        if wp.static(coulomb):
+            speed = wp.length(v_t)
+            loss = friction * (v_n_after - v_n)
+            if loss <= scalar(0.0):  # whatever the speed: the way that it has come is not taken back either
+                share = scalar(1.0)
+            elif loss < (scalar(1.0) - tangential_factor) * speed:
+                share = scalar(1.0) - loss / speed
+        return share * v_t + v_n_after * normal, share
+
+    return respond
+
+
+@functools.cache
+def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
+    """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
+
+    A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
+    this substep's way along the surface, so that what sticks does not creep. A particle already on its way out is
+    left alone. Velocities and ways are those relative to the surface. Returns (x, v).
+
+    Where it `flies`, a particle that bounces does so where the substep began, and is never lifted through the
+    forces of its neighbours: they would do work that comes from nothing, which a restitution near 1 gathers hit
+    after hit. With velocities half a substep behind positions (leapfrog, symplectic Euler) it goes on from there
+    at its new speed. Of the energy that leapfrog conserves, ½ m v_(n−½)·v_(n+½) + U(x_n), where v_old is the
+    normal speed before the substep and v the one that its force makes of it, a hit then takes
+
+        ½ m (1 − e)|v_old| (e|v_old| + |v|)
+
+    whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
+    force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
+
+    Where by rule "coulomb" anything has `overlapping_at_start` into an obstacle before the run, it is led out at a
+    steady pace and gets no speed from that: put onto the surface at once it would strain its connections by the
+    way.
+    """
+    V, Surface = vector(dim, scalar), surface(scalar, needed)
+    coulomb, overlapping_at_start = rule == "coulomb", needed.overlapping_at_start
+    respond = contact_response(dim, scalar, rule)
+
+    @wp.func
+    def put_back(s: Surface, p: int, distance: scalar, normal: V, x: V, v: V, x_old: V, v_old: V):
+        if wp.static(overlapping_at_start):
+            began = distance - wp.dot(x - x_old, normal)
+            approach = wp.dot(v, normal)
+            if distance < scalar(0.0) and approach <= scalar(0.0) and began < -s.slack:
+                x += wp.max(wp.min(began + s.overlap_release_speed, scalar(0.0)) - distance, scalar(0.0)) * normal
+                return x, v - approach * normal
+        if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
+            if wp.static(flies):
+                v_n = wp.dot(v, normal)
+            v, share = respond(
+                v,
+                v_old,
+                normal,
+                s.restitution[p],
+                s.friction[p],
+                s.tangential_factor[p],
+                s.rest_speed[p],
+            )
+            if wp.static(flies):
+                v_n_after = -s.restitution[p] * wp.dot(v_old, normal)
+                if v_n_after > s.restitution[p] * s.rest_speed[p]:
+                    back = scalar(1.0) - s.onward * v_n_after / v_n
+                    distance = wp.min(distance, back * wp.dot(x - x_old, normal))
+            x = x - distance * normal
+            if wp.static(coulomb):
+                way = x - x_old
+                along = way - wp.dot(way, normal) * normal
+                x = x - (scalar(1.0) - share) * along
+        return x, v
+
+    return put_back
+
+
+@functools.cache
+def surface(scalar: type, needed: Needed):
+    """Compose the struct of what all obstacles have."""
+
+    @wp.struct
+    class Surface:
+        # Each of shape [obstacle_count]:
+        restitution: wp.array(dtype=scalar)  # e
+        friction: wp.array(dtype=scalar)  # μ
+        tangential_factor: wp.array(dtype=scalar)  # f
+        rest_speed: wp.array(dtype=scalar)  # what approaches more slowly does not bounce [m/s]
+        if needed.bounces:
+            onward: scalar  # the share of a substep that a particle flies on for after a bounce
+        if needed.overlapping_at_start:
+            slack: scalar  # what began a substep no deeper than this is on the surface [m]
+            overlap_release_speed: scalar  # by how much what began it deeper is led out in a substep [m]
+
+    return Surface

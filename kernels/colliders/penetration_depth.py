@@ -1,0 +1,31 @@
+"""How far places are from a solid, for whoever asks before anything moves."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from .signed_distance import KINDS, signed_distance, solids
+
+
+@functools.cache
+def distances(dim: int, kinds: tuple[str, ...] = KINDS):
+    """Compose the kernel that writes the signed distances of places from a solid, in float64.
+
+    It knows all kinds of solids unless told which, so that it is compiled once.
+    """
+    V, Solids, Distance = vector(dim, wp.float64), solids(dim, wp.float64), wp.float64
+    distance_from = signed_distance(dim, wp.float64, kinds)
+
+    @kernel
+    def measure_distances(
+        s: Solids,
+        p: int,
+        x: wp.array(dtype=V),  # [m]
+        found: wp.array(dtype=Distance),  # [m], below 0 inside
+    ):
+        i = wp.tid()
+        result = distance_from(s, p, x[i])
+        found[i] = result[wp.static(dim)]
+
+    return measure_distances

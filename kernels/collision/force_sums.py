@@ -1,0 +1,97 @@
+"""What a contact adds to the forces on vertices: whole numbers of a unit, whose sums depend on no order."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from .cpu_partition import add_whole
+
+Units = wp.types.vector(3, wp.int64)
+"""A force in units."""
+
+
+@functools.cache
+def exert_force(scalar: type, lanes: int):
+    """Compose (force, ends, s, corner, w, f, per_unit, lane, parts).
+
+    It adds f [N] to a point, and the opposite to a facet.
+
+    The point lies between the vertices `ends`, with the share s of the second, and touches the facet where its
+    corners have the weights w. What they get is exactly what the point gets, in units of 1 / per_unit [N].
+    """
+    V = vector(3, scalar)
+
+    @wp.func
+    def part(total: wp.int64, share: scalar) -> wp.int64:
+        return wp.int64(wp.float64(total) * wp.float64(share))
+
+    @wp.func
+    def exert(
+        force: wp.array2d(dtype=wp.int64),
+        ends: wp.vec2i,
+        s: scalar,
+        corner: wp.vec3i,
+        w: V,
+        f: V,
+        per_unit: wp.float64,  # [1/N]
+        lane: int,
+        parts: int,  # that threads of the CPU take
+    ):
+        """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
+        for k in range(lane, 3, wp.static(lanes)):
+            total = wp.int64(wp.float64(f[k]) * per_unit)
+            if ends[0] == ends[1]:
+                add_whole(force, ends[0], k, total, parts)
+            else:
+                second = part(total, s)
+                add_whole(force, ends[1], k, second, parts)
+                add_whole(force, ends[0], k, total - second, parts)
+            on_1 = part(total, w[1])
+            on_2 = part(total, w[2])
+            add_whole(force, corner[1], k, -on_1, parts)
+            add_whole(force, corner[2], k, -on_2, parts)
+            add_whole(force, corner[0], k, on_1 + on_2 - total, parts)
+
+    return exert
+
+
+@functools.cache
+def exert_on_segments(scalar: type):
+    """Compose (in_units, take_from, add_to), for points that touch segments or grains only.
+
+    The whole numbers of a force f [N]; the opposite of such for the ends of a segment, by the share t of the
+    second; and such for a point. What a point gets from several contacts may be summed before: additions to memory
+    that others add to take longer than all else.
+    """
+    V = vector(3, scalar)
+    zero = wp.int64(0)
+
+    @wp.func
+    def in_units(f: V, per_unit: wp.float64) -> Units:
+        """Return a force as whole numbers."""
+        return Units(
+            wp.int64(wp.float64(f[0]) * per_unit),
+            wp.int64(wp.float64(f[1]) * per_unit),
+            wp.int64(wp.float64(f[2]) * per_unit),
+        )
+
+    @wp.func
+    def take_from(force: wp.array2d(dtype=wp.int64), first: int, second: int, t: scalar, total: Units, parts: int):
+        """Add the opposite of a force to two vertices, of which the second has the share t."""
+        for k in range(3):
+            on_second = wp.int64(wp.float64(total[k]) * wp.float64(t))
+            if on_second != zero:
+                add_whole(force, second, k, -on_second, parts)
+            if total[k] != on_second:
+                add_whole(force, first, k, on_second - total[k], parts)
+
+    @wp.func
+    def add_to(force: wp.array2d(dtype=wp.int64), ends: wp.vec2i, s: scalar, total: Units, parts: int):
+        """Add a force to a point between two vertices, of which the second has the share s."""
+        if ends[0] == ends[1]:
+            take_from(force, ends[0], ends[0], scalar(0.0), -total, parts)
+        else:
+            take_from(force, ends[0], ends[1], s, -total, parts)
+
+    return in_units, take_from, add_to

@@ -1,0 +1,78 @@
+"""Threads that share a point: each looks at some of the facets near it, and all of them learn what is found."""
+
+import functools
+
+import warp as wp
+
+ON_GPU = 4
+"""Threads to a point on a GPU where there are triangles: most points have some six near them."""
+FEW_ON_GPU = 2
+"""The same where there are grains and ropes only, on which less has to be computed."""
+BLOCK = 64
+"""Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
+BLOCKS = 10
+"""Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
+FAST = {"fast_math": True}
+"""Options of kernels in which divisions and roots on a GPU may be wrong by two units in the last place."""
+LEAST = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    for (int far = {half}; far > 0; far /= 2) {{
+        const auto other = __shfl_xor_sync(sharing, value, far);
+        value = other < value ? other : value;
+    }}
+#endif
+    return value;
+"""
+"""They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+CHOSEN = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    const unsigned those = __ballot_sync(sharing, chosen);
+    return those ? __shfl_sync(sharing, value, __ffs(those) - 1) : value;
+#else
+    return value;
+#endif
+"""
+
+
+def bounds_of_blocks(scalar: type) -> tuple[int, int]:
+    """Return for how many threads in a block, and blocks at a time, the compiler is to leave registers."""
+    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
+
+
+@functools.cache
+def least_of_lanes(kind: type, lanes: int):
+    """Compose the least of the values that the threads of a point have, of a type; all of them must ask for it."""
+    if lanes == 1:
+
+        @wp.func
+        def least(value: kind) -> kind:
+            return value
+
+    else:
+
+        @wp.func_native(LEAST.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2))
+        def least(value: kind) -> kind: ...
+
+    return least
+
+
+@functools.cache
+def chosen_of_lanes(kind: type, lanes: int):
+    """Compose (chosen, value) -> the value of the first thread of a point for which `substep_history` is true.
+
+    All of them must ask for it. Where it is true for none each keeps its own.
+    """
+    if lanes == 1:
+
+        @wp.func
+        def pick(chosen: bool, value: kind) -> kind:
+            return value
+
+    else:
+
+        @wp.func_native(CHOSEN.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+        def pick(chosen: bool, value: kind) -> kind: ...
+
+    return pick

@@ -1,0 +1,145 @@
+"""What holds between a point and a facet: where both are, by which rule they touch, from how far, how stiffly."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..records import records
+from .contact_surfaces import Surfaces
+from .nearest_point import nearest_on_triangle
+
+NONE = 2**31 - 1
+"""No body, or no facet: behind all."""
+ALMOST = 0.9999
+"""A distance that was listed may be less by rounding."""
+FAR = 1.0e30
+"""A distance at which nothing is [m]."""
+
+
+@functools.cache
+def places(scalar: type):
+    """Compose (place_of, place_on, nearest_to).
+
+    The place of a point; that on a facet by the weights of its corners, which of velocities is a velocity; and the
+    weights of the place on a facet that is nearest to p. They take vertices and corners, not the whole of what
+    touches: on the CPU a function has a copy of what it is given.
+    """
+    V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
+
+    @wp.func
+    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, share: scalar) -> V:
+        first = load(x, ends[0])
+        return first + share * (load(x, ends[1]) - first)
+
+    @wp.func
+    def place_on(x: wp.array(dtype=V), corner: wp.vec3i, w: V) -> V:
+        return w[0] * load(x, corner[0]) + w[1] * load(x, corner[1]) + w[2] * load(x, corner[2])
+
+    @wp.func
+    def nearest_to(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> V:
+        return nearest(p, load(x, corner[0]), load(x, corner[1]), load(x, corner[2]))
+
+    return place_of, place_on, nearest_to
+
+
+@functools.cache
+def unit_normal(scalar: type):
+    """Compose (x, corner) -> the unit normal out of a facet; 0 of one that has none."""
+    V, load = vector(3, scalar), records(3, scalar).load
+
+    @wp.func
+    def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
+        a = load(x, corner[0])
+        return wp.normalize(wp.cross(load(x, corner[1]) - a, load(x, corner[2]) - a))
+
+    return normal_of
+
+
+@functools.cache
+def pairs(scalar: type, worlds: bool = False):
+    """Compose (find_rule, thickness_of, reach_of, stiffness_of).
+
+    Each is for a point of body `mine` and a facet of body `other`.
+    """
+    Data = Surfaces(scalar, worlds)
+
+    @wp.func
+    def find_rule(data: Data, mine: int, other: int) -> int:
+        """Return the rule by which they touch; −1 if they do not."""
+        rule = data.rule[data.kind[mine], data.kind[other]]
+        if mine == other and rule >= 0:
+            if data.among[rule] == 0:
+                rule = -1
+        return rule
+
+    @wp.func
+    def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return at which distance they touch [m]."""
+        given = data.thickness[rule]
+        if given >= scalar(0.0):
+            return given
+        return data.radius[mine] + data.radius[other]
+
+    @wp.func
+    def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return how far off a facet can push a point [m]: out of what is closed, from so deep."""
+        reach = thickness_of(data, rule, mine, other)
+        if data.closed[other] != 0 and mine != other:
+            reach = wp.max(reach, data.depth[other])
+        return reach
+
+    @wp.func
+    def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
+        """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both, by its share."""
+        k = data.given[rule]
+        if k < scalar(0.0):
+            a = data.stiffness[mine]
+            b = data.stiffness[other]
+            k = scalar(2.0) * a * b / (a + b)
+        return data.density[mine] * k
+
+    return find_rule, thickness_of, reach_of, stiffness_of
+
+
+@functools.cache
+def points(scalar: type):
+    """Compose (mobility_of, slip_before).
+
+    The mobility of a point between two vertices [1/kg], and how far the point had been moved along a body that it
+    was touching before [m]: 0 if it was not.
+    """
+    V, one = vector(3, scalar), scalar(1.0)
+
+    @wp.func
+    def mobility_of(mobility: wp.array(dtype=scalar), ends: wp.vec2i, s: scalar) -> scalar:
+        found = mobility[ends[0]]
+        if ends[0] != ends[1]:
+            found = (one - s) * (one - s) * found + s * s * mobility[ends[1]]
+        return found
+
+    @wp.func
+    def slip_before(
+        contact_body: wp.array2d(dtype=int), tangential_displacement: wp.array2d(dtype=V), p: int, other: int
+    ) -> V:
+        found = V()
+        if contact_body[0, p] == other:
+            found = tangential_displacement[0, p]
+        elif contact_body[1, p] == other:
+            found = tangential_displacement[1, p]
+        return found
+
+    return mobility_of, slip_before
+
+
+@wp.func
+def next_in_order(candidate_body: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
+    """Return where in row p of n the body begins whose number is the least above `before`; n if there is none."""
+    least = int(wp.static(NONE))
+    first = int(n)
+    for e in range(n):
+        body = candidate_body[p, e]
+        if body > before and body < least:
+            least = body
+            first = e
+    return first

@@ -1,0 +1,294 @@
+"""Facets that straddle an obstacle: what comes in between particles, which contact with obstacles does not see.
+
+An obstacle keeps particles out. Between them an edge or a corner of it may come in, or all of a solid smaller
+than they are apart. So each facet is looked at in many places, a grid that includes its corners. Each place that
+lies δ deep in the obstacle is a spring of energy k δ²/2: an integral over the facet, as a sum. The spring pushes
+the corners along the gradient n of the obstacle's signed distance, by the weights of the place. For the facet as
+a whole, with the velocity u of the mean place by δ,
+
+    f_n = max(0, |Σ k δ n| − b_n u·n)
+
+and friction as between bodies.
+
+What is deep in a thin obstacle may be nearer to its other side. So the plane of the side that it came in by is
+kept, and δ is the depth below it, up to twice the distance from the nearest side: nothing jumps where it goes in
+and out.
+
+The solids being convex, the plane that touches one nearest to the middle of a facet has all of the solid behind
+it. A facet before this plane is looked at no further; so is one that lies flat on a face, where particles are
+held.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..colliders import signed_distance
+from .contact_surfaces import HISTORY
+from .friction import TANGENTIAL, friction
+from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
+
+CAP = 2.0
+"""How deep what came in by another side counts at most, by how far off the nearest side is."""
+
+
+@functools.cache
+def evaluate_surface(
+    scalar: type, kinds: tuple[str, ...], moving: bool, overlapping_at_start: bool, measuring: bool
+):
+    """Compose the kernel of the forces of obstacles on facets, or of what these store [J] and turn to heat [W].
+
+    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by what
+    it exceeds a depth that is allowed, which shrinks to nothing. Forces are summed as whole numbers, as between
+    bodies.
+    """
+    V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
+    distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
+    zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
+
+    @wp.func
+    def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
+        """Return a place as obstacle p was given, which is on its way by a share of the substep behind a row."""
+        if wp.static(moving):
+            begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
+            if share > zero:
+                ends = wp.transpose(data.turn[row + 1, p]) * (x - data.shift[row + 1, p])
+                begun += share * (ends - begun)
+            return begun
+        return x
+
+    @wp.func
+    def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
+        """Return a direction that obstacle p was given with, as it is now."""
+        if wp.static(moving):
+            begun = data.turn[row, p] * normal
+            if share > zero:
+                begun += share * (data.turn[row + 1, p] * normal - begun)
+            return begun
+        return normal
+
+    @wp.func
+    def add_to(data: Data, vertex: int, f: V, unit: wp.float64):
+        for s in range(data.first[vertex], data.first[vertex + 1]):
+            part = data.weight[s] * f
+            for k in range(3):
+                whole = wp.int64(wp.float64(part[k]) / unit)
+                wp.atomic_add(data.force, data.particle[s], k, whole)
+
+    @wp.func
+    def evaluate_point(
+        data: Data,
+        t: int,
+        corner: wp.vec3i,
+        a: V,  # where its corners are [m]
+        b: V,
+        c: V,
+        row: int,  # of the obstacles' poses, where the substep begins
+        share: scalar,  # how much of the substep has gone by
+        h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
+        behind: scalar,  # twice the time by which velocities lag behind positions [s]
+        unit: wp.float64,  # of forces [N]
+        stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], where measured
+        heated: wp.array(dtype=wp.float64),  # [W]
+    ):
+        middle = third * (a + b + c)
+        k = data.stiffness[t]
+        k_t = tangential * scalar(wp.static(float(QUADRATURE_POINTS))) * k
+        begins = data.slack[t]
+        if wp.static(overlapping_at_start):
+            begins += data.initial_overlap[t]
+        energy = wp.float64(0.0)
+        power = wp.float64(0.0)
+        done = wp.float64(0.0)
+        new_partner_0 = int(-1)
+        new_partner_1 = int(-1)
+        new_slip_0 = V()
+        new_slip_1 = V()
+        new_side_0 = V()
+        new_side_1 = V()
+        new_level_0 = zero
+        new_level_1 = zero
+        for o in range(data.solid.shape[0]):
+            p = data.solid[o]
+            found = distance_from(data.solids, p, place_of(data, p, row, share, middle))
+            normal = turned(data, p, row, share, V(found[0], found[1], found[2]))
+            ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
+            if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -begins:
+                # By corners what pushes them; all of it, where, and how much is in.
+                f_a = V()
+                f_b = V()
+                f_c = V()
+                w = V()
+                deep = zero
+                squares = zero
+                count = zero
+                # What it was in before, and by which side if it is deep.
+                tangential_displacement = V()
+                side = V()
+                level = zero
+                for e in range(wp.static(HISTORY)):
+                    if data.contact_body[e, t] == p:
+                        tangential_displacement = data.tangential_displacement[e, t]
+                        side = data.way[e, t]
+                        level = data.level[e, t]
+                kept = wp.dot(side, side) > zero
+                most_deep = zero
+                for s in range(wp.static(QUADRATURE_POINTS)):
+                    part = data.place[s]
+                    y = place_of(data, p, row, share, part[0] * a + part[1] * b + part[2] * c)
+                    found = distance_from(data.solids, p, y)
+                    depth = -found[3] - begins
+                    if depth > zero:
+                        way = V(found[0], found[1], found[2])
+                        if kept:
+                            behind_side = level - wp.dot(side, y) - begins
+                            depth = scalar(wp.static(CAP)) * depth
+                            way = scalar(wp.static(CAP)) * way
+                            if behind_side < depth:
+                                depth = wp.max(behind_side, zero)
+                                way = side
+                        if depth > most_deep:
+                            most_deep = depth
+                            if not kept:
+                                side = way
+                                level = wp.dot(way, y) - found[3]
+                        way = turned(data, p, row, share, way)
+                        f_a += (part[0] * depth) * way
+                        f_b += (part[1] * depth) * way
+                        f_c += (part[2] * depth) * way
+                        w += depth * part
+                        deep += depth
+                        squares += depth * depth
+                        count += one
+                pushed = f_a + f_b + f_c
+                size = wp.length(pushed)
+                mobility = zero
+                if deep > zero:
+                    w = w / deep
+                    for j in range(3):
+                        mobility += w[j] * w[j] * data.mobility[corner[j]]
+                if size > zero and mobility > zero:
+                    normal = pushed / size
+                    u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
+                    surface = V()
+                    if wp.static(moving):
+                        y = place_of(data, p, row, share, w[0] * a + w[1] * b + w[2] * c)
+                        following = wp.min(row + 1, data.speed.shape[0] - 1)  # where a frame ends there is none
+                        surface = scalar(0.5) * (
+                            data.turning[row, p] * y
+                            + data.speed[row, p]
+                            + data.turning[following, p] * y
+                            + data.speed[following, p]
+                        )
+                        u = u - surface
+                    u_n = wp.dot(u, normal)
+                    u_t = u - u_n * normal
+                    # What is in has its share of the stiffness around a vertex, and so of the mass.
+                    b_n = scalar(2.0) * data.damping[p] * count * k / wp.sqrt(data.whole[t] * mobility)
+                    b_t = wp.sqrt(tangential) * b_n
+                    late = one / (one + behind * b_n * mobility)
+                    b_t = b_t / (one + behind * b_t * mobility)
+                    f_n = wp.max(zero, k * size - late * b_n * u_n)
+                    tangential_displacement = (
+                        tangential_displacement - wp.dot(tangential_displacement, normal) * normal + h * u_t
+                    )
+                    tangential_displacement, f_t, slides = stick_or_slide(
+                        tangential_displacement, u_t, k_t, b_t, data.friction[p] * f_n
+                    )
+                    if wp.static(measuring):
+                        energy += wp.float64(
+                            scalar(0.5)
+                            * (k * squares + k_t * wp.dot(tangential_displacement, tangential_displacement))
+                        )
+                        heat = (k * size - f_n) * u_n - wp.dot(f_t, u_t)
+                        if not slides:
+                            heat -= k_t * wp.dot(tangential_displacement, u_t)
+                        power += wp.float64(heat)
+                    else:
+                        by = f_n / size
+                        add_to(data, corner[0], by * f_a + w[0] * f_t, unit)
+                        add_to(data, corner[1], by * f_b + w[1] * f_t, unit)
+                        add_to(data, corner[2], by * f_c + w[2] * f_t, unit)
+                        if wp.static(moving):
+                            done += wp.float64(wp.dot(f_n * normal + f_t, surface))
+                        if wp.static(overlapping_at_start):
+                            if data.initial_overlap[t] > zero:
+                                done += wp.float64(k * deep * data.overlap_release_speed)
+                    if most_deep < data.thin[p]:
+                        side = V()
+                    if new_partner_0 < 0:
+                        new_partner_0 = p
+                        new_slip_0 = tangential_displacement
+                        new_side_0 = side
+                        new_level_0 = level
+                    elif new_partner_1 < 0:
+                        new_partner_1 = p
+                        new_slip_1 = tangential_displacement
+                        new_side_1 = side
+                        new_level_1 = level
+        if wp.static(measuring):
+            stored[t] = energy
+            heated[t] = power
+        else:
+            if h > zero:
+                data.contact_body[0, t] = new_partner_0
+                data.contact_body[1, t] = new_partner_1
+                data.tangential_displacement[0, t] = new_slip_0
+                data.tangential_displacement[1, t] = new_slip_1
+                data.way[0, t] = new_side_0
+                data.way[1, t] = new_side_1
+                data.level[0, t] = new_level_0
+                data.level[1, t] = new_level_1
+            if wp.static(overlapping_at_start):
+                data.initial_overlap[t] = wp.max(zero, data.initial_overlap[t] - h * data.overlap_release_speed)
+            if wp.static(moving or overlapping_at_start):
+                data.power[t] = done
+
+    @kernel
+    def straddle_facets(
+        data: Data,
+        row: int,
+        share: scalar,
+        h: scalar,
+        behind: scalar,
+        unit: wp.float64,
+        threads: int,
+        stored: wp.array(dtype=wp.float64),
+        heated: wp.array(dtype=wp.float64),
+    ):
+        # Most facets are far from all: what is told here is told without handing on `data`, of which, on the CPU,
+        # each function has a copy.
+        t = wp.tid()
+        while t < data.corner.shape[0]:
+            corner = data.corner[t]
+            a = data.x[corner[0]]
+            b = data.x[corner[1]]
+            c = data.x[corner[2]]
+            middle = third * (a + b + c)
+            far = wp.max(wp.length_sq(a - middle), wp.max(wp.length_sq(b - middle), wp.length_sq(c - middle)))
+            far = wp.sqrt(far)
+            near = data.contact_body[0, t] >= 0
+            if wp.static(overlapping_at_start):
+                near = near or data.initial_overlap[t] > zero
+            for o in range(data.solid.shape[0]):
+                p = data.solid[o]
+                y = middle
+                if wp.static(moving):
+                    y = wp.transpose(data.turn[row, p]) * (middle - data.shift[row, p])
+                    if share > zero:
+                        ends = wp.transpose(data.turn[row + 1, p]) * (middle - data.shift[row + 1, p])
+                        y += share * (ends - y)
+                low = data.lower[p]
+                high = data.upper[p]
+                if y[0] > low[0] - far and y[1] > low[1] - far and y[2] > low[2] - far:
+                    if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
+                        near = True
+            if near:
+                evaluate_point(data, t, corner, a, b, c, row, share, h, behind, unit, stored, heated)
+            else:
+                if wp.static((moving or overlapping_at_start) and not measuring):
+                    data.power[t] = wp.float64(0.0)
+            t += threads
+
+    return straddle_facets

@@ -1,0 +1,152 @@
+"""Small worlds whose state stays on the chip: in the shared memory of a block of threads, for many steps."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel
+from ..integrators import Composition, loads, tools
+from ..places import Place, arrays_of, shifts
+from ..springs import COLUMN
+from .by_world import Differences, by_world
+from .stages import wait
+
+MOST_BYTES = 44 * 1024
+"""Every GPU gives a block 48 KB of shared memory without being asked; Warp takes 4 bytes a thread of it."""
+FILL = """
+#if defined(__CUDA_ARCH__)
+    __shared__ __align__(16) int room[{words}];
+    for (int k = thread; k < {words}; k += {threads})
+        room[k] = 0;
+    __syncthreads();
+    for (int s = 0; s < home.shape[0]; ++s) {{
+        const int* from = reinterpret_cast<const int*>(home.data[s] + bytes);
+        for (int k = thread; k < words; k += {threads})
+            room[s * each + margin + k] = from[k];
+    }}
+    __syncthreads();
+    return reinterpret_cast<wp::int64>(room);
+#else
+    return 0;
+#endif
+"""
+EMPTY = """
+#if defined(__CUDA_ARCH__)
+    const int* room = reinterpret_cast<const int*>(chip);
+    for (int s = 0; s < home.shape[0]; ++s) {{
+        int* to = reinterpret_cast<int*>(home.data[s] + bytes);
+        for (int k = thread; k < words; k += {threads})
+            to[k] = room[s * each + margin + k];
+    }}
+#endif
+"""
+
+
+@functools.cache
+def on_chip_worlds(
+    composition: Composition,
+    differs: Differences,
+    method: Any,
+    threads: int,
+    together: int,
+    room: int,
+    in_columns: bool,
+):
+    """Compose the kernel that takes many steps of small worlds in one launch, the state of each in shared memory.
+
+    A block has a thread for each particle of its world, or for each column of particles (see `column_forces`). All
+    have their forces before any moves its particle, so a stage may write where it reads: `steps` are those of one
+    substep, and their arrays are given by how many bytes into the shared memory they begin. Arrays have `words`
+    numbers of four bytes, lie `each` apart, and have `margin` zeros before and behind them, which may be read.
+    Array s comes from `home[s]`, as world 0 has it, and goes back there.
+
+    Parameters
+    ----------
+    composition, differs, method
+        What the kernel is composed from. The algorithm must not scatter.
+    threads
+        Threads of a block.
+    together
+        Threads that a multiprocessor shall hold at a time: it limits registers.
+    room
+        Bytes of shared memory.
+    in_columns
+        Whether a thread has a column of particles, which is for lattices of layers.
+    """
+    _, SceneData, *_ = tools(composition)
+    Step, advance, _ = method(composition)
+    ByWorld, take = by_world(composition, differs)
+    shift = shifts(Step, arrays_of(Step, composition.compensated), Place.CHIP)
+    force_algorithm, load, masked_particles = (
+        composition.force_algorithm,
+        loads(composition),
+        bool(composition.selective),
+    )
+    force_at, forces_at = force_algorithm.force_at, force_algorithm.column_forces
+    rows = COLUMN if in_columns else 1
+    Forces = wp.types.matrix((rows, composition.dim), composition.scalar)
+    sizes = {"words": room // 4, "threads": threads}
+
+    @wp.func_native(FILL.format(**sizes))
+    def fill(
+        home: wp.array(dtype=wp.int64), bytes: wp.int64, thread: int, words: int, each: int, margin: int
+    ) -> wp.int64: ...
+
+    @wp.func_native(EMPTY.format(**sizes))
+    def empty(
+        chip: wp.int64,
+        home: wp.array(dtype=wp.int64),
+        bytes: wp.int64,
+        thread: int,
+        words: int,
+        each: int,
+        margin: int,
+    ): ...
+
+    def take_steps_on_chip(
+        scene: SceneData,
+        by: ByWorld,
+        steps: wp.array(dtype=Step),
+        count: int,
+        home: wp.array(dtype=wp.int64),
+        words: int,
+        each: int,
+        margin: int,
+    ):
+        tid = wp.tid()
+        w = tid / wp.static(threads)
+        thread = tid % wp.static(threads)
+        if by.frozen[w] != 0:
+            return
+        own = take(scene, by, w)
+        i = thread
+        stride = int(0)
+        if wp.static(in_columns):
+            stride = own.forces.stride
+            i = thread / stride * (wp.static(COLUMN) * stride) + thread % stride
+        chip = fill(home, wp.int64(w) * by.stride, thread, words, each, margin)
+        for k in range(count):
+            step = steps[k % steps.shape[0]]
+            shift(step, chip)
+            forces = Forces()
+            if i < own.inverse_mass.shape[0]:
+                if wp.static(in_columns):
+                    forces = forces_at(own.forces, step.compensation, step.x, step.v, i)
+                else:
+                    forces[0] = force_at(own.forces, step.compensation, step.x, step.v, i)
+                if wp.static(load is not None):
+                    for d in range(wp.static(rows)):
+                        if i + d * stride < own.inverse_mass.shape[0]:
+                            mask = wp.uint8(0)
+                            if wp.static(masked_particles):
+                                mask = own.effect_mask[i + d * stride]
+                            forces[d] += load(own, step.compensation, step.x, step.v, i + d * stride, mask)
+            wait()
+            for d in range(wp.static(rows)):
+                if i + d * stride < own.inverse_mass.shape[0]:
+                    advance(own, step, forces[d], i + d * stride)
+            wait()
+        empty(chip, home, wp.int64(w) * by.stride, thread, words, each, margin)
+
+    return kernel(take_steps_on_chip, launch_bounds=(threads, max(1, together // threads)))

@@ -1,0 +1,122 @@
+"""Many steps in one launch for each thread of the CPU: they share the particles, and wait for each other."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel
+from ..springs import NO_SUBSTEP
+from .composition import Composition, beginning, loads, tools
+
+ABORT = 16
+"""Where in `PartOfParticles.meeting` it is said that a thread is missing: not in the line of the cache that all
+wait for."""
+MEET = f"""
+#if !defined(__CUDA_ARCH__)
+    int* arrived = meeting.data;
+    const int own = __atomic_add_fetch(arrived, 1, __ATOMIC_ACQ_REL);
+    const int all = (own + threads - 1) / threads * threads;
+    for (int tries = 0; __atomic_load_n(arrived, __ATOMIC_ACQUIRE) < all; ++tries) {{
+        if (__atomic_load_n(arrived + {ABORT}, __ATOMIC_RELAXED))
+            return;
+        if (tries > 300)  // some 10 µs: the one that is waited for may need this core, or another program
+            reinterpret_cast<wp::int32 (*)()>(yield_cpu)();
+#if defined(__x86_64__)
+        else
+            __builtin_ia32_pause();
+#endif
+    }}
+#endif
+"""
+
+
+@wp.func_native(MEET)
+def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
+    """Let no thread go on before all have come here, and see what they have written.
+
+    The k-th meeting is over when threads have come k times their number, which is counted and never set back.
+    """
+    ...
+
+
+@wp.struct
+class PartOfParticles:
+    """What one of several threads advances."""
+
+    threads: int  # how many there are
+    first: int  # its particles are from this one on
+    last: int  # up to this one, which is not one of them
+    first_begun: int  # the connections where it does what effects do as a substep begins
+    last_begun: int
+    # Of an algorithm that scatters, the connections that end in its particles: runs from one to before another
+    runs: wp.array(dtype=wp.vec2i)
+    others: wp.array(dtype=int)  # particles of other shares that these end in
+    meeting: wp.array(dtype=int)  # how often threads have come to meet; at ABORT whether one never will
+    yield_cpu: wp.uint64  # address of the system's function that lets other programs have the core
+
+
+@kernel
+def wait_for_all(share: PartOfParticles):
+    """Let no thread go on before all have come here."""
+    barrier(share.meeting, share.threads, share.yield_cpu)
+
+
+@functools.cache
+def in_partition(composition: Composition, method: Any):
+    """Compose the kernel that takes many steps, as `persistent` does, for the particles of one share.
+
+    It is launched once for each share, all at the same time. A particle's forces are summed in the same order as
+    by one thread: where they are scattered, into an array of the thread's own, of all connections that end in its
+    particles. Those between two shares are evaluated in both.
+    """
+    _, SceneData, _, _, store, _ = tools(composition)
+    begin, load, masked_particles = beginning(composition), loads(composition), bool(composition.selective)
+    evaluate, force_at = composition.force_algorithm.evaluate, composition.force_algorithm.force_at
+    moving, timed, tears = composition.collider_term.moving, composition.timed, composition.force_algorithm.tears
+    Step, advance, _ = method(composition)
+    V = tools(composition).V
+
+    def take_share(scene: SceneData, steps: wp.array(dtype=Step), count: int, share: PartOfParticles):
+        if wp.static(moving):
+            first = int(scene.colliders.substep)
+        if wp.static(timed):
+            first_stage = int(scene.stage)
+        if wp.static(tears):
+            begun = int(scene.forces.breaking.substep)
+        barrier(share.meeting, share.threads, share.yield_cpu)  # what was launched before is done
+        for k in range(count):
+            step = steps[k % steps.shape[0]]
+            if wp.static(timed):
+                scene.stage = first_stage + k
+            if wp.static(begin is not None):
+                if k % (steps.shape[0] / 2) == 0:  # where a substep begins
+                    for c in range(share.first_begun, share.last_begun):
+                        begin(scene, step.compensation, step.x, c)
+                    barrier(share.meeting, share.threads, share.yield_cpu)
+            if wp.static(tears):
+                scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
+                if k % (steps.shape[0] / 2) == 0:
+                    scene.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
+            if wp.static(evaluate is not None):
+                for n in range(share.runs.shape[0]):
+                    c = int(share.runs[n][0])
+                    while c < share.runs[n][1]:
+                        evaluate(scene.forces, step.compensation, step.x, step.v, c)
+                        c += 1
+                for n in range(share.others.shape[0]):
+                    store(scene.forces.f, share.others[n], V())
+            if wp.static(moving):
+                scene.colliders.substep = first + k / (steps.shape[0] / 2)
+            for i in range(share.first, share.last):
+                if wp.static(load is None):
+                    advance(scene, step, force_at(scene.forces, step.compensation, step.x, step.v, i), i)
+                else:
+                    own = force_at(scene.forces, step.compensation, step.x, step.v, i)
+                    mask = wp.uint8(0)
+                    if wp.static(masked_particles):
+                        mask = scene.effect_mask[i]
+                    advance(scene, step, own + load(scene, step.compensation, step.x, step.v, i, mask), i)
+            barrier(share.meeting, share.threads, share.yield_cpu)
+
+    return kernel(take_share)

@@ -1,0 +1,119 @@
+"""The triangles of a surface, as loads on it see them."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
+from ..records import records
+
+
+@functools.cache
+def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
+    """Compose (Faces, corners): triangles with the particles at their corners, and what a load needs of one.
+
+    Where vertices are `mixed`, no particles but mixtures of them, x and v are those of the vertices, which
+    `mix_vertices` has found, and a particle takes as much of a triangle's force as it has shares in its corners.
+
+    corners(faces, lost, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners, and half
+    the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area vectors.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.struct
+    class Faces:
+        corner: wp.array(dtype=wp.vec3i)  # the particles of each triangle, shape [triangle_count]
+        first: wp.array(dtype=int)  # where the triangles around each particle begin, shape [particle_count + 1]
+        number: wp.array(dtype=int)  # which triangle it is, shape [3 triangle_count]
+
+    @wp.struct
+    class FacesOfMixedVertices:
+        corner: wp.array(dtype=wp.vec3i)  # the vertices of each triangle, shape [triangle_count]
+        first: wp.array(dtype=int)  # where the triangles around each particle begin, shape [particle_count + 1]
+        number: wp.array(dtype=int)  # which triangle it is, shape [any]
+        share: wp.array(dtype=scalar)  # what the particle takes of it, shape [any]
+
+    Given = FacesOfMixedVertices if mixed else Faces
+
+    @wp.func
+    def place(compensation: Compensation, x: wp.array(dtype=V), i: int) -> V:
+        if wp.static(mixed):
+            return x[i]
+        x_i = load(x, i)
+        if wp.static(compensated):
+            x_i = x_i - load(compensation.x, i)
+        return x_i
+
+    @wp.func
+    def corners(faces: Given, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), t: int):
+        i = faces.corner[t][0]
+        j = faces.corner[t][1]
+        k = faces.corner[t][2]
+        x_i = place(compensation, x, i)
+        x_j = place(compensation, x, j)
+        x_k = place(compensation, x, k)
+        third = scalar(1.0) / scalar(3.0)
+        area = V()
+        if wp.static(dim == 3):
+            area = scalar(0.5) * wp.cross(x_j - x_i, x_k - x_i)
+        if wp.static(mixed):
+            velocity = third * (v[i] + v[j] + v[k])
+        else:
+            velocity = third * (load(v, i) + load(v, j) + load(v, k))
+        return third * (x_i + x_j + x_k), velocity, area
+
+    return Given, corners
+
+
+@functools.cache
+def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
+    """Return what vertices that are mixtures of particles add to kernels: where they are, and how fast."""
+    V = vector(dim, scalar)
+
+    @wp.struct
+    class Skin:
+        x: wp.array(dtype=V)  # [m], shape [vertex_count]
+        v: wp.array(dtype=V)  # [m/s]
+
+    return ForceTerm("skin", Skin)
+
+
+@functools.cache
+def mix_vertices(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, over vertices, that finds them: Σ weight · x and Σ weight · v of their particles."""
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    Skin: Any = mixed_vertices(dim, scalar).Data
+    load = records(dim, scalar).load
+
+    @kernel
+    def mix(
+        # Model:
+        particle: wp.array2d(dtype=int),  # that each is a mixture of, shape [vertex_count, k]
+        weight: wp.array2d(dtype=scalar),  # their shares
+        # State in:
+        compensation: Compensation,
+        x: wp.array(dtype=V),  # [m], shape [particle_count]
+        v: wp.array(dtype=V),  # [m/s], shape [particle_count]
+        # Out:
+        skin: Skin,
+    ):
+        i = wp.tid()
+        place = V()
+        speed = V()
+        for k in range(particle.shape[1]):
+            j = particle[i, k]
+            x_j = load(x, j)
+            if wp.static(compensated):
+                x_j = x_j - load(compensation.x, j)
+            place += weight[i, k] * x_j
+            speed += weight[i, k] * load(v, j)
+        skin.x[i] = place
+        skin.v[i] = speed
+
+    return mix

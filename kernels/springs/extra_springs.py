@@ -1,0 +1,59 @@
+"""Extra springs: connections of lattices that lie in no direction, as rows of a small table beside the stencil."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
+from ..records import records
+from .dampers import Law
+from .force_algorithm import difference
+from .law import spring_damper
+
+
+@functools.cache
+def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
+    """Return what ties add to the kernels of a stencil: the sum of the forces of those that a particle has.
+
+    The law is that of all connections. A tie is in the table twice, once for each of its ends, and both find the
+    same force but for its sign.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, damped = records(dim, scalar).load, damper is not None
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+
+    @wp.struct
+    class ExtraSprings:
+        first: wp.array(dtype=int)  # where the ends at each particle begin, shape [particle_count + 1]
+        # Of each end, shape [2 tie_count]:
+        other: wp.array(dtype=int)  # the particle at the other one
+        rest_length: wp.array(dtype=scalar)  # l0 [m]
+        stiffness: wp.array(dtype=scalar)  # k [N/m]
+        damping: wp.array(dtype=scalar)  # b in the units of the law
+
+    def force(SceneData: Any):
+        @wp.func
+        def tied(
+            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+        ) -> V:
+            x_i = load(x, i)
+            dv = V()
+            total = V()
+            for e in range(scene.ties.first[i], scene.ties.first[i + 1]):
+                j = scene.ties.other[e]
+                dx = separation(compensation, x, x_i, i, j)
+                if wp.static(damped):
+                    dv = load(v, i) - load(v, j)
+                q = force_density(
+                    dx, dv, scene.ties.rest_length[e], scene.ties.stiffness[e], scene.ties.damping[e]
+                )
+                total -= q * dx
+            return total
+
+        return tied
+
+    return ForceTerm("ties", ExtraSprings, force=force, selective=True)

@@ -1,0 +1,68 @@
+"""What an algorithm is, and the pieces that all algorithms share."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..records import records
+
+
+class ForceAlgorithm(NamedTuple):
+    """The device side of an algorithm."""
+
+    Forces: Any
+    """Struct type of what the functions read."""
+    force_at: Any
+    """wp.func (forces, lost, x, v, i) -> force on particle i [N]."""
+    evaluate: Any = None
+    """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
+    column_forces: Any = None
+    """wp.func (forces, lost, x, v, i) -> forces on the particles i + d stride, as the rows d of a matrix."""
+    block: int = 256
+    """Threads in a block over particles."""
+    bounds: tuple[int, int] | None = None
+    """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
+    column_bounds: tuple[int, int] | None = None
+    """The same for columns."""
+    tears: bool = False
+    """Whether connections break, so that `Forces` has the data of `breaking`."""
+    grid_stride: bool | None = None
+    """Whether threads may take several particles (`wp.kernel`): False needs fewer registers."""
+    lanes: int = 1
+    """Threads that share a particle: `force_at` is called by all of them, and all get the force."""
+
+
+@functools.cache
+def difference(dim: int, scalar: type, compensated: bool):
+    """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.func
+    def separation(compensation: Compensation, x: wp.array(dtype=V), x_i: V, i: int, j: int) -> V:
+        dx = x_i - load(x, j)
+        if wp.static(compensated):
+            dx = dx - (load(compensation.x, i) - load(compensation.x, j))
+        return dx
+
+    return separation
+
+
+PAIR = """
+#if defined(__CUDA_ARCH__)
+    const int2 ends = reinterpret_cast<const int2*>(connections.data)[c];
+    return {ends.x, ends.y};
+#else
+    return connections.data[c];
+#endif
+"""
+
+
+@wp.func_native(PAIR)
+def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
+    """Return the two particles of connection c."""
+    ...

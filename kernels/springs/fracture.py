@@ -1,0 +1,107 @@
+"""Connections that break for good, as threads of a cloth do: from then on they are not there."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import kernel
+
+NO_SUBSTEP = -1
+"""Number of the substep where forces are evaluated for another reason than to begin one: nothing breaks then."""
+
+
+class Breaking(NamedTuple):
+    """The device side of breaking."""
+
+    Data: Any
+    """Struct type of what decides about connections, and of what is known of broken ones."""
+    is_suspect: Any
+    """wp.func (b, rest, square) -> bool: whether a connection of this rest length may be too long now."""
+    breaks: Any
+    """wp.func (b, c, rest, square) -> bool: whether connection c breaks, which it does as a substep begins; it is
+    then noted."""
+
+
+@functools.cache
+def breaking(scalar: type) -> Breaking:
+    """Compose what algorithms ask about a connection of rest length l0, `square` = |Δx|² of its ends.
+
+    It breaks when a substep begins with |Δx| > min(l0 (1 + ε), l0 + F/k), for its break strain ε and break force
+    F, the tension k (|Δx| − l0) that it bears. Both ends see the same |Δx|², to the last bit, since one has Δx and
+    the other −Δx: where each particle sums its own forces, both let go in the same substep. Whether a connection
+    may be too long at all is asked first, by a number that is the same for all: only then its own are read.
+    """
+
+    @wp.struct
+    class Breaks:
+        substep: int  # of the frame; NO_SUBSTEP where none begins
+        h: wp.float64  # length of a substep [s]
+        start: wp.array(dtype=wp.float64)  # when the frame begins [s], shape [1]
+        least: scalar  # square of the length over l0 up to which none breaks
+        number: wp.array(dtype=int)  # of the connection in each of the route's places
+        # Of each neighbour in a uniform lattice, in the order of sums; to look one up among its arguments, a
+        # thread would copy all:
+        offset: wp.array(dtype=int)  # how far off it lies, in particles, shape [neighbour_count]
+        own: wp.array2d(dtype=scalar)  # rest length, stiffness and damping, shape [neighbour_count, 3]
+        # By connection, shape [connection_count]:
+        strain: wp.array(dtype=scalar)  # break strain ε
+        stretch: wp.array(dtype=scalar)  # F/k [m]
+        broken_at: wp.array(dtype=wp.float32)  # when it broke [s], inf where it is whole
+        # What energies and bounds are summed of: nothing of what is broken.
+        stiffness: wp.array(dtype=scalar)  # k [N/m]
+        damping: wp.array(dtype=scalar)  # b in the units of the law
+        steepest: wp.array(dtype=scalar)  # steepest slope of the law [N s/m]
+
+    @wp.func
+    def is_suspect(b: Breaks, rest: scalar, square: scalar) -> bool:
+        return square > b.least * (rest * rest)
+
+    @wp.func
+    def breaks(b: Breaks, c: int, rest: scalar, square: scalar) -> bool:
+        if b.substep < 0:
+            return False
+        longest = wp.min(rest * (scalar(1.0) + b.strain[c]), rest + b.stretch[c])
+        if square <= longest * longest:
+            return False
+        # Both ends may write this, and write the same.
+        b.broken_at[c] = wp.float32(b.start[0] + wp.float64(b.substep) * b.h)
+        b.stiffness[c] = scalar(0.0)
+        b.damping[c] = scalar(0.0)
+        b.steepest[c] = scalar(0.0)
+        return True
+
+    return Breaking(Breaks, is_suspect, breaks)
+
+
+def struct(breaking: Breaking | None) -> Callable[[type], Any]:
+    """Declare a class as a Warp struct, with the data of `breaking` in it where connections break."""
+
+    def declare(cls: type) -> Any:
+        if breaking is not None:
+            cls.__annotations__["breaking"] = breaking.Data
+        return wp.struct(cls)
+
+    return declare
+
+
+@functools.cache
+def leave_out_broken(scalar: type):
+    """Compose the kernel, over connections, that makes the strain of broken ones NaN."""
+
+    @kernel
+    def leave_out(
+        broken_at: wp.array(dtype=wp.float32),  # [s], inf where whole, shape [connection_count]
+        place: wp.array(dtype=int),  # where the strain of each is, shape [connection_count]; none: in this order
+        # In and out:
+        strain: wp.array(dtype=scalar),  # shape [connection_count]
+    ):
+        c = wp.tid()
+        if wp.isfinite(broken_at[c]):
+            at = c
+            if place.shape[0] > 0:
+                at = place[c]
+            strain[at] = scalar(wp.nan)
+
+    return leave_out

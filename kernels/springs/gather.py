@@ -1,0 +1,108 @@
+"""The algorithm by particles: each sums the forces of its connections, found in a table of neighbours.
+
+The table is a sparse matrix, a row for each particle and an entry in it for each neighbour, in the format sliced
+ELLPACK (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
+architectures").
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..records import records
+from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import Law
+from .force_algorithm import ForceAlgorithm, difference
+from .fracture import Breaking, struct
+from .law import spring_damper
+
+SLICE = 32
+"""Particles side by side in the table of neighbours: as many as the GPU's threads that go together."""
+CHUNK = 4
+"""Slots that are read together, so that a thread waits for memory once for all of them."""
+NEIGHBOURS = f"""
+    wp::vec_t<{CHUNK}, wp::int32> others;
+    for (int n = 0; n < {CHUNK}; ++n) {{
+#if defined(__CUDA_ARCH__)
+        others[n] = __ldcs(other.data + slot + n * {SLICE});  // read once: it need not stay in the cache
+#else
+        others[n] = other.data[slot + n * {SLICE}];
+#endif
+    }}
+    return others;
+"""
+
+
+@functools.cache
+def gather(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+) -> ForceAlgorithm:
+    """Compose the algorithm by particles: each sums the forces of its own connections, from a table of neighbours.
+
+    The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
+    fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
+    numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
+    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number. A slot
+    whose connection breaks names the particle itself from then on.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    packed, damped, tears = storage == "packed", damper is not None, breaking is not None
+    _, is_suspect, breaks = breaking or (None, None, None)
+
+    Others = wp.types.vector(CHUNK, int)
+
+    @wp.func_native(NEIGHBOURS)
+    def neighbours(other: wp.array(dtype=int), slot: int) -> Others: ...
+
+    @struct(breaking)
+    class Gathered:
+        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
+        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count], and a chunk behind
+        constants: Constants  # of slots
+
+    @wp.func
+    def force_at(
+        forces: Gathered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        part = i / wp.static(SLICE)
+        slot = forces.first[part] + i % wp.static(SLICE)
+        end = forces.first[part + 1]
+        following = neighbours(forces.other, slot)
+        while slot < end:
+            others = following
+            # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
+            following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
+            for n in range(wp.static(CHUNK)):
+                j = others[n]
+                c = slot + wp.static(n * SLICE)
+                if wp.static(packed):
+                    c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
+                    j = j & wp.static((1 << KIND_SHIFT) - 1)
+                own = take(forces.constants, c)
+                dx = separation(compensation, x, x_i, i, j)
+                if wp.static(damped):
+                    dv = v_i - load(v, j)
+                if wp.static(tears):
+                    if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):
+                        at = slot + n * wp.static(SLICE)
+                        if breaks(forces.breaking, forces.breaking.number[at], own[0], wp.dot(dx, dx)):
+                            forces.other[at] = i
+                            dx = V()
+                force -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+            slot += wp.static(CHUNK * SLICE)
+        return force
+
+    bounds = (256, 5) if scalar is wp.float32 else None
+    return ForceAlgorithm(Gathered, force_at, bounds=bounds, tears=tears, grid_stride=False)

@@ -1,0 +1,187 @@
+"""The algorithms by particles for small bodies on a GPU: several threads share a particle.
+
+A thread for each particle waits for one neighbour after the other, and the GPU is idle meanwhile.
+So a particle has several threads, its lanes. Of n lanes each takes every n-th neighbour, and all learn the sum.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..records import records
+from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import Law
+from .force_algorithm import ForceAlgorithm, difference
+from .gather import SLICE
+from .law import spring_damper
+from .stencil import stencil_layout, stencil_rows
+
+MOST_NEIGHBOURS = 32
+"""Neighbours that the bits of a mask tell apart."""
+LANE = """
+#if defined(__CUDA_ARCH__)
+    return threadIdx.x % {lanes};
+#else
+    return 0;
+#endif
+"""
+SUM = """
+#if defined(__CUDA_ARCH__)
+    const unsigned sharing = {sharing}u << (threadIdx.x & {first});
+    for (int far = {half}; far > 0; far /= 2)
+        for (int c = 0; c < {dim}; ++c)
+            value[c] += __shfl_xor_sync(sharing, value[c], far);
+#endif
+    return value;
+"""
+"""Lanes are neighbours in a warp. Each adds the same numbers in the same pairs, so all get the same sum."""
+
+
+@functools.cache
+def lane_of(lanes: int):
+    """Compose the number of this thread among the lanes of its particle."""
+
+    @wp.func_native(LANE.format(lanes=lanes))
+    def lane() -> int: ...
+
+    return lane
+
+
+@functools.cache
+def sum_over_lanes(dim: int, scalar: type, lanes: int):
+    """Compose the sum of what the lanes of a particle have found."""
+    V = vector(dim, scalar)
+
+    @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
+    def sum_of_lanes(value: V) -> V: ...
+
+    return sum_of_lanes
+
+
+@functools.cache
+def stencil_of_lanes(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, lanes: int
+) -> ForceAlgorithm:
+    """Compose the stencil's algorithm for a uniform lattice, `lanes` threads to a particle.
+
+    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is that of the mask's bits. On
+    the CPU there may be one lane only.
+    """
+    V, Three = vector(dim, scalar), vector(3, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, constants_of = records(dim, scalar).load, records(3, scalar).load
+    lane_here, sum_of_lanes = lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    rows, neighbours = stencil_rows(steps)
+    each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
+    damped, rounds, layout = damper is not None, -(-len(each) // lanes), stencil_layout(lanes, rows, neighbours)
+    Shifts = wp.types.vector(len(rows), int)
+
+    def there(k: int) -> bool:
+        return k < len(each)
+
+    def row_of(k: int) -> int:
+        return each[k][0] if there(k) else 0
+
+    def along(k: int) -> int:
+        return each[k][1] if there(k) else 0
+
+    @wp.struct
+    class SharedLattice:
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        shift: Shifts  # how far off each row of neighbours lies, in particles
+        constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
+
+    @wp.func
+    def force_at(
+        forces: SharedLattice, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> V:
+        lane = lane_here()
+        if wp.static(layout) < 0:  # never: see stencil_layout
+            return V()
+        mask = forces.mask[i]
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        for n in range(wp.static(rounds)):
+            # Chosen from what the kernel is launched with: read from a table, positions would be asked for later.
+            offset = int(0)
+            for m in range(wp.static(lanes)):
+                if wp.static(there(n * lanes + m)):
+                    shift = forces.shift[wp.static(row_of(n * lanes + m))] + wp.static(along(n * lanes + m))
+                    offset = wp.where(lane == m, shift, offset)
+            k = n * wp.static(lanes) + lane
+            own = constants_of(forces.constants, k)
+            dx = separation(compensation, x, x_i, i, i + offset)
+            if wp.static(damped):
+                dv = v_i - load(v, i + offset)
+            q = force_density(dx, dv, own[0], own[1], own[2])
+            # What is read of a missing neighbour may be any other particle's: it does not count.
+            if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
+                q = scalar(0.0)
+            force -= q * dx
+        return sum_of_lanes(force)
+
+    return ForceAlgorithm(SharedLattice, force_at, block=128, grid_stride=False, lanes=lanes)
+
+
+@functools.cache
+def gather_of_lanes(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, lanes: int
+) -> ForceAlgorithm:
+    """Compose the gathering algorithm for few particles, `lanes` threads to a particle: see `gather`.
+
+    Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be one lane only.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    packed, damped = storage == "packed", damper is not None
+
+    @wp.struct
+    class GatheredByLanes:
+        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
+        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
+        constants: Constants  # of slots
+
+    @wp.func
+    def force_at(
+        forces: GatheredByLanes, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> V:
+        part = i / wp.static(SLICE)
+        begin = forces.first[part] + i % wp.static(SLICE)
+        slots = (forces.first[part + 1] - forces.first[part]) / wp.static(SLICE)
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        force = V()
+        rounds = (slots + wp.static(lanes - 1)) / wp.static(lanes)
+        s = lane_here()
+        for _n in range(rounds):
+            slot = begin + wp.min(s, slots - 1) * wp.static(SLICE)
+            j = forces.other[slot]
+            c = slot
+            if wp.static(packed):
+                c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
+                j = j & wp.static((1 << KIND_SHIFT) - 1)
+            own = take(forces.constants, c)
+            dx = separation(compensation, x, x_i, i, j)
+            if wp.static(damped):
+                dv = v_i - load(v, j)
+            q = force_density(dx, dv, own[0], own[1], own[2])
+            if s >= slots:  # there are fewer than lanes have rounds for
+                q = scalar(0.0)
+            force -= q * dx
+            s += wp.static(lanes)
+        return sum_of_lanes(force)
+
+    return ForceAlgorithm(GatheredByLanes, force_at, block=128, grid_stride=False, lanes=lanes)

@@ -1,0 +1,78 @@
+"""Springs that give way for good, as a dent does: the rest length follows what strains it beyond its yield."""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..effect import ForceTerm
+from ..records import records
+from .force_algorithm import difference
+
+
+@functools.cache
+def plastic_flow(dim: int, scalar: type, compensated: bool):
+    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of connection c.
+
+    An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y,
+    relaxation time τ and the excess |e| − ε_y L0, where that is above 0,
+
+        l0' = sign(e) (|e| − ε_y L0) / τ,  |l0 − L0| ≤ ε_max L0
+
+    A step takes the solution for a length that stays, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so that the
+    flow does not depend on the step. |e| only ever falls, and elastic energy with it.
+    Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    separation = difference(dim, scalar, compensated)
+
+    @wp.struct
+    class Flow:
+        h: scalar  # length of a substep [s]
+        # By connection, shape [connection_count]:
+        connections: wp.array(dtype=wp.vec2i)
+        rest_length: wp.array(dtype=scalar)  # [m], which flows
+        original_length: wp.array(dtype=scalar)  # [m]
+        yield_strain: wp.array(dtype=scalar)
+        relaxation_time: wp.array(dtype=scalar)  # [s]
+        largest_plastic_strain: wp.array(dtype=scalar)
+
+    @wp.func
+    def flow(f: Flow, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        i = f.connections[c][0]
+        j = f.connections[c][1]
+        rest = f.rest_length[c]
+        original = f.original_length[c]
+        stretch = wp.length(separation(compensation, x, load(x, i), i, j)) - rest
+        excess = wp.abs(stretch) - f.yield_strain[c] * original
+        if excess > scalar(0.0):
+            share = scalar(1.0)
+            if f.relaxation_time[c] > scalar(0.0):
+                share = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
+            most = f.largest_plastic_strain[c] * original
+            flown = wp.clamp(rest + share * excess * wp.sign(stretch), original - most, original + most)
+            if (flown - rest) * stretch > scalar(0.0):  # beyond its bound already, as after a change, it stays
+                f.rest_length[c] = flown
+
+    return Flow, flow
+
+
+@functools.cache
+def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
+    """Return what yielding adds to kernels: each connection flows when a substep begins."""
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    Flow, flow = plastic_flow(dim, scalar, compensated)
+
+    def begin(SceneData: Any):
+        @wp.func
+        def yield_connection(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+            flow(scene.flow, compensation, x, c)
+
+        return yield_connection
+
+    return ForceTerm("flow", Flow, begin=begin)

@@ -1,0 +1,72 @@
+"""The algorithm by connections: each adds its force to its two particles."""
+
+import functools
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..records import records
+from .constants import constants
+from .dampers import Law
+from .force_algorithm import ForceAlgorithm, difference, ends_of
+from .fracture import Breaking, struct
+from .law import spring_damper
+
+
+@functools.cache
+def scatter(
+    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+) -> ForceAlgorithm:
+    """Compose the algorithm by connections: each adds its force to one end and subtracts it from the other.
+
+    The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
+    Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
+    itself, and adds nothing.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, store, add = records(dim, scalar)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    Constants, take = constants(scalar, storage)
+    damped, tears = damper is not None, breaking is not None
+    _, is_suspect, breaks = breaking or (None, None, None)
+
+    @struct(breaking)
+    class Scattered:
+        f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
+        connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
+        constants: Constants  # of connections
+
+    @wp.func
+    def evaluate(
+        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int
+    ):
+        ends = ends_of(forces.connections, c)
+        i = ends[0]
+        j = ends[1]
+        dx = separation(compensation, x, load(x, i), i, j)
+        dv = V()
+        if wp.static(damped):
+            dv = load(v, i) - load(v, j)
+        own = take(forces.constants, c)
+        if wp.static(tears):
+            if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):
+                if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
+                    forces.connections[c] = wp.vec2i(i, i)
+                    dx = V()
+        force = -force_density(dx, dv, own[0], own[1], own[2]) * dx
+        add(forces.f, i, force)
+        add(forces.f, j, -force)
+
+    @wp.func
+    def force_at(
+        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> V:
+        f = load(forces.f, i)
+        store(forces.f, i, V())
+        return f
+
+    return ForceAlgorithm(
+        Scattered, force_at, evaluate, block=1024, bounds=(1024, 1), tears=tears, grid_stride=False
+    )

@@ -1,0 +1,385 @@
+"""The algorithm for lattices, whose neighbours need no table: they are found by counting."""
+
+import functools
+import zlib
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+from ..compensation import compensated_sum
+from ..records import records
+from .dampers import Law
+from .force_algorithm import ForceAlgorithm, difference
+from .fracture import Breaking, struct
+from .law import spring_damper
+
+
+class Neighbour(NamedTuple):
+    """One of the neighbours that a lattice point may have."""
+
+    along: int
+    """Its place in its row, relative to the point: −1, 0 or 1, and up to 2 either way to second neighbours."""
+    direction: int
+    """Which direction of the lattice leads there, or back."""
+    bit: int
+    """The bit of the point's mask that says that it is connected with it."""
+
+
+@functools.cache
+def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
+    """Return the rows (y, z) around a lattice point in which its neighbours lie, and the neighbours in each row.
+
+    `steps` are the lattice's directions. Points along x lie side by side in memory, so a row is found once.
+    """
+    found: dict[tuple[int, int], list[Neighbour]] = {}
+    for d, (x, y, z) in enumerate(steps):
+        found.setdefault((y, z), []).append(Neighbour(x, d, 1 << d))
+        found.setdefault((-y, -z), []).append(Neighbour(-x, d, 1 << (d + len(steps))))
+    rows = tuple(sorted(found, key=lambda row: row[::-1]))
+    return rows, [sorted(found[row]) for row in rows]
+
+
+def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
+    """Return a number for what a stencil's loops compile in, and for how many things they take together.
+
+    Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
+    without this number in their sources two stencils of equally many rows would be taken for one.
+    """
+    return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
+
+
+@functools.cache
+def after_breaking(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    Forces: Any,
+    breaking: Breaking,
+):
+    """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
+
+    Bits of neighbours are cleared whose connections are too long, and the force is summed anew without them. This
+    is seldom done, and so kept out of the loops that are unrolled for each neighbour.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
+    force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
+    Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
+    # In the order in which forces are summed elsewhere: the number of the bit, the row, and the place in it.
+    each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
+    directions = len(steps)
+
+    def table(column: int) -> str:
+        return (
+            f"static const int table[] = {{{', '.join(str(entry[column]) for entry in each)}}}; return table[k];"
+        )
+
+    @wp.func_native(table(0))
+    def number_of(k: int) -> int: ...
+
+    @wp.func_native(table(1))
+    def row_of(k: int) -> int: ...
+
+    @wp.func_native(table(2))
+    def along_of(k: int) -> int: ...
+
+    @wp.func
+    def remaining_force(
+        forces: Forces,
+        compensation: Compensation,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        i: int,
+        mask: wp.uint32,
+        suspects: wp.uint32,
+        force: V,
+    ) -> V:
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        remaining = mask
+        total = V()
+        k = int(0)
+        while k < wp.static(2 * directions):
+            number = number_of(k)
+            bit = wp.uint32(1) << wp.uint32(number)
+            if (mask & bit) != wp.uint32(0):
+                d = number % wp.static(directions)
+                if wp.static(uniform):
+                    b = forces.breaking
+                    j = i + b.offset[k]
+                    own = Three(b.own[k, 0], b.own[k, 1], b.own[k, 2])
+                else:
+                    kind = forces.kind[i]
+                    j = i + forces.shift[row_of(k), i] + along_of(k)
+                    own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
+                dx = separation(compensation, x, x_i, i, j)
+                if (suspects & bit) != wp.uint32(0):
+                    first = i  # of the connection's particles
+                    if number >= wp.static(directions):
+                        first = j
+                    c = forces.breaking.number[d * forces.mask.shape[0] + first]
+                    if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
+                        remaining = remaining & ~bit
+                if (remaining & bit) != wp.uint32(0):
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    total -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+            k += 1
+        if remaining == mask:
+            return force
+        forces.mask[i] = remaining
+        return total
+
+    return remaining_force
+
+
+@functools.cache
+def stencil(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    uniform: bool,
+    breaking: Breaking | None = None,
+) -> ForceAlgorithm:
+    """Compose the gathering algorithm for lattices, whose neighbours need no table.
+
+    A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
+    of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
+    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
+    connections break each particle clears bits of its own mask.
+    """
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    damped, tears = damper is not None, breaking is not None
+    rows, neighbours = stencil_rows(steps)
+    Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
+    most = max(map(len, neighbours))
+    layout = stencil_layout(COLUMN, rows, neighbours)
+
+    def field(r: int, n: int, name: str) -> int:
+        return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
+
+    @struct(breaking)
+    class Lattice:
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        shift: Shifts  # how far off each row of neighbours lies, in particles
+        stride: int  # how far off the next layer lies, in particles; 0 where layers do not lie evenly
+        # Of each direction:
+        rest_length: Constants  # [m]
+        stiffness: Constants  # [N/m]
+        damping: Constants  # b in the units of the law
+
+    @struct(breaking)
+    class Lattices:
+        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
+        shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
+        kind: wp.array(dtype=int)  # which constants are the particle's, shape [particle_count]
+        # Of each kind and direction, shape [kind_count, direction_count]:
+        rest_length: wp.array2d(dtype=scalar)  # [m]
+        stiffness: wp.array2d(dtype=scalar)  # [N/m]
+        damping: wp.array2d(dtype=scalar)  # b in the units of the law
+
+    Forces = Lattice if uniform else Lattices
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        kinds = (dim, scalar, damper, compensated, steps, uniform, Forces)
+        remaining_force = after_breaking(*kinds, breaking)
+        is_suspect = breaking.is_suspect
+
+    @wp.func
+    def force_at(
+        forces: Forces, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> V:
+        mask = forces.mask[i]
+        if wp.static(layout) < 0:  # never: see stencil_layout
+            return V()
+        x_i = load(x, i)
+        v_i = V()
+        dv = V()
+        kind = int(0)
+        if wp.static(damped):
+            v_i = load(v, i)
+        if wp.static(not uniform):
+            kind = forces.kind[i]
+        force = V()
+        if wp.static(tears):
+            suspects = wp.uint32(0)
+        for r in range(wp.static(len(rows))):
+            if wp.static(uniform):
+                row = i + forces.shift[r]
+            else:
+                row = i + forces.shift[r, i]
+            for n in range(wp.static(most)):
+                if wp.static(n < len(neighbours[r])):
+                    j = row + wp.static(field(r, n, "along"))
+                    d = wp.static(field(r, n, "direction"))
+                    dx = separation(compensation, x, x_i, i, j)
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    if wp.static(tears):
+                        if wp.static(uniform):
+                            rest = forces.rest_length[d]
+                        else:
+                            rest = forces.rest_length[kind, d]
+                        if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
+                            suspects = suspects | wp.uint32(wp.static(field(r, n, "bit")))
+                    if wp.static(uniform):
+                        q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
+                    else:
+                        q = force_density(
+                            dx,
+                            dv,
+                            forces.rest_length[kind, d],
+                            forces.stiffness[kind, d],
+                            forces.damping[kind, d],
+                        )
+                    # What is read of a missing neighbour may be any other particle's: it does not count.
+                    if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
+                        q = scalar(0.0)
+                    force -= q * dx
+        if wp.static(tears):
+            if (suspects & mask) != wp.uint32(0):
+                force = remaining_force(forces, compensation, x, v, i, mask, suspects, force)
+        return force
+
+    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
+    # In float64 more threads would not find registers for columns.
+    single = scalar is wp.float32
+    # What is seldom done must not take registers from what each thread does.
+    bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
+    return ForceAlgorithm(
+        Forces,
+        force_at,
+        column_forces=columns,
+        block=256 if single else 128,
+        bounds=bounds,
+        column_bounds=column_bounds,
+        tears=tears,
+        grid_stride=None if compensated else False,
+    )
+
+
+COLUMN = 2
+"""Particles in a column whose neighbours are read together."""
+
+
+@functools.cache
+def column_forces(
+    dim: int,
+    scalar: type,
+    damper: Law | None,
+    compensated: bool,
+    steps: tuple,
+    Lattice: Any,
+    breaking: Breaking | None = None,
+):
+    """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
+
+    The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
+    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers, or
+    second neighbours, which lie further off.
+    """
+    if any(abs(s) > 1 for step in steps for s in step):
+        return None
+    V = vector(dim, scalar)
+    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    load = records(dim, scalar).load
+    force_density, damped = spring_damper(dim, scalar, damper), damper is not None
+    rows, neighbours = stencil_rows(steps)
+    axis = 1 if any(z for _, z in rows) else 0  # layers are along z, in a sheet along y
+    inner = [row for row in rows if row[axis] == 0]
+    if any(row[axis] and ((row[0], 0) if axis else (0, 0)) not in inner for row in rows) or len(rows) == 1:
+        return None
+    found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
+    Column = wp.types.matrix((COLUMN, dim), scalar)
+    Masks = wp.types.vector(COLUMN, wp.uint32)
+    layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
+    remaining_force = is_suspect = None
+    if breaking is not None:
+        remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
+        is_suspect = breaking.is_suspect
+
+    def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
+        """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
+        row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
+        return found.get((row, a - 1))
+
+    def is_read(r: int, p: int, a: int) -> bool:
+        return any(neighbour(r, p, a, d) for d in range(COLUMN))
+
+    def is_felt(r: int, p: int, a: int, d: int) -> bool:
+        return neighbour(r, p, a, d) is not None
+
+    def field(r: int, p: int, a: int, d: int, name: str) -> int:
+        return getattr(neighbour(r, p, a, d), name, 0)
+
+    @wp.func
+    def forces_at(
+        forces: Lattice, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
+    ) -> Column:
+        own_x = Column()
+        own_v = Column()
+        own_lost = Column()
+        total = Column()
+        masks = Masks()
+        if wp.static(tears):
+            suspects = Masks()
+        if wp.static(layout) < 0:  # never: see stencil_layout
+            return total
+        for d in range(wp.static(COLUMN)):
+            own = i + d * forces.stride
+            own_x[d] = load(x, own)
+            if wp.static(damped):
+                own_v[d] = load(v, own)
+            if wp.static(compensated):
+                own_lost[d] = load(compensation.x, own)
+            if own < forces.mask.shape[0]:
+                masks[d] = forces.mask[own]
+        for p in range(wp.static(COLUMN + 2)):
+            for r in range(wp.static(len(inner))):
+                row = i + (p - 1) * forces.stride + forces.shift[wp.static(rows.index(inner[r]))]
+                for a in range(3):
+                    if wp.static(is_read(r, p, a)):
+                        j = row + (a - 1)
+                        x_j = load(x, j)
+                        v_j = V()
+                        lost_j = V()
+                        if wp.static(damped):
+                            v_j = load(v, j)
+                        if wp.static(compensated):
+                            lost_j = load(compensation.x, j)
+                        for d in range(wp.static(COLUMN)):
+                            if wp.static(is_felt(r, p, a, d)):
+                                n = wp.static(field(r, p, a, d, "direction"))
+                                dx = own_x[d] - x_j
+                                if wp.static(compensated):
+                                    dx = dx - (own_lost[d] - lost_j)
+                                l0 = forces.rest_length[n]
+                                if wp.static(tears):
+                                    if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
+                                        suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
+                                q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
+                                # What is read of a missing neighbour may be any other particle's.
+                                if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
+                                    q = scalar(0.0)
+                                total[d] = total[d] - q * dx
+        if wp.static(tears):
+            for d in range(wp.static(COLUMN)):
+                if (suspects[d] & masks[d]) != wp.uint32(0):
+                    own = i + d * forces.stride
+                    total[d] = remaining_force(forces, compensation, x, v, own, masks[d], suspects[d], total[d])
+        return total
+
+    return forces_at

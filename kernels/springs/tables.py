@@ -1,0 +1,137 @@
+"""Builds the table of neighbours that the gathering algorithm reads (see `forces.gather`).
+
+A connection has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from .constants import KIND_SHIFT
+from .gather import CHUNK, SLICE
+
+
+@kernel
+def list_ends(
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    # Out:
+    particle: wp.array(dtype=int),  # shape [end_count], twice as many as connections
+    end: wp.array(dtype=int),  # shape [end_count]
+):
+    """List both ends of each connection c: their particles, and their numbers 2c and 2c + 1."""
+    c = wp.tid()
+    for side in range(2):
+        particle[2 * c + side] = connections[c][side]
+        end[2 * c + side] = 2 * c + side
+
+
+@kernel
+def count_ends(
+    particle: wp.array(dtype=int),  # of each end, shape [end_count]
+    # Out:
+    count: wp.array(dtype=int),  # 0 before; shape [particle_count]
+):
+    """Count the ends at each particle."""
+    wp.atomic_add(count, particle[wp.tid()], 1)
+
+
+@kernel
+def measure_slices(
+    count: wp.array(dtype=int),  # ends at each particle, shape [particle_count]
+    # Out:
+    length: wp.array(dtype=int),  # in slots, shape [slice_count]
+):
+    """Write the length of each slice: as many slots as its fullest particle has, for all, in whole chunks."""
+    part = wp.tid()
+    most = int(0)
+    for lane in range(SLICE):
+        i = part * SLICE + lane
+        if i < count.shape[0]:
+            most = wp.max(most, count[i])
+    length[part] = (most + CHUNK - 1) / CHUNK * CHUNK * SLICE
+
+
+@kernel
+def name_itself(
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    particle_count: int,
+    # Out:
+    other: wp.array(dtype=int),  # shape [slot_count]
+):
+    """Fill every slot with its own particle, which exerts no force on itself."""
+    part = wp.tid()
+    for slot in range(first[part], first[part + 1]):
+        other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
+
+
+@kernel
+def fill_slots(
+    # The ends, sorted by particle:
+    particle: wp.array(dtype=int),  # shape [end_count]
+    end: wp.array(dtype=int),  # their numbers, shape [end_count]
+    start: wp.array(dtype=int),  # the first end of each particle, shape [particle_count]
+    # The table as it is laid out:
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    # Model:
+    connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+    # Out:
+    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
+    connection: wp.array(dtype=int),  # the connection with it, shape [slot_count]
+):
+    """Enter each end, in the order of particles, into its particle's next slot."""
+    e = wp.tid()
+    i = particle[e]
+    slot = first[i / SLICE] + (e - start[i]) * SLICE + i % SLICE
+    c = end[e] / 2
+    other[slot] = connections[c][1 - end[e] % 2]
+    connection[slot] = c
+
+
+@kernel
+def pack_kinds(
+    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+    kind: wp.array(dtype=wp.uint8),  # of each connection, shape [connection_count]
+    # In and out:
+    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
+):
+    """Write each connection's kind above the number of the neighbour."""
+    slot = wp.tid()
+    if connection[slot] >= 0:
+        other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
+
+
+@kernel
+def name_itself_where_broken(
+    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+    broken_at: wp.array(dtype=wp.float32),  # of each connection [s], inf where whole, shape [connection_count]
+    # Out:
+    other: wp.array(dtype=int),  # shape [slot_count]
+):
+    """Fill the slots of particle i whose connections are broken with the particle itself."""
+    i = wp.tid()
+    slot = first[i / SLICE] + i % SLICE
+    while slot < first[i / SLICE + 1]:
+        if connection[slot] >= 0:
+            if wp.isfinite(broken_at[connection[slot]]):
+                other[slot] = i
+        slot += SLICE
+
+
+@functools.cache
+def take(dtype: type):
+    """Compose the kernel, over slots, that takes each connection's value into its slots."""
+
+    @kernel
+    def take_values(
+        connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+        values: wp.array(dtype=dtype),  # shape [connection_count]
+        # Out:
+        slots: wp.array(dtype=dtype),  # shape [slot_count]
+    ):
+        slot = wp.tid()
+        if connection[slot] >= 0:
+            slots[slot] = values[connection[slot]]
+
+    return take_values

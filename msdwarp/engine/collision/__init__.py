@@ -1,0 +1,1 @@
+"""Contact with obstacles, and between bodies."""

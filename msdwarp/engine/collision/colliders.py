@@ -1,0 +1,231 @@
+"""Colliders: colliders as arrays on a device, and where those that move are at each substep."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ... import checks
+from ...kernels.basis import vector
+from ...kernels.colliders import KINDS, ColliderTerm, Needed, fixed_contact, moving_contact
+from ...world import Capsule, Collider, Cone, Motion, Plane, poses
+from ..device.frame_tables import InFrames, Tables
+from ..model.effect import Effect
+from .penetration_depth import describe, start_depths, touching, ways_out
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+LARGEST = 1e30
+"""The largest number of a solid [m]: `msdwarp.kernels.colliders.signed_distance` takes it for deeper than any
+place."""
+DEPENETRATION_TIME = 0.5
+"""In how many seconds what starts inside an obstacle is led out of it: slowly enough for what hangs on it."""
+COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
+
+
+class Colliders(Effect):
+    """Keeps the particles of a model out of obstacles, fixed or moving.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    colliders
+        Obstacles, in the order in which a particle meets them; one at least.
+    rule
+        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`.
+    felt
+        Whether what they push particles with is summed, in `data.impulse`.
+
+    Raises
+    ------
+    ValueError
+        If one is no collider, or does not fit into the system's space.
+    """
+
+    def __init__(
+        self, model: "Model", colliders: Sequence[Collider], rule: str, contact_forces: bool = False
+    ) -> None:
+        for k, collider in enumerate(colliders):
+            if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
+                raise ValueError(
+                    f"colliders[{k}] is {checks.repr_short(collider)}; it must be a {', '.join(KINDS)}"
+                )
+            if wrong := collider.fits(model.dim):
+                raise ValueError(f"colliders[{k}].{wrong}")
+        self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
+        self._scalar, self._vector = model.scalar, model.vector
+        self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
+        self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
+        self._moves = any(collider.motion is not None for collider in colliders)
+        kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
+        self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
+        inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
+        self._deepest = inside if self.leads_out else 0.0
+        self._put_out = _put_out(model, colliders) if inside > self._deepest else None
+        compose = moving_contact if self._moves else fixed_contact
+        self.piece = ColliderTerm(
+            *compose(
+                *(model.dim, model.scalar, rule, kinds, contact_forces),
+                Needed(self._bounces, several=len(colliders) > 1, overlapping_at_start=self._deepest > 0.0),
+            ),
+            moving=self._moves,
+            contact_forces=contact_forces,
+            overlapping_at_start=self._deepest > 0.0,
+        )
+        self.contact_forces = contact_forces
+        data = self.data = self.piece.Colliders()
+        if self._deepest > 0.0:
+            data.inverse_mass = self._inverse_mass
+        if self._moves:
+            self.done = data.done = wp.zeros(model.particle_count, dtype=wp.float64, device=self._device)
+        data.count = len(colliders)
+        if contact_forces:
+            wide = vector(model.dim, wp.float64)
+            data.impulse = wp.zeros(model.particle_count, dtype=wide, device=self._device)
+        for k, collider in enumerate(colliders):
+            _check_range(f"colliders[{k}]", collider, model)
+        describe(data.solids, self._colliders, model.dim, model.scalar, self._device)
+        if kinds != ("Plane",):
+            data.inradius = min(collider.inradius() for collider in colliders)
+        for name in COEFFICIENTS:
+            values = [float(getattr(collider, name)) for collider in colliders]
+            setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
+        if self._deepest > 0.0:
+            data.surface.slack = touching(model.system)
+        # What a motion gets wrong is said before anything runs.
+        self._moving: list[tuple[int, Motion, NDArray]] = []
+        for k, collider in enumerate(colliders):
+            if collider.motion is not None:
+                collider.pose(0.0, self._dim)
+                self._moving.append((k, collider.motion, collider.centre(self._dim)))
+
+    @property
+    def moves(self) -> bool:
+        """Whether any obstacle moves."""
+        return self._moves
+
+    @property
+    def planes_only(self) -> bool:
+        """Whether all obstacles are planes, which no way is swept for."""
+        return all(isinstance(one, Plane) for one in self._colliders)
+
+    def brings_in(self, model: "Model") -> NDArray[np.float64]:
+        """Return how much energy what started inside an obstacle gets in each row of a model [J], about."""
+        mass = model.row_of("mass")
+        moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / DEPENETRATION_TIME) ** 2
+        if self._put_out is None:
+            return moving
+        i, j = model.system.connections.T
+        stretch = np.linalg.norm(self._put_out[j] - self._put_out[i], axis=1) - model.system.rest_length
+        return 0.5 * model.row_of("stiffness") @ stretch**2
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the poses of a frame of so many substeps of `dt` seconds."""
+        if self._bounces:  # velocities half a substep behind are those of the ways
+            self.data.surface.onward = 2.0 * self.steps.lag
+        if self._deepest > 0.0:
+            self.data.surface.overlap_release_speed = self._deepest * dt / DEPENETRATION_TIME
+        if not self._moves:
+            return
+        shape = (substeps + 1, len(self._colliders))
+        kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
+        layout = {name: (shape, kind) for name, kind in kinds.items()}
+        self._frames = InFrames(layout, self._scalar, self._device, self._fill)
+        self._frames.tables["turn"][:] = np.eye(self._dim)  # what does not turn, or stand still, has it for good
+        for name, array in self._frames.arrays.items():
+            setattr(self.data, name, array)
+        self.data.inverse_mass = self._inverse_mass
+        self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
+
+    def begin_frame(self, time: float) -> None:
+        """Put what moves where it is in the frame that begins at `time` [s]."""
+        if self._moves:
+            self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Find out where what moves is in the frame that begins at `time` [s], while another is running."""
+        if self._moves:
+            self._frames.prepare(time)
+
+    def _fill(self, time: float, tables: Tables) -> None:
+        """Write where what moves is in the frame that begins at `time`, and how fast it has come there."""
+        for k, motion, centre in self._moving:
+            turn, shift = self._poses(k, motion, centre, time)
+            tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
+            # It may turn in some frames and not in others.
+            tables["turn"][:, k] = np.eye(self._dim) if turn is None else turn[1:]
+            tables["turning"][:, k] = 0.0 if turn is None else (turn[1:] - turn[:-1]) / self._dt
+
+    def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray | None, NDArray]:
+        """Return turns, if any, and shifts from a substep before `time` to the end of the frame."""
+        times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
+        first = times[0] < 0
+        now = times[1:] if first else times[:rows]
+        turn, shift = poses(f"colliders[{k}]", motion, centre, now, self._furthest)
+        if first:  # a motion need not be defined before 0: its acceleration was the same
+            turn, shift = turn if turn is None else _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
+        return turn, shift
+
+    def hold_still(self, time: float) -> None:
+        """Put what moves where it is at `time` [s] until a frame begins: for what looks at it between frames."""
+        if self._moves:
+            self._frames.upload(lambda tables: self._fill_still(time, tables))
+
+    def _fill_still(self, time: float, tables: Tables) -> None:
+        """Write where what moves is at `time`, in all rows, and how fast it has come there."""
+        self._fill(time, tables)
+        for table in tables.values():
+            table[1:] = table[:1]
+
+    def begin_substep(self, substep: int) -> bool:
+        """Have what is launched next find colliders where they are in this substep, where any move."""
+        if self._moves:
+            self.data.substep = substep
+        return self._moves
+
+
+def _deepest(model: "Model", colliders: Sequence[Collider]) -> float:
+    """Return how deep a free particle starts in an obstacle [m]; 0 where all are outside, or touch one."""
+    places = model.system.position[np.isfinite(model.mass)]
+    deepest = float(start_depths(places, colliders).max(initial=0.0))
+    return deepest if deepest > touching(model.system) else 0.0
+
+
+def _put_out(model: "Model", colliders: Sequence[Collider]) -> NDArray[np.float64]:
+    """Return where particles are once those that start in obstacles have been put onto their surfaces [m]."""
+    position, free = np.array(model.system.position), np.isfinite(model.mass)
+    for collider in colliders:
+        inside = free & (start_depths(position, [collider])[0] > 0)
+        if inside.any():
+            position[inside] += ways_out(position[inside], collider)
+    return position
+
+
+def _with_a_past(poses: NDArray) -> NDArray:
+    """Return poses with one in front of them, such that their second difference is the same there."""
+    return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
+
+
+def _furthest(model: "Model") -> float:
+    """Return the largest coordinate of a solid, and the furthest way of what moves, in this precision [m]."""
+    # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
+    return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
+
+
+def _check_range(name: str, collider: Collider, model: "Model") -> None:
+    """Raise ValueError for a rod whose ends are one point in this precision: it would keep nobody out."""
+    least, where = float(np.finfo(model.dtype).tiny), f"in {model.precision}"
+    if isinstance(collider, Capsule | Cone):
+        geometry = collider.geometry(model.dim)
+        a, b = (np.asarray(geometry[end], dtype=model.dtype).astype(np.float64) for end in "ab")
+        if float((b - a) @ (b - a)) < least:
+            first, second = collider.places
+            raise ValueError(
+                f"{name}.{second} is {getattr(collider, second)}; it must be further from {first}, "
+                f"{getattr(collider, first)}: {where} both are one point"
+            )

@@ -1,0 +1,73 @@
+"""ContactForces: what contacts push particles with in a frame, for probes, pictures and files."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from ...bodies import uniform_like
+from ...kernels.basis import vector
+from ...kernels.colliders import mean_forces, sum_impulses
+from ..device.device import scalar_array
+from .body_contact import BodyContact
+from .colliders import Colliders
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+class ContactForces:
+    """What obstacles and other bodies push each particle of a model with, summed since a frame began.
+
+    Parameters
+    ----------
+    model
+        The system on a device; its effects sum what they push with.
+    seconds
+        Length of a frame [s].
+    """
+
+    def __init__(self, model: "Model", seconds: float) -> None:
+        self._model, self._seconds = model, seconds
+        mass = uniform_like(np.where(np.isfinite(model.mass), model.mass, 0.0), model.mass)
+        self._mass = scalar_array(mass, wp.float64, model.device)
+        contact = next((one for one in model.effects if isinstance(one, Colliders)), None)
+        touching = next((one for one in model.effects if isinstance(one, BodyContact)), None)
+        nothing, self._summed = self._zeros(), list[wp.array]()
+        self._by_obstacles = self.by_bodies = nothing
+        if contact is not None and contact.contact_forces:
+            self._by_obstacles = contact.data.impulse
+            self._summed.append(self._by_obstacles)
+        if touching is not None and touching.impulse is not None:
+            self.by_bodies = touching.impulse
+            """What other bodies push with [N s], float64, shape [particle_count]."""
+            self._summed.append(self.by_bodies)
+        self._sum = self._zeros()
+
+    def _zeros(self) -> wp.array:
+        wide = vector(self._model.dim, wp.float64)
+        return wp.zeros(self._model.particle_count, dtype=wide, device=self._model.device)
+
+    def begin(self) -> None:
+        """Launch what a frame begins with; it may be recorded."""
+        for impulse in self._summed:
+            impulse.zero_()
+
+    def by_all(self) -> wp.array:
+        """Launch the sum of what obstacles and bodies push with, and return it [N s]; it may be recorded."""
+        model = self._model
+        inputs = [self._mass, self._by_obstacles, self.by_bodies]
+        wp.launch(sum_impulses(model.dim), model.particle_count, inputs, [self._sum], device=model.device)
+        return self._sum
+
+    def write_force(self, force: wp.array) -> None:
+        """Launch what writes the mean of all contact forces on each particle over the last frame [N]."""
+        model = self._model
+        inputs = [self.by_all(), self._seconds]
+        kernel = mean_forces(model.dim, model.scalar)
+        wp.launch(kernel, model.particle_count, inputs, [force], device=model.device)
+
+
+def felt_by(model: "Model", seconds: float) -> ContactForces | None:
+    """Return what sums the contact forces on the particles of a model; None where nobody asks for them."""
+    return ContactForces(model, seconds) if model.feels_contact else None

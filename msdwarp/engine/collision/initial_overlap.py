@@ -1,0 +1,85 @@
+"""Bodies that start inside others, deeper than contact reaches from their surfaces."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import System, TouchingSurfaces
+from ...kernels.filling import find_depths
+
+DEEP = 0.45
+"""Spacings below the surface: from half a spacing on nothing pushes a point out."""
+SAMPLES = 64
+"""Particles of a body that are tried, at most."""
+
+
+def initial_containment(
+    system: System, surfaces: TouchingSurfaces, kind: NDArray[np.integer], rule: NDArray[np.integer]
+) -> str | None:
+    """Return words about the body that starts deepest inside a closed one that it touches; None where none does.
+
+    Parameters
+    ----------
+    system, surfaces
+        The bodies, and what of them can touch.
+    kind, rule
+        The kind of each body, and by kinds the number of the rule that holds, −1 where none does.
+    """
+    x, body = system.position, surfaces.body_of_particle
+    bodies = len(surfaces.closed)
+    if not surfaces.closed.any() or bodies < 2:
+        return None
+    low, high = np.full((bodies, 3), np.inf), np.full((bodies, 3), -np.inf)
+    np.minimum.at(low, body, x)
+    np.maximum.at(high, body, x)
+    by_body = np.argsort(body, kind="stable")
+    begin = np.searchsorted(body[by_body], np.arange(bodies + 1))
+    vertices = np.einsum("vk,vkd->vd", surfaces.weight, x[surfaces.particle])
+    owner = surfaces.body[surfaces.corner[:, 0]]
+    deepest, worst = 0.0, (0, 0)
+    for outer in np.flatnonzero(surfaces.closed):
+        deep = DEEP * surfaces.spacing[outer]
+        inner_low, inner_high = low[outer] + deep, high[outer] - deep
+        near = ((low < inner_high) & (high > inner_low)).all(axis=1) & (rule[kind, kind[outer]] >= 0)
+        near[outer] = False
+        tried = [_sample(x, by_body[begin[k] : begin[k + 1]], inner_low, inner_high) for k in np.flatnonzero(near)]
+        if not (particles := np.concatenate([*tried, np.zeros(0, dtype=int)])).size:
+            continue
+        depth = _depths(vertices, surfaces.corner[owner == outer], x[particles])
+        p = int(np.argmax(depth))
+        if depth[p] > max(deep, deepest):
+            deepest, worst = float(depth[p]), (int(particles[p]), int(outer))
+    if not deepest:
+        return None
+    particle, outer = worst
+    one, other = (int(np.argmax(body == k)) for k in (body[particle], outer))
+    return (
+        f"the body of particle {one} starts inside that of particle {other}: particle {particle} is "
+        f"{deepest:.3g} m deep in it, and contact pushes out only what is no deeper than half a spacing, of "
+        f"{surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
+        "Contact(groups=..., exclude=True)"
+    )
+
+
+def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDArray[Any]:
+    """Return at most so many of the particles that are in a box, evenly chosen."""
+    within = particles[((x[particles] > low) & (x[particles] < high)).all(axis=1)]
+    return within[:: -(-len(within) // SAMPLES)] if len(within) else within
+
+
+def _depths(vertices: NDArray, corner: NDArray, points: NDArray) -> NDArray[np.float64]:
+    """Return how deep points are inside a closed surface [m], less than 0 outside."""
+    used, corner = np.unique(corner, return_inverse=True)
+    origin = vertices[used].mean(axis=0)
+    surface = wp.Mesh(
+        points=wp.array(vertices[used] - origin, dtype=wp.vec3, device="cpu"),
+        indices=wp.array(corner.ravel(), dtype=int, device="cpu"),
+        support_winding_number=True,
+    )
+    depth = wp.zeros(len(points), dtype=float, device="cpu")
+    reach = 2.0 * float(np.ptp(vertices[used], axis=0).sum())
+    where = wp.array(points - origin, dtype=wp.vec3, device="cpu")
+    wp.launch(find_depths, len(points), [surface.id, where, reach], [depth], device="cpu")
+    return depth.numpy().astype(np.float64)

@@ -1,0 +1,289 @@
+"""NeighborList: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import TouchingSurfaces
+from ...kernels.collision import (
+    BLOCK,
+    FLAGS,
+    LONGEST_ROW,
+    MOST_BODY_PAIRS,
+    MOVED,
+    WAY,
+    box_facets,
+    box_neighbours,
+    clear_boxes,
+    find_candidates,
+    find_roots,
+    find_rows,
+    place_vertices,
+    range_of_speeds,
+)
+from ...kernels.compensation import compensated_sum
+from .contact_parameters import PIECE, curve, pieces
+from .tables_by_world import Repeated
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..stepping.cpu_partition import CpuPartition
+
+ROOM = 32
+"""Facets that a row has room for at first, and bodies beside one."""
+ROOM_TO_SPARE = 0.8
+"""Share of it that may be taken."""
+MOST_ROOM = 2**30
+"""Numbers in all rows, at most."""
+LEAST_SKIN = 0.25
+"""The skin at first, and at least, by how far off bodies touch."""
+SKIN_BY_WAY = 3.0
+"""The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+WIDEST_SKIN = (0.5, 0.4)
+"""The skin at most, by how far off bodies touch and by the least spacing: with more, rows are long."""
+FARTHEST_WAY = 16.0
+"""What moves further in a substep, by how far off bodies touch, is flying apart."""
+PATIENCE = 4
+"""Frames in which little moves after which searches are made less often."""
+MOST_PATIENCE = 32
+"""That doubles when it was too early, as what followed within as many frames tells, up to this."""
+MOST_THREADS = 2**14
+"""Threads on a GPU that look through the points that are near anything."""
+BETWEEN = (1, 2, 4, 8, 16, 32)
+"""Substeps from one search to the next: a frame is recorded anew for each. With more of them piles take longer."""
+
+
+class NeighborList:
+    """Lists the facets near each point.
+
+    A list holds until something has moved by half of its skin. Lists are made anew before every few substeps, as
+    many as the fastest motion allows; a frame in which that was not often enough is to be repeated. What is listed
+    and not touched changes nothing, so that results depend neither on the skin nor on how often is searched.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    surfaces
+        What may touch.
+    data
+        The same on the device, whose lists are kept here.
+    farthest
+        How far off a facet may push a point [m].
+    thickest
+        How far off it may from outside a body [m].
+    sided
+        Whether points remember on which side of sheets they are, down to the `depth` of these.
+    """
+
+    def __init__(
+        self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float, thickest: float, sided: bool
+    ) -> None:
+        self._model, self._data, self._farthest, self._sided = model, data, farthest, sided
+        self._around = max(farthest, float(data.depth.numpy().max()))
+        scalar, device, each = model.scalar, model.device, Repeated(model)
+        bodies, points = len(data.kind), len(data.share)
+        spacing = surfaces.spacing[surfaces.spacing > 0]
+        off, by_spacing = WIDEST_SKIN
+        self._widest = max(
+            off * farthest, by_spacing * float(spacing.min(initial=np.inf)) if len(spacing) else 0.0
+        )
+        self._least_skin = LEAST_SKIN * farthest
+        self.rebuild_interval = 8
+        """Substeps from one search to the next."""
+        self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
+        self._since_rarer = MOST_PATIENCE
+        self.partition: CpuPartition | None = None
+        """What has threads of the CPU share what a frame launches; None where one thread does it all."""
+        self.now = self._found_at = 0.0
+        """When in a frame what is launched next takes place [s]."""
+        self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
+        """By how much more than it touches a point is looked around [m], shape [1]."""
+        self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
+        """What has been found out since they were read, in each world: see
+        `kernels.collision.contact_surfaces`."""
+        self.unread = wp.zeros_like(self.flags)
+        owner, a, b = data.owner.numpy(), *surfaces.ends.T
+        x, share = data.x.numpy()[: len(surfaces.particle)], surfaces.share[:, None]
+        in_order = curve(surfaces.body[a], x[a] + share * (x[b] - x[a]))
+        data.in_order = each.alike(in_order, int, len(surfaces.share))
+        self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
+        boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
+        self._boxes, self._limits = boxes[:2], boxes[2:]
+        self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
+        # What comes from afar may come so much nearer than it is looked for, and does not touch yet.
+        self._more = max(0.0, self._around - thickest)
+        self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
+        self._box()
+        candidate_body = wp.array(np.arange(bodies) // (bodies // model.worlds), dtype=int, device=device)
+        self._bodies = wp.Bvh(boxes[0], boxes[1], groups=candidate_body if model.in_worlds else None)
+        if model.in_worlds:
+            data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
+            wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
+        # A point is looked for among the facets of the bodies beside its own, one body after the other.
+        self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
+        data.root = wp.zeros(bodies, dtype=int, device=device)
+        wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
+        data.candidate_count, data.search_points, data.active_points = (
+            wp.zeros(points, dtype=int, device=device) for _ in "lcb"
+        )
+        data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
+        data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
+        data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
+        self._give_room(ROOM, min(ROOM, bodies))
+        self._find_rows_with_room()
+
+    def share(
+        self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
+    ) -> None:
+        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for each part.
+
+        There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
+        """
+        device, partition = self._model.device, self.partition
+        threads = min(many, most) if device.is_cuda else 1
+
+        def launch(part: int, parts: int) -> None:
+            wp.launch(kernel, threads, [*inputs, threads, part, parts], outputs, device=device, block_dim=block)
+
+        if partition is not None and partition.is_recording:
+            partition.launch_parts(launch)
+        else:
+            launch(0, 1)
+
+    def place(
+        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, anew: bool = False
+    ) -> None:
+        """Launch what puts vertices where particles at x are; without `compensation` these have lost nothing.
+
+        Where lists are made `anew`, it is from there on that ways are measured.
+        """
+        model, data = self._model, self._data
+        compensated = model.compensated and compensation is not None
+        if compensation is None:
+            compensation = compensated_sum(model.dim, model.scalar, False)[0]()
+        kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
+        inputs = [data, compensation, x, v, self.now - self._found_at, self.buffer, self._more, self._widest_facet]
+        inputs += [*self._limits, anew]
+        self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
+
+    def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
+        """Launch what lists the facets near each point.
+
+        Within a frame, how far anything has moved since the last search tells how often it is to be made.
+        """
+        data = self._data
+        self._place_anew(x, v, compensation, self.flags[WAY:] if within else self.unread)
+        self._find_rows()
+        if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
+            device = self._model.device
+            lanes, threads = (PIECE, min(len(data.share), MOST_THREADS)) if device.is_cuda else (1, 1)
+            wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [data, threads], device=device)
+        self._found_at = self.now
+
+    def make_room(self, x: wp.array, v: wp.array) -> None:
+        """List the facets near each point, and make room for all."""
+        self._place_anew(x, v, None, self.unread)
+        self._find_rows_with_room()
+
+    def _place_anew(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
+        """Launch what puts vertices and the boxes around facets and bodies where particles at x are."""
+        self.place(x, v, compensation, moved, anew=True)
+        self._box()
+        self._tree.refit()
+        self._bodies.refit()
+
+    def _find_rows_with_room(self) -> None:
+        """List the facets near each point until there is room for all."""
+        while True:
+            self.flags.zero_()
+            self._find_rows()
+            found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
+            if not self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BODY_PAIRS])):
+                break
+        self.flags.zero_()
+
+    def _find_rows(self) -> None:
+        """Launch what lists the facets near each point, by the boxes that there are."""
+        data, device, kinds = self._data, self._model.device, (self._model.scalar, self._model.in_worlds)
+        around = [self._around, self.buffer]
+        inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.active_count]
+        wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
+        self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
+        inputs = [data, self._tree.id, *self._boxes, *around]
+        self.share(find_rows(kinds[0], self._sided, kinds[1]), len(data.share), inputs, [self.flags], block=BLOCK)
+
+    def _box(self) -> None:
+        """Launch what finds the boxes around facets and bodies."""
+        device, boxes = self._model.device, [*self._boxes, self._widest_facet]
+        wp.launch(clear_boxes(), len(boxes[0]), outputs=boxes, device=device)
+        lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
+        kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
+        threads = lanes * len(self._piece)
+        wp.launch(kernel, threads, [self._data, self._piece], outputs, device=device)
+
+    def judge(self, flags: NDArray[Any], substeps: int) -> bool:
+        """Choose how often to search, by the flags of a frame; return whether the frame must be repeated."""
+        moved, way, longest, body_pairs = (float(flags[k]) for k in (MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS))
+        if not moved < FARTHEST_WAY * self._farthest * self.rebuild_interval:
+            return False  # it flies apart, which the watch sees
+        held, before = moved <= 0.5 * self._skin_now, self.rebuild_interval
+        # `way` is that of all substeps between two searches, `moved` lacks the last one.
+        per_substep = max(
+            way / self.rebuild_interval, moved / max(min(self.rebuild_interval, substeps) - 1, 1), 1e-30
+        )
+        best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
+        best = max(every for every in BETWEEN if every <= best)
+        self._calm = self._calm + 1 if best > self.rebuild_interval else 0
+        self._since_rarer += 1
+        if best < self.rebuild_interval:
+            if self._since_rarer <= self._patience:
+                self._patience = min(2 * self._patience, MOST_PATIENCE)
+            self.rebuild_interval, self._since_rarer = best, MOST_PATIENCE
+        elif self._calm >= self._patience:
+            self.rebuild_interval, self._calm, self._since_rarer = best, 0, 0
+        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.rebuild_interval - 1, 1))
+        if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
+            self._skin_now = wanted
+            self.buffer.fill_(wanted)
+        overflown = longest > self._data.candidates.shape[1] or body_pairs > self._data.body_pairs.shape[1]
+        self._make_room(int(longest), int(body_pairs))
+        if self.rebuild_interval != before:
+            self._model.generation += 1  # it launches more searches in a frame, or fewer
+        return not held or overflown
+
+    def _make_room(self, longest: int, body_pairs: int) -> bool:
+        """Make room for more than the longest row, and the most bodies beside one; tell whether there was not.
+
+        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        """
+        data = self._data
+        (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
+        if longest <= ROOM_TO_SPARE * room and (
+            body_pairs <= ROOM_TO_SPARE * room_beside or room_beside >= bodies
+        ):
+            return False
+        more = max(room, room_for(longest))
+        if more * points > MOST_ROOM:
+            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
+        self._give_room(more, min(bodies, max(room_beside, room_for(body_pairs))))
+        return True
+
+    def _give_room(self, room: int, body_pairs: int) -> None:
+        """Make lists that have room for so many facets, and bodies beside one."""
+        data, device = self._data, self._model.device
+        points, bodies = len(data.candidate_count), len(data.body_pair_count)
+        data.candidates, data.candidate_body = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
+        data.candidate_distance = wp.zeros((points, room), dtype=self._model.scalar, device=device)
+        data.body_pairs = wp.zeros((bodies, body_pairs), dtype=int, device=device)
+        data.candidate_count.zero_()
+        data.body_pair_count.zero_()
+        self._model.generation += 1
+
+
+def room_for(many: int) -> int:
+    """Return room for so many entries, with some to spare: a power of 2."""
+    return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

@@ -1,0 +1,87 @@
+"""What touches in the worlds of an ensemble: tables of one world, repeated, and what each world has of its own.
+
+The worlds' surfaces follow each other in the tables of contact, as their bodies do; the trees in which a search
+looks have a branch for each world. So all worlds are searched at once, and none ever looks at another.
+"""
+
+from collections.abc import Callable
+from math import lcm
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import TouchingSurfaces, contact_surfaces, mean_stiffness
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+MOST_NUMBERED = 2**31 - 1
+"""Points, facets or entries of all worlds together that 32-bit numbers count."""
+
+
+class Repeated:
+    """Uploads tables of one world for all worlds of a model, one after the other; outside of ensembles once."""
+
+    def __init__(self, model: "Model") -> None:
+        self._worlds, self._device = model.worlds, model.device
+
+    def alike(self, values: Any, kind: Any, further: int = 0) -> wp.array:
+        """Upload what all worlds have; numbers rise by `further` from one world to the next."""
+        return self.by_row(np.asarray(values)[None], kind, further)
+
+    def by_row(self, values: NDArray, kind: Any, further: int = 0) -> wp.array:
+        """Upload rows, shape [rows, count, ...]: world w has row w mod (number of rows)."""
+        worlds, along = self._worlds, [1] * (values.ndim - 1)
+        if values[0].size * worlds > MOST_NUMBERED:
+            most = MOST_NUMBERED // values[0].size
+            raise ValueError(f"worlds is {worlds}; it must be at most {most}, whose contacts can be numbered")
+        each = np.tile(values, (worlds // len(values), *along))
+        if further:
+            each = each.astype(np.int64) + further * np.arange(worlds).reshape(-1, *along)
+        return wp.array(np.ascontiguousarray(each.reshape(-1, *values.shape[2:])), dtype=kind, device=self._device)
+
+    def starts(self, counts: NDArray[np.integer]) -> wp.array:
+        """Upload where what so many entries each belong to begins in a list, and where the list ends."""
+        first = np.append(0, np.cumsum(np.tile(counts, self._worlds)))
+        return wp.array(first, dtype=int, device=self._device)
+
+
+def surfaces_by_row(model: "Model", surfaces: TouchingSurfaces) -> list[TouchingSurfaces]:
+    """Return what may touch, in each row of stiffnesses and rest lengths that worlds have; else just that."""
+    if not model.in_worlds:
+        return [surfaces]
+    system, rows = model.system, {name: model.row_of(name) for name in ("rest_length", "stiffness")}
+    of_lengths = [surfaces]
+    if len(rows["rest_length"]) > 1:
+        of_lengths = [contact_surfaces(system.replace(rest_length=one)) for one in rows["rest_length"]]
+    body = surfaces.body_of_particle
+    means = [mean_stiffness(system, body, one) for one in rows["stiffness"]]
+    count = lcm(len(of_lengths), len(means))
+    return [of_lengths[k % len(of_lengths)]._replace(stiffness=means[k % len(means)]) for k in range(count)]
+
+
+def blocks_by_row(
+    model: "Model",
+    by_row: list[TouchingSurfaces],
+    blocks_of: Callable[[NDArray[np.float64], TouchingSurfaces], tuple[NDArray, NDArray]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each.
+
+    Parameters
+    ----------
+    model
+        The worlds, whose masses may differ.
+    by_row
+        What may touch, as worlds have it.
+    blocks_of
+        `contact_blocks` of masses [kg] and surfaces.
+    """
+    masses = model.row_of("mass")
+    masses = np.broadcast_to(masses, (len(masses), model.particle_count))
+    rows = range(lcm(len(by_row), len(masses)))
+    stiffness, damping = zip(
+        *(blocks_of(masses[k % len(masses)], by_row[k % len(by_row)]) for k in rows), strict=True
+    )
+    return np.array(stiffness), np.array(damping)

@@ -1,0 +1,95 @@
+"""Words about contacts between bodies that were overrun, and what would help."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bodies import System, TouchingSurfaces
+from ...kernels.collision import COUNT, FACET, GAP, PLACE, POINT, SPEED
+from ...world import Contact
+from .contact_parameters import stiffness_of_pairs
+
+
+class Tunnelling(NamedTuple):
+    """A contact between a point of one body and a facet of another that may come out on the wrong side."""
+
+    bodies: tuple[int, int]
+    """That of the point and that of the facet."""
+    place: NDArray[np.float64]
+    """Where [m], shape [3]."""
+    deep: float
+    """How deep it goes [m]."""
+    most: float
+    """From how deep it is pushed out [m]."""
+    speed: float
+    """How fast they approach [m/s]."""
+    stiffness: float
+    """Of a contact of the two bodies [N/m]."""
+    closed: bool
+    """Whether the facet's body has an inside, out of which points are pushed."""
+
+    @classmethod
+    def of(
+        cls, noted: NDArray[np.float64], data: Any, surfaces: TouchingSurfaces, rules: Sequence[Contact]
+    ) -> Self | None:
+        """Return what `kernels.collision.tunnelling` has noted of a frame; None where that is nothing.
+
+        Parameters
+        ----------
+        noted, data
+            What was noted, and the struct of the surfaces that touch.
+        surfaces, rules
+            The same on the host, and how they touch.
+        """
+        if not noted[COUNT]:
+            return None
+        a, b = int(data.body.numpy()[int(noted[POINT])]), int(data.owner.numpy()[int(noted[FACET])])
+        kind, own, other = data.kind.numpy(), np.array([a]), np.array([b])
+        rule = data.rule.numpy()[kind[own], kind[other]]
+        thickness, closed, gap = rules[rule[0]].thickness, bool(surfaces.closed[b]) and a != b, float(noted[GAP])
+        if thickness is None:
+            thickness = float(surfaces.radius[a] + surfaces.radius[b])
+        most = max(thickness, float(data.depth.numpy()[b])) if closed else thickness
+        stiffness = float(stiffness_of_pairs(surfaces, rules, rule, own, other)[0])
+        deep = -gap if closed else thickness - gap
+        return cls((a, b), noted[PLACE:], deep, most, float(noted[SPEED]), stiffness, closed)
+
+    def described(self, system: System, surfaces: TouchingSurfaces, substeps: int, dt: float) -> str:
+        """Return words about it: who, where, how deep, how fast, and what would help.
+
+        Parameters
+        ----------
+        system, surfaces
+            What moves, and what of it touches.
+        substeps, dt
+            Substeps in a frame, and the length of one [s].
+        """
+        a, b = (_named(system, surfaces, body) for body in self.bodies)
+        where = ", ".join(f"{one:.3g}" for one in self.place)
+        way = self.speed * dt
+        stiffer = f"Contact(stiffness=...) of more than the present {self.stiffness:.3g} N/m"
+        if self.most == 0:  # however short the way
+            helps = stiffer
+        elif way > 0.5 * self.most:  # it comes too far in one substep, whatever the force
+            needed = math.ceil(substeps * way / (0.5 * self.most))
+            helps = f"substeps={needed} or more (in one of the present {substeps} it comes {way:.2g} m), {stiffer}"
+        else:
+            helps = f"{stiffer}, more than {substeps} substeps"
+        reach = "out of it points are pushed from" if self.closed else "it is touched from either side, down to"
+        return (
+            f"a point of {a} goes {self.deep:.3g} m deep into {b} near ({where}) m, at {self.speed:.3g} m/s; "
+            f"{reach} {self.most:.3g} m, so that it may come out on the wrong side; what would help: {helps}, "
+            "or a larger Contact(thickness=...)"
+        )
+
+
+def _named(system: System, surfaces: TouchingSurfaces, body: int) -> str:
+    """Return what a body is called: by its group if one holds it and nothing else, or by its first particle."""
+    own = surfaces.body_of_particle == body
+    for name in system.groups:
+        if np.array_equal(system.group(name), own):
+            return repr(name)
+    return f"the body of particle {int(np.argmax(own))}"

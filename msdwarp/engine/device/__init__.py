@@ -1,0 +1,1 @@
+"""Devices, arrays in their memory, and the threads of a CPU."""

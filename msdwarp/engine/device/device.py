@@ -1,0 +1,46 @@
+"""Devices, precisions, and numbers uploaded to a device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import is_uniform
+from ...quiet import start_warp
+
+PRECISIONS = {
+    "float32": (wp.float32, np.float32),
+    "float32-compensated": (wp.float32, np.float32),
+    "float64": (wp.float64, np.float64),
+}
+
+
+def find_device(name: str | None) -> Any:
+    """Return the Warp device called `name`; by default the first CUDA device, else the CPU.
+
+    Raises
+    ------
+    ValueError
+        If there is no such device here; the message lists those there are.
+    """
+    start_warp()
+    if name is None:
+        return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
+    try:
+        return wp.get_device(name)
+    except Exception as error:
+        known = ", ".join(device.alias for device in wp.get_devices())
+        raise ValueError(f"device {name!r} is not available; there is: {known}") from error
+
+
+def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:
+    """Upload numbers; what is one constant everywhere takes one number of memory (a stride-0 view)."""
+    if is_uniform(values):
+        one = wp.full(1, scalar(values[0]), dtype=scalar, device=device)
+        view = wp.array(
+            ptr=one.ptr, dtype=scalar, shape=len(values), strides=(0,), device=device, capacity=one.capacity
+        )
+        view._ref = one  # a view does not own its memory
+        return view
+    return wp.array(values, dtype=scalar, device=device)

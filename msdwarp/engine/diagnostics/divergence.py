@@ -1,0 +1,122 @@
+"""Watches a run: has it diverged? And keeps the state that it can go back to."""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+import warp as wp
+
+from ...kernels.reductions import columns, look_over
+from ..collision.colliders import Colliders
+from ..model.model import Model
+from ..model.state import State, copy_vectors, moving
+from .energies import measure
+from .energy_balance import rounding_energy, size, weight
+from .readout import Found, Sweep
+
+
+class Baseline(NamedTuple):
+    """What the energy of a run is compared with."""
+
+    energy: float
+    """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
+    scale: float
+    """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
+
+    @classmethod
+    def of(cls, model: Model, state: State) -> Self:
+        """Return the baseline of a run that starts in this state."""
+        start = measure(model, state)
+        scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
+        # What starts in an obstacle drags along what it is connected to.
+        scale += sum(float(one.brings_in(model)[0]) for one in model.effects if isinstance(one, Colliders))
+        return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
+
+
+class DivergenceMonitor:
+    """Looks at a state from the device, and costs one pass over the particles.
+
+    Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
+    and gravitational energy together may never exceed their sum, and the work of what acts from outside: loads,
+    drives, obstacles that move. They are taken to have a source in the
+    stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
+    weight times the system's size.
+    """
+
+    def __init__(self, model: Model, state: State, energy_limit: float, baseline: Baseline | None = None) -> None:
+        self._model, self._state = model, state
+        self._energy_limit = energy_limit
+        self.energy = 0.0
+        """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
+        self.told = list[float]()
+        """What was read last of what has been found."""
+        self._sweep = Sweep(model.device, model.particle_count, columns.LOOKED)
+        self._work, self._most_work = model.work, 0.0
+        # What loads have done is no sign of divergence.
+        self._shares = None if self._work is None else self._work.shares()
+        self.compare_with(baseline or Baseline.of(model, state))
+
+    def compare_with(self, baseline: Baseline) -> None:
+        """Compare energies with a baseline from now on."""
+        self.baseline = baseline
+        """The start of the run: it stays, though the number of substeps changes on the way."""
+        energy, scale = self.baseline
+        self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
+
+    def look(self, found: Found) -> None:
+        """Launch what finds out about the present state; it may be recorded."""
+        model, state = self._model, self._state
+        if self._work is not None and self._shares is not None:
+            self._work.launch(state.x, state.v, self._shares)
+        inputs = [model.inverse_mass, model.gravity, state.x, state.v, self._shares]
+        self._sweep.launch(look_over(model.dim, model.scalar), inputs, found.state_out)
+
+    def finds_trouble(self, found: Found) -> bool:
+        """Wait for what was found about a state, and tell whether it has diverged."""
+        self.told = told = found.read()
+        self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self._most
+        if self._work is not None:
+            work = self._work.before + told[columns.WORK]
+            self.energy -= work
+            self._most_work = max(self._most_work, abs(work))
+            most += self._most_work  # work is known to first order in the step only, also what has come back
+        return self._first < self._model.particle_count or not self.energy <= most
+
+    @property
+    def _first(self) -> int:
+        """The first particle that is not finite; some number beyond all where every one is."""
+        return -int(self.told[columns.FIRST])
+
+    def worst_particle(self) -> int:
+        """Return the first particle that is not finite, else the fastest, of the state last told of."""
+        if self._first < self._model.particle_count:
+            return self._first
+        return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
+
+
+class Backup:
+    """The state at the start of a frame, with all that substeps leave to the next."""
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        here, live = state.state_in, self.live()
+        together = state.empty_vectors(2 + len(here.method_state))
+        self.kept = together + tuple(state.model.vectors() for _ in live[len(together) :])
+        changing = (array for effect in state.model.effects for array in effect.changing)
+        self._changing = [(live, wp.clone(live)) for live in changing]
+
+    def live(self) -> list[wp.array]:
+        """Return the arrays that are kept, in the order of `kept`."""
+        compensation = self._state.compensation.v
+        return moving(self._state.state_in) + ([compensation] if compensation.size else [])
+
+    def save(self) -> None:
+        """Keep the present state."""
+        copy_vectors(self.kept, self.live())
+        for live, kept in self._changing:
+            wp.copy(kept, live)
+
+    def restore(self) -> None:
+        """Go back to the state kept."""
+        copy_vectors(self.live(), self.kept)
+        for live, kept in self._changing:
+            wp.copy(live, kept)

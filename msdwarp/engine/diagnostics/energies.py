@@ -1,0 +1,142 @@
+"""Measures: energies, momentum and strain of a state, summed on its device in float64."""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
+from ...kernels.springs import leave_out_broken
+from ...quiet import in_turn
+from ..model.model import Model
+from ..model.state import State
+from .readout import Sweep
+
+MOST_THREADS = 65536
+"""Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
+FEW_EACH = 8
+"""What each sums of a small system: more threads would take longer to be added up than to sum."""
+ROWS = 64
+"""Rows of sums that the host adds up."""
+
+
+class Measures(NamedTuple):
+    """What a state holds. Pinned particles count for nothing."""
+
+    kinetic_energy: float
+    """Σ m v²/2 [J]."""
+    elastic_energy: float
+    """Σ k (l − l0)²/2 [J]."""
+    gravitational_energy: float
+    """−Σ m g·x [J]."""
+    dissipated_power: float
+    """Σ b l'² or by another law, what the dampers turn to heat [W]."""
+    momentum: NDArray[np.float64]
+    """Σ m v [kg m/s], shape [d]."""
+    angular_momentum: NDArray[np.float64]
+    """Σ m x × v about the origin [kg m²/s], shape [3] in three dimensions, [1] in two, [0] in one."""
+    largest_strain: float
+    """Largest |l / l0 − 1|."""
+
+    effect_energy: float = 0.0
+    """What other effects store, such as attachments [J]."""
+    external_work: float = 0.0
+    """What loads, drives and moving obstacles have done on the system so far [J]."""
+
+    @property
+    def energy(self) -> float:
+        """Kinetic, elastic, gravitational and other stored energy together [J]."""
+        return self.kinetic_energy + self.elastic_energy + self.gravitational_energy + self.effect_energy
+
+
+@in_turn
+def measure(
+    model: Model, state: State, velocity: wp.array | None = None, x_lost: wp.array | None = None
+) -> Measures:
+    """Return the measures of a state.
+
+    Parameters
+    ----------
+    model, state
+        The system on a device.
+    velocity
+        Velocities at the instant of the positions; by default the state's own.
+    x_lost
+        What the positions have lost by rounding, in compensated precision.
+    """
+    v, sums = state.v if velocity is None else velocity, Sums(model)
+    others = [one.energy_and_power(state.x, v) for one in model.effects]
+    there = wp.zeros(columns.COLUMNS, dtype=wp.float64, device=model.device)
+    sums.launch(state.x, v, v, x_lost, None, there)
+    found = np.asarray(there.numpy(), dtype=np.float64)
+    turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
+    return Measures(
+        float(found[columns.MEAN_KINETIC]),
+        float(found[columns.ELASTIC]),
+        float(found[columns.POTENTIAL]),
+        float(found[columns.DISSIPATED]) + sum(power for _, power in others),
+        found[columns.MOMENTUM :][: model.dim],
+        found[columns.ANGULAR_MOMENTUM :][turning],
+        float(found[columns.STRAIN]),
+        sum(energy for energy, _ in others),
+        0.0 if model.work is None else model.work.total(state.x, state.v),
+    )
+
+
+class Sums:
+    """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._sweep = Sweep(model.device, max(model.particle_count, model.connection_count), columns.COLUMNS)
+        # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
+        between = None if model.lengths_change else model.system.between_neighbours
+        self._what = model.system.damper.law, model.tearing is not None, between is not None
+        counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
+        self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
+
+    def launch(
+        self,
+        x: wp.array,
+        u: wp.array,
+        v: wp.array,
+        x_lost: wp.array | None,
+        work: wp.array | None,
+        found: wp.array,
+    ) -> None:
+        """Launch the sums for particles at x that move at v, at u as the method has it; it may be recorded.
+
+        `x_lost` is what x has lost by rounding, and `work` has shares of what loads have done [J].
+        """
+        model = self._model
+        compensated = model.compensated and x_lost is not None
+        inputs = [model.inverse_mass, model.gravity, model.connections, model.rest_length, model.stiffness]
+        inputs += [model.damping, self._counts, x, x_lost if compensated else x, u, v, work]
+        self._sweep.launch(sum_up(model.dim, model.scalar, compensated, *self._what), inputs, found)
+
+
+def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
+    """Write numbers of float32 that connections on the device have in the order of the system's.
+
+    `place` says where that of each goes; None where the order is the same.
+    """
+    if place is None:
+        wp.copy(result, values)
+    else:
+        wp.launch(put_in_order, len(values), [values, place], [result], device=values.device)
+
+
+def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
+    """Write each connection's strain, length / rest length − 1, computed in float64, shape [connection_count].
+
+    That of a broken one is NaN.
+
+    `place` says where that of each connection on the device goes; None where the order is the system's.
+    """
+    kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
+    inputs = [model.connections, model.rest_length, place, state.x, state.compensation.x]
+    wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
+    if model.tearing is not None:
+        inputs = [model.tearing.broken_at, place]
+        wp.launch(leave_out_broken(model.scalar), model.connection_count, inputs, [strain], device=model.device)

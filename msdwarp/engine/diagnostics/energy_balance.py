@@ -1,0 +1,131 @@
+"""The energy balance of a run: an energy that the method itself conserves, so that growth shows at once."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bodies import stored
+from ...kernels.integrators import kick
+from ...kernels.reductions import columns
+from ..model.model import Model
+from ..model.state import State
+from ..stepping.launcher import Dynamics
+from .energies import Sums
+from .readout import Found
+
+FEW = 32**3
+"""Of fewer particles each frame tells: on a GPU that costs less than to launch anything after some frames."""
+
+
+class EnergyBalance(NamedTuple):
+    """What a state holds, as far as growth can be told from it."""
+
+    energy: float
+    """Kinetic, elastic, gravitational and other stored energy, as the method conserves it, less work [J]."""
+    swing: float
+    """How much more there is of it as physics has it [J]."""
+    inner: float
+    """Kinetic energy about the centre of mass, and elastic energy [J]."""
+    kinetic: float
+    """Kinetic energy [J]."""
+    free: float
+    """Kinetic and gravitational energy, less work [J]."""
+    strain: float
+    """Largest |l / l0 − 1|."""
+    work: float = 0.0
+    """What loads, drives and moving obstacles have done [J], known to first order in the step."""
+
+
+class EnergySums:
+    """Tells the balance of a state, of sums that can be recorded.
+
+    v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
+    stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
+    ½ Σ m |v − v_(n−½)|². Methods of other kinds let K + U itself only fall.
+
+    Parameters
+    ----------
+    dynamics, state
+        The equation of motion, and what moves.
+    lag
+        The time by which velocities lag behind positions [s]: h/2 above, 0 for methods that keep them together.
+    """
+
+    def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
+        self._dynamics, self._state, self._lag = dynamics, state, lag
+        self._model, self._sums = dynamics.model, Sums(dynamics.model)
+        self._mass = mass(self._model)
+        (self._v,) = state.empty_vectors(1) if lag else (state.v,)
+        self._shares = None if self._model.work is None else self._model.work.shares()
+
+    def launch(self, found: Found) -> None:
+        """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
+        now = self._state.state_in
+        if self._lag:
+            seen = now.method_state[0] if now.method_state else now.v  # by dampers
+            fields = {"compensation": now.compensation, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
+            self._dynamics.launch(kick, h=self._lag, **fields)
+        if self._model.work is not None and self._shares is not None:
+            self._model.work.launch(now.x, now.v, self._shares)
+        self._sums.launch(now.x, now.v, self._v, now.compensation.x, self._shares, found.state_out)
+
+    def balance(self, told: list[float]) -> EnergyBalance:
+        """Return the balance of the present state, of what was found."""
+        model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
+        work = 0.0 if model.work is None else model.work.before + told[columns.WORK]
+        free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
+        energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
+        together = 0.0
+        if not model.pinned:
+            momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]
+            together = 0.5 * sum(one * one for one in momentum) / self._mass
+        inner = max(kinetic - together, 0.0) + elastic
+        return EnergyBalance(energy, swing, inner, kinetic, free, told[columns.STRAIN], work)
+
+
+def is_told_by_frames(dynamics: Dynamics) -> bool:
+    """Tell whether frames had better find their balance themselves than have it found when it is asked for."""
+    model = dynamics.model
+    return model.device.is_cuda and model.particle_count < FEW and not dynamics.launches_before_forces
+
+
+def mass(model: Model) -> float:
+    """Return the mass of all that is not pinned [kg]."""
+    each = model.mass
+    one = stored(each)
+    return float(one[np.isfinite(one)].sum() * (len(each) / len(one)))  # a mass stored once stands for all
+
+
+def weight(model: Model) -> float:
+    """Return the weight of all that is not pinned [N]."""
+    falling = np.array(list(model.gravity), dtype=np.float64)
+    if model.falling is not None:  # a scale of it is all that is asked for
+        falling = model.falling.at(np.zeros(1), model.dim)[0]
+    return mass(model) * float(np.linalg.norm(falling))
+
+
+def potential(model: Model, state: State) -> float:
+    """Return the gravitational energy −Σ m g·x of all that is not pinned [J]."""
+    free = np.isfinite(model.mass)
+    moment = np.where(free, model.mass, 0.0) @ state.x.numpy().astype(np.float64)
+    return -float(moment @ np.array(list(model.gravity), dtype=np.float64))
+
+
+def size(state: State) -> float:
+    """Return the largest extent of a system [m], at least a metre for a single particle."""
+    return float(np.ptp(state.x.numpy(), axis=0).max()) or 1.0
+
+
+def rounding_energy(model: Model, state: State) -> float:
+    """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
+
+    A thousand times that, since rounding errors of many substeps add up. Compensated sums keep what places lose:
+    only the lengths of springs are rounded.
+    """
+    stiffness, place = model.system.stiffness, float(np.abs(state.x.numpy()).max())
+    if model.compensated and len(stiffness):
+        place = float(stored(model.system.rest_length).max())
+    off = float(np.finfo(model.dtype).eps) * place
+    one = stored(stiffness)
+    total = float(one.sum()) * (len(stiffness) / len(one) if len(one) else 0.0)
+    return 1e3 * total * off**2

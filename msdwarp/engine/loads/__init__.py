@@ -1,0 +1,1 @@
+"""What else acts on particles: forces, wind, pressure, drives, attachments, actuators."""

@@ -1,0 +1,127 @@
+"""Actuating: muscles, as a scene gives them, on a device."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads import actuated_springs, add_tension
+from ...world import Actuator, Load
+from ..device.csr import rows
+from ..device.frame_tables import InFrames, Tables
+from ..model.effect import Effect
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+AHEAD = np.arange(600) / 60.0
+"""When the bound of the rates looks at what muscles will do [s]."""
+
+
+def actuating(model: "Model", loads: Sequence[Load]) -> Effect | None:
+    """Return the effect of the actuators among the loads of a scene."""
+    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Actuator)]
+    return Actuated(model, [f"{name}.strain" for name, _ in named], [one for _, one in named]) if named else None
+
+
+class Actuated(Effect):
+    """Rest lengths that are functions of time: what springs of those pull more than springs of their own.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    names
+        What messages call the strain of each actuator.
+    actuators
+        Muscles, one at least.
+    """
+
+    def __init__(self, model: "Model", names: Sequence[str], actuators: Sequence[Actuator]) -> None:
+        self._model, self._names, self._actuators = model, names, actuators
+        self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
+        # The columns of the table are the actuators, one behind the other, each with all delays that it has.
+        self._delays: list[NDArray[np.float64]] = []
+        connections, columns, column_count = [], [], 0
+        for one in actuators:
+            chosen = one.connections(model.system)
+            delays, which = np.unique(one.delays(model.system, chosen), return_inverse=True)
+            self._delays.append(delays)
+            connections.append(chosen)
+            columns.append(column_count + which)
+            column_count += len(delays)
+        self._connection, self._column = np.concatenate(connections), np.concatenate(columns)
+        self._column_count = column_count
+        self._varies = any(one.varies for one in actuators)
+        strength = model.system.stiffness[self._connection] * model.system.rest_length[self._connection]
+        model.check_range(strength, "stiffness * rest_length")
+        # The entries, particle by particle: each connection is one of both its ends.
+        ends = model.system.connections[self._connection]
+        particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
+        order, first = rows(particle, model.particle_count)
+        self.members = np.diff(first) > 0
+        data = self.data = self.piece.Data()
+        data.first = wp.array(first, dtype=int, device=model.device)
+        data.other = wp.array(other[order], dtype=int, device=model.device)
+        data.column = wp.array(np.tile(self._column, 2)[order], dtype=int, device=model.device)
+        data.strength = wp.array(np.tile(strength, 2)[order], dtype=model.scalar, device=model.device)
+        self._at(np.zeros(1))  # what a function gets wrong is said before anything runs
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the strains of a frame."""
+        shape = (len(self.steps.times(0.0)), self._column_count)
+        tables = {"strain": (shape, self._model.scalar)}
+        self._frames = InFrames(tables, self._model.scalar, self._model.device, self._fill)
+        self.data.strain = self._frames.arrays["strain"]
+
+    def begin_frame(self, time: float) -> None:
+        """Take the strains of the frame that begins at `time` [s]."""
+        if self._varies:
+            self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Find out the strains of the frame that begins at `time` [s]."""
+        if self._varies:
+            self._frames.prepare(time)
+
+    def hold(self, time: float) -> None:
+        """Have all stages see the strains at `time` [s]."""
+        now = self._at(np.array([time]))
+
+        def fill(tables: Tables) -> None:
+            tables["strain"][:] = now
+
+        self._frames.upload(fill)
+
+    def _fill(self, time: float, tables: Tables) -> None:
+        """Write the strains of the frame that begins at `time`."""
+        tables["strain"][:] = self._at(self.steps.times(time))
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add what contracted muscles pull across their axes, at the largest contraction that is known."""
+        model, system = self._model, self._model.system
+        device, chosen = model.device, self._connection
+        least = np.repeat([self._least(one) for one in self._actuators], [len(each) for each in self._delays])
+        strain = np.minimum(0.0, least)[self._column]
+        inputs = [wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)]
+        for values in (system.rest_length[chosen], system.stiffness[chosen], strain):
+            inputs.append(wp.array(values, dtype=wp.float64, device=device))
+        kernel = add_tension(model.dim, model.scalar)
+        wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)
+
+    def _least(self, one: Actuator) -> float:
+        """Return the least strain of an actuator in the time ahead; at the start, if it has none later."""
+        try:
+            return float(one.at(AHEAD).min())
+        except ValueError:  # it may be made for a shorter run
+            return float(one.at(np.zeros(1))[0])
+
+    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the strain of each column at each time, shape [time_count, column_count]."""
+        found = []
+        for name, one, delays in zip(self._names, self._actuators, self._delays, strict=True):
+            when = np.subtract.outer(times, delays)
+            found.append(one.at(when.ravel(), name).reshape(when.shape))
+        return np.concatenate(found, axis=1)

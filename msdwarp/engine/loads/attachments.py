@@ -1,0 +1,197 @@
+"""Attaching: particles held by springs to points of the world, or of what moves in it, on a device."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads import attachments
+from ...world import Attachment, Load, MouseSpring, poses
+from ..device.csr import rows
+from ..device.frame_tables import InFrames, Tables
+from ..model.effect import Effect
+from ..model.stage_tables import exchanged
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+ASIDE = 0.01
+"""How far before and after a stage a carrier is looked at, to know how fast it is there, in substeps."""
+
+
+def attaching(model: "Model", loads: Sequence[Load]) -> Effect | None:
+    """Return the effect of the attachments, and the hands, among the loads of a scene, if there are any."""
+    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Attachment | MouseSpring)]
+    return Attached(model, named) if named else None
+
+
+class Attached(Effect):
+    """The attachments of a scene."""
+
+    def __init__(self, model: "Model", named: Sequence[tuple[str, Attachment | MouseSpring]]) -> None:
+        self._model = model
+        self._named = [(name, one.bound(model.system)) for name, one in named]
+        several: list[Any] = [one for _, one in self._named]
+        self._hands = [one for one in several if isinstance(one, MouseSpring)]
+        self._carriers = [
+            (name, one.carried_by)
+            for name, one in self._named
+            if isinstance(one, Attachment) and one.carried_by is not None and one.carried_by.motion is not None
+        ]
+        self._moving = bool(self._carriers)
+        self._composed = attachments(
+            model.dim,
+            model.scalar,
+            model.compensated,
+            moving=self._moving,
+            damped=bool(self._hands) or any(one.damping for one in several),
+            stretched=any(one.rest_length.any() for one in several),
+        )
+        self.piece = self._composed.piece
+        data = self.data = self.piece.Data()
+        # A hand may hold any particle, and as many as it has room for.
+        held = [one.particles(model.system) for one in several]
+        self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)
+        size = sum(
+            one.room if isinstance(one, MouseSpring) else int(mask.sum())
+            for one, mask in zip(several, held, strict=True)
+        )
+        device = model.device
+        data.first = wp.zeros(model.particle_count + 1, dtype=int, device=device)
+        data.member, data.carrier = (wp.zeros(size, dtype=int, device=device) for _ in range(2))
+        data.point = wp.zeros(size, dtype=model.vector, device=device)
+        data.rest_length, data.stiffness, data.damping = (
+            wp.zeros(size, dtype=model.scalar, device=device) for _ in range(3)
+        )
+        if self._moving:
+            self.done = data.done = wp.zeros((2, size), dtype=wp.float64, device=device)
+        self._fill_rows()
+
+    def _fill_rows(self) -> None:
+        """Upload who is attached, where to and how: particle by particle, of each in the order of the loads."""
+        model, data = self._model, self.data
+        several: list[Any] = [one for _, one in self._named]
+        chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
+        counts = list(map(len, chosen))
+        points, carrier, k = [], np.full(len(several), -1), 0
+        for n, one in enumerate(several):
+            to = np.asarray(one.to, dtype=np.float64).reshape(-1, model.dim)
+            if k < len(self._carriers) and getattr(one, "carried_by", None) is self._carriers[k][1]:
+                turns, shifts = self._poses(k, np.zeros(1))
+                to = (to - shifts[0]) @ turns[0]  # as the carrier was given: y = Rᵀ (p − o)
+                carrier[n], k = k, k + 1
+            points.append(to)
+        order, first = rows(np.concatenate(chosen), model.particle_count)
+        member = np.unique(np.concatenate(chosen))
+        values = {
+            "first": first,
+            "member": member,
+            "carrier": np.repeat(carrier, counts)[order],
+            "point": np.concatenate(points)[order],
+        }
+        model.check_range(values["point"], "to")
+        for name in ("rest_length", "stiffness", "damping"):
+            of_each = zip(several, counts, strict=True)
+            numbers = np.concatenate([np.broadcast_to(getattr(one, name), count) for one, count in of_each])
+            model.check_range(numbers, name)
+            values[name] = numbers[order]
+        self._member_count = len(member)
+        for name, numbers in values.items():
+            if len(numbers):  # what is beyond is of nobody
+                array = getattr(data, name)
+                source = wp.array(numbers, dtype=array.dtype, device="cpu")
+                wp.copy(array, source, count=len(numbers))
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Have hands hold others."""
+        if any(one in others for one in self._hands):
+            before = self._named, self._hands
+            self._named = exchanged(self._named, others)
+            self._hands = [one for _, one in self._named if isinstance(one, MouseSpring)]
+            try:
+                self._fill_rows()
+            except ValueError:  # before any row was filled
+                self._named, self._hands = before
+                raise
+            if self.done is not None:  # rows are of others now: what was done counts in all
+                done = np.zeros(self.done.shape)
+                done[0, 0] = self.done.numpy().sum()
+                self.done.assign(done)
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the poses of the carriers in a frame."""
+        if not self._moving:
+            return
+        self.data.ahead = int(self.steps.lagging)
+        shape, model = (len(self.steps.times(0.0)), len(self._carriers)), self._model
+        turn = wp.types.matrix((model.dim, model.dim), model.scalar)
+        kinds = {"turn": turn, "turning": turn, "shift": model.vector, "speed": model.vector}
+        tables = {name: (shape, kind) for name, kind in kinds.items()}
+        self._frames = InFrames(tables, model.scalar, model.device, self._fill)
+        for name, array in self._frames.arrays.items():
+            setattr(self.data, name, array)
+
+    def begin_frame(self, time: float) -> None:
+        """Put the carriers where they are in the frame that begins at `time` [s]."""
+        if self._moving:
+            self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Find out where the carriers are in the frame that begins at `time` [s], while another is running."""
+        if self._moving:
+            self._frames.prepare(time)
+
+    def hold(self, time: float) -> None:
+        """Have all stages see the carriers where they are at `time` [s]."""
+        if self._moving:
+            self._frames.upload(lambda tables: self._write(tables, np.full(len(tables["shift"]), time)))
+
+    def _fill(self, time: float, tables: Tables) -> None:
+        """Write where the carriers are in the frame that begins at `time`, and how fast."""
+        self._write(tables, self.steps.times(time))
+
+    def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
+        """Write where the carriers are at these times, and how fast.
+
+        Where velocities lag behind positions that is the way of the last substep over its time, as it is of all
+        particles there.
+        """
+        before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
+        start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion need not be defined before 0
+        span *= self.steps.dt
+        at = np.concatenate([times, start, start + span])
+        for k in range(len(self._carriers)):
+            for names, values in zip((("turn", "turning"), ("shift", "speed")), self._poses(k, at), strict=True):
+                now, then, later = np.split(values, 3)
+                tables[names[0]][:, k], tables[names[1]][:, k] = now, (later - then) / span
+
+    def _poses(self, k: int, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (R, o) of a carrier at each time; raise ValueError that names it where its motion has none."""
+        (name, carrier), dim = self._carriers[k], self._model.dim
+        assert carrier.motion is not None
+        furthest = float(np.finfo(self._model.dtype).max) / 4
+        turn, shift = poses(f"{name}.carried_by", carrier.motion, carrier.centre(dim), times, furthest)
+        return np.broadcast_to(np.eye(dim), (len(times), dim, dim)) if turn is None else turn, shift
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""
+        outputs, threads = [stiffness, damping], self._member_count
+        wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
+
+    def energy(self, x: wp.array) -> float:
+        """Return Σ k (|x − p| − l0)²/2 [J]."""
+        return self.energy_and_power(x, x)[0]
+
+    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
+        """Return Σ b |v − u|², along the axis where there is a rest length [W]."""
+        return self.energy_and_power(x, v)[1]
+
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
+        count, device = self._member_count, self._model.device
+        sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
+        row = self.data.shift.shape[0] - 1 if self._moving else 0
+        wp.launch(self._composed.measure, count, [self.data, row, x, v], sums, device=device)
+        return float(sums[0].numpy().sum()), float(sums[1].numpy().sum())

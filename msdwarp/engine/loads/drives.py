@@ -1,0 +1,209 @@
+"""Driving: particles moved by drives, on a device."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.basis import vector
+from ...kernels.loads import driven
+from ...world import Driven, Load, poses
+from ..device.frame_tables import InFrames, Tables
+from ..model.effect import Effect
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..model.state import State
+
+POINTS = 5
+"""Points that a derivative is taken from: exact for polynomials of degree 4."""
+WINDOW = 1 / 16
+"""Share of a frame in which these lie where a frame ends."""
+
+
+def driving(model: "Model", loads: Sequence[Load]) -> Effect | None:
+    """Return the effect of drives among loads that are bound to a start; None where they hold nobody."""
+    drives = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Driven) and len(one.held)]
+    return Driving(model, drives) if drives else None
+
+
+class Driving(Effect):
+    """Moves particles as drives say.
+
+    Places are those of the motion at the time of each stage, rounded once. Velocities are found from them: in
+    methods that keep them half a substep behind, the way of the last substep over its time, as those of all
+    particles are there; else the derivative of the polynomial through five places. So what is attached feels both
+    to the order of its method, which for leapfrog is 2 and for RK4 is 4.
+    """
+
+    def __init__(self, model: "Model", drives: Sequence[tuple[str, Driven]]) -> None:
+        self._model, self._drives = model, drives
+        self._wide = vector(model.dim, wp.float64)
+        self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
+        self.piece = driven(model.dim, model.scalar, model.compensated)
+        data = self.data = self.piece.Data()
+        self.held: NDArray = np.concatenate([one.held for _, one in drives])
+        entry = np.full(model.particle_count, -1)
+        entry[self.held] = np.arange(len(self.held))
+        self._drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
+        self._start = np.concatenate([one.start for _, one in drives])
+        for name, values, kind in (
+            ("entry", entry, int),
+            ("drive", self._drive, int),
+            ("start", self._start, self._wide),
+        ):
+            setattr(data, name, wp.array(values, dtype=kind, device=model.device))
+        self.done = data.done = wp.zeros((2, len(self.held)), dtype=wp.float64, device=model.device)
+        self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]
+        self._longest = [_shortest_attached(model, one) for _, one in drives]
+        self._furthest = float(np.finfo(model.dtype).max) / 4
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Make room for the poses of a frame, and find the weights of their differences."""
+        rows = np.append(np.add.outer(np.arange(substeps), self.steps.stage_times).ravel(), substeps)
+        before_or_between = [-1.0] if self.steps.lag else np.linspace(0, substeps, POINTS)
+        at = np.append(before_or_between, rows)
+        self._at, pick = np.unique(at, return_inverse=True)
+        self._rows = pick[-len(rows) :]
+        each = len(self.steps.stage_times)
+        self.data.ahead = int(self.steps.lag > 0.0)
+        if self.steps.lag:  # the way of the substep that ends there; of the first row the work alone asks
+            weights = np.diff(np.eye(len(self._at)), axis=0)
+        else:
+            weights = np.array([_derivative(self._at, one) for one in rows])
+        self._weights, self._substeps = weights / dt, self._rows[::each]
+        drives = len(self._drives)
+        shape, kinds = (len(rows), drives), {"turn": self._turn, "shift": self._wide}
+        kinds |= {"turning": self._turn, "speed": self._wide}
+        tables = {name: (shape, kind) for name, kind in kinds.items()}
+        tables |= {"bending": ((drives,), self._turn), "push": ((drives,), self._wide)}
+        self._frames = InFrames(tables, wp.float64, self._model.device, self._fill)
+        for name, array in self._frames.arrays.items():
+            setattr(self.data, name, array)
+
+    def begin_frame(self, time: float) -> None:
+        """Put what is driven where it is in the frame that begins at `time` [s]."""
+        self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Find out where what is driven is in the frame that begins at `time` [s]."""
+        self._frames.prepare(time)
+
+    def hold(self, time: float) -> None:
+        """Have kicks between frames know the accelerations at `time` [s]."""
+        self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
+
+    def place(self, state: "State", time: float, fps: float) -> None:
+        """Put what is driven where it is at `time` [s], with the velocity that it has there."""
+        values, rates = np.empty((2, len(self.held), self._model.dim))
+        for k, (name, one) in enumerate(self._drives):
+            (turn, turning, _), (shift, speed, _) = self._around(name, one, time, fps)
+            mine = self._drive == k
+            values[mine] = one.start @ turn.T + shift
+            rates[mine] = one.start @ turning.T + speed
+        for name, exact in (("x", values), ("v", rates)):
+            array = getattr(state.state_in, name)
+            rounded, whole = exact.astype(self._model.dtype), array.numpy().copy()
+            whole[self.held] = rounded
+            array.assign(whole)
+            if self._model.compensated:
+                compensation = getattr(state.state_in.compensation, name)
+                off = compensation.numpy().copy()
+                off[self.held] = rounded - exact
+                for one in {compensation, getattr(state.state_out.compensation, name)}:
+                    one.assign(off)
+
+    def displaced(self) -> str | None:
+        """Return words about a drive that does not begin where its particles are; None if all do."""
+        for name, one in self._drives:
+            turn, shift = one.pose(0.0)
+            away = float(np.abs(one.start @ turn.T + shift - one.start).max())
+            if away > 1e-6 * max(1.0, float(np.abs(one.start).max())):
+                return (
+                    f"{name} has displaced its particles by {away:.3g} m at time 0: they begin there, away from "
+                    "what they are connected with; motion(0) should be no displacement"
+                )
+        return None
+
+    def _fill(self, time: float, tables: Tables) -> None:
+        """Write the poses of the frame that begins at `time`, and their rates."""
+        steps, dim = self.steps, self._model.dim
+        times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion need not be defined before 0
+        times[-1] = (round(time * steps.fps) + 1) / steps.fps
+        for k, (name, one) in enumerate(self._drives):
+            turn, shift = self._poses(name, one, times)
+            self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
+            tables["turn"][:, k], tables["shift"][:, k] = turn[self._rows], shift[self._rows]
+            # Of differences, so that what stands still has none to the last bit.
+            off = np.concatenate([(turn - turn[0]).reshape(len(turn), -1), shift - shift[0]], axis=1)
+            rates = self._weights @ off
+            tables["turning"][:, k] = rates[:, : dim * dim].reshape(-1, dim, dim)
+            tables["speed"][:, k] = rates[:, dim * dim :]
+        if steps.lag:
+            self._fill_accelerations(float(times[-1]), tables)
+
+    def _fill_accelerations(self, time: float, tables: Tables) -> None:
+        """Write the second derivatives of the poses at `time`."""
+        for k, (name, one) in enumerate(self._drives):
+            (_, _, tables["bending"][k]), (_, _, tables["push"][k]) = self._around(name, one, time, self.steps.fps)
+
+    def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
+        """Return turn and shift at `time`, where a frame ends or the first begins, with two derivatives."""
+        step = WINDOW / (fps * (POINTS - 1))
+        points = np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1)
+        found = self._poses(name, one, time + step * points)
+        result = []
+        for values in found:
+            off = values - values[-1]
+            each = [np.tensordot(_derivative(points, 0, m), off, 1) / step**m for m in (1, 2)]
+            result.append([values[-1], *each])
+        return result[0], result[1]
+
+    def _poses(self, name: str, one: Driven, times: NDArray) -> tuple[NDArray, NDArray]:
+        motion: Any = one.motion
+        turn, shift = poses(name, motion, one.centre, times, self._furthest)
+        dim = self._model.dim
+        return np.broadcast_to(np.eye(dim), (len(times), dim, dim)) if turn is None else turn, shift
+
+    def _check_speed(self, name: str, k: int, turn: NDArray, shift: NDArray, times: NDArray) -> None:
+        """Raise ValueError where a drive moves by more in a substep than the shortest connection is long."""
+        centre = turn @ self._drives[k][1].centre + shift
+        # A change of rotation has its largest stretch twice, in the plane of the turn.
+        turned = np.sqrt((np.diff(turn, axis=0) ** 2).sum(axis=(1, 2)) / 2)
+        ways = np.linalg.norm(np.diff(centre, axis=0), axis=1) + self._reach[k] * turned
+        n = int(np.argmax(ways))
+        if ways[n] > self._longest[k]:
+            raise ValueError(
+                f"{name} moves by {ways[n]:.3g} m in the substep of {self.steps.dt:.3g} s at {times[n]:g} s, "
+                f"further than the shortest connection that it pulls is long, {self._longest[k]:.3g} m: "
+                "move it slower, or take more substeps"
+            )
+
+
+def _shortest_attached(model: "Model", one: Driven) -> float:
+    """Return the shortest rest length between a drive's particles and others [m]; inf where there is none."""
+    held = one.particles(model.system)
+    ends = held[model.system.connections]
+    attached = ends[:, 0] != ends[:, 1]
+    return float(np.min(model.system.rest_length[attached], initial=np.inf))
+
+
+def _derivative(points: NDArray, at: float, order: int = 1) -> NDArray[np.float64]:
+    """Return weights of values at some points whose sum is the derivative at one of them, from the nearest points.
+
+    It is that of the polynomial through them: the weights are exact for all powers of smaller degree.
+    """
+    first = (
+        int(np.clip(np.searchsorted(points, at) - POINTS // 2, 0, len(points) - POINTS))
+        if len(points) > POINTS
+        else 0
+    )
+    near = points[first : first + POINTS] - at
+    powers = np.vander(near, increasing=True).T
+    wanted = np.zeros(len(near))
+    wanted[order] = float(order)  # m! for m = 1, 2
+    weights = np.zeros(len(points))
+    weights[first : first + POINTS] = np.linalg.solve(powers, wanted)
+    return weights

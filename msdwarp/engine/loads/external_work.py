@@ -1,0 +1,123 @@
+"""Work: what loads have done on a system from outside."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.effect import ForceTerm
+from ...kernels.loads import NOTHING, add_work, sum_work, work
+from ..model.effect import Effect
+from .forces import Steady
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+MOST_SHARES = 4096
+"""Threads that sum on a GPU."""
+
+
+class Work(Effect):
+    """Keeps what loads have done on each particle of a model [J], float64, and adds to it what other effects have.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    summed
+        Whether the work of any forces is summed particle by particle.
+    steady
+        Forces whose work is that of a potential.
+    others
+        Effects that sum their work themselves.
+    """
+
+    def __init__(
+        self, model: "Model", *, summed: bool, steady: Steady | None, others: Sequence[Effect] = ()
+    ) -> None:
+        self._model, self._device, count = model, model.device, model.particle_count if summed else 0
+        self._others = {f"work.{type(one).__name__.lower()}": one.done for one in others if one.done is not None}
+        self._counts = summed or any(isinstance(one.piece, ForceTerm) for one in others)
+        self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
+        self.field = self.piece.field
+        self.data, self.idle = self.piece.Data(), self.piece.Data()
+        """What kernels read, and the same where forces are only looked at: nothing counts."""
+        self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
+        self._last = wp.zeros(count, dtype=model.vector, device=model.device)
+        if self._counts:
+            for data in (self.data, self.idle):
+                data.done, data.last = self._done, self._last
+        self._combination = wp.zeros(0, dtype=int, device=model.device)
+        self._steady = wp.zeros(0, dtype=model.vector, device=model.device)
+        self._sum = sum_work(model.dim, model.scalar)
+        self._remaining = 0.0
+        self.before = 0.0
+        """What is to be added to the sums: what f·x of steady forces was at the start, and earlier work [J]."""
+        if steady is not None:
+            self._combination, self._steady = steady.data.combination, steady.data.value
+            forces = steady.sums[self._combination.numpy()]
+            self.before = -float((forces * model.system.position).sum())
+
+    @property
+    def is_of_potentials(self) -> bool:
+        """Whether all work is that of constant forces: nothing is summed on the way."""
+        return not self._counts and not self._others
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Prepare for frames of so many substeps of `dt` seconds."""
+        # With one force a substep, half of it is taken with the velocity before it and half with that after it.
+        lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
+        self._remaining = lags * dt
+        each = dt * np.asarray(self.steps.weights)
+        for name, share in (("weight", 1.0 - lags), ("weight_of_last", lags)):
+            if not self._counts:
+                break
+            rows = np.append(np.tile(share * each, substeps), 0.0)
+            setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
+            setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
+
+    def settle(self, x: wp.array, v: wp.array) -> None:
+        """Count what the last force still counts, before velocities change that are not its doing."""
+        done = self.total(x, v)
+        self._last.zero_()
+        self.before += done - self.total(x, v)
+
+    def shares(self) -> wp.array:
+        """Return room for the sums of many threads."""
+        threads = max(1, min(self._model.particle_count // 8, MOST_SHARES)) if self._device.is_cuda else 1
+        return wp.zeros(threads, dtype=wp.float64, device=self._device)
+
+    def launch(self, x: wp.array, v: wp.array, shares: wp.array) -> None:
+        """Launch the sums for particles at x that move at v, as the method has it; it may be recorded."""
+        inputs = [self._done, self._last, v, self._remaining, self._combination, self._steady, x]
+        wp.launch(self._sum, len(shares), inputs, [shares], device=self._device)
+        for done in self._others.values():
+            wp.launch(add_work, len(shares), [done.flatten()], [shares], device=self._device)
+
+    def total(self, x: wp.array, v: wp.array) -> float:
+        """Return what has been done so far on particles that now are at x and move at v [J]."""
+        shares = self.shares()
+        self.launch(x, v, shares)
+        return self.before + float(shares.numpy().sum())
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """What has been done on each particle, and the force in the last substep."""
+        return [self._done, self._last, *self._others.values()]
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return what has been done on each particle, and before."""
+        arrays = {"work.done": self._done, "work.last": self._last} | self._others
+        return {name: array.numpy().copy() for name, array in arrays.items()} | {
+            "work.before": np.array([self.before])
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self._done.assign(arrays["work.done"])
+        self._last.assign(arrays["work.last"])
+        for name, done in self._others.items():
+            done.assign(arrays[name])
+        self.before = float(arrays["work.before"][0])

@@ -1,0 +1,131 @@
+"""Forces: forces on particles, as a scene gives them, on a device."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads import function_force, steady_force, varying_force, weight_force
+from ...world import Falling, Force, Load
+from ..model.effect import Effect
+from ..model.stage_tables import StageTables, exchanged
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+Named = Sequence[tuple[str, Force]]
+"""Forces, and what they are called."""
+
+
+def forcing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the forces among the loads of a scene."""
+    named = [(f"loads[{k}].force", one) for k, one in enumerate(loads) if isinstance(one, Force)]
+    steady = [(name, one) for name, one in named if not one.varies]
+    varying = [(name, one) for name, one in named if one.varies and not one.of_place]
+    functions = [one for _, one in named if one.of_place]
+    effects: list[Effect] = [Steady(model, steady)] if steady else []
+    effects += [Varying(model, varying)] if varying else []
+    effects += [Weight(model, model.falling)] if model.falling is not None and not model.driven.all() else []
+    return effects + [OfPlace(model, one, k) for k, one in enumerate(functions)]
+
+
+def combinations(model: "Model", forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the different sums of forces that particles feel, and which of them each does.
+
+    Returns
+    -------
+    shares, combination
+        How much of each force is in each combination, shape [combination_count, force_count], the first one having
+        none of any; and the combination of each particle, shape [particle_count].
+    """
+    chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
+    sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
+    kinds, combination = np.unique(chosen, axis=0, return_inverse=True)
+    nobody = np.zeros((1, len(forces)), dtype=bool)
+    if kinds[0].any():  # rows are sorted: nobody comes first
+        kinds, combination = np.concatenate([nobody, kinds]), combination + 1
+    return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
+
+
+class Steady(Effect):
+    """Forces that are constant."""
+
+    def __init__(self, model: "Model", forces: Named) -> None:
+        self.piece = steady_force(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        shares, combination = combinations(model, forces)
+        self.members = combination > 0
+        self._model, self._forces, self._shares = model, forces, shares
+        self.sums = self._of(forces)
+        """The force on the particles of each combination [N], shape [combination_count, d]."""
+        self.data.value = wp.array(self.sums, dtype=model.vector, device=model.device)
+        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+
+    def _of(self, forces: Named) -> NDArray[np.float64]:
+        """Return the sums that these forces make."""
+        values = [one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces]
+        for value, (name, _) in zip(values, forces, strict=True):
+            self._model.check_range(value, name)
+        return self._shares @ np.array(values)
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other forces on the same particles."""
+        forces = exchanged(self._forces, others)
+        self.sums, self._forces = self._of(forces), forces
+        self.data.value.assign(self.sums)
+
+
+class Varying(StageTables):
+    """Forces that are functions of time."""
+
+    def __init__(self, model: "Model", forces: Named) -> None:
+        self._model, self.named = model, forces
+        self.piece = varying_force(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        self._shares, combination = combinations(model, forces)
+        self.members = combination > 0
+        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+        self.set_up(model, len(self._shares), model.vector, varies=True)
+
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the table of forces."""
+        self.data.value = table
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
+        values = np.empty((len(times), len(self.named), self._model.dim))
+        for k, (name, one) in enumerate(self.named):
+            values[:, k] = one.at(times, self._model.dim, name)
+            self._model.check_range(values[:, k], name)
+        return self._shares @ values
+
+
+class Weight(StageTables):
+    """The weight of particles where gravity is a function of time."""
+
+    def __init__(self, model: "Model", falling: Falling) -> None:
+        self._model, self._falling = model, falling
+        self.piece = weight_force(model.dim, model.scalar, model.compensated)
+        self.data, self.members = self.piece.Data(), np.isfinite(model.mass)
+        self.set_up(model, 1, model.vector, varies=True)
+
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find gravity."""
+        self.data.gravity = table
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return gravity at each time [m/s²], shape [time_count, 1, d]."""
+        gravity = self._falling.at(times, self._model.dim)
+        self._model.check_range(gravity, "gravity")
+        return gravity[:, None]
+
+
+class OfPlace(Effect):
+    """A force that is a function of place, speed and time, on the device."""
+
+    def __init__(self, model: "Model", force: Force, number: int) -> None:
+        self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
+        self.data, self.members = self.piece.Data(), force.particles(model.system)

@@ -1,0 +1,128 @@
+"""Pressing: the pressures of a scene on a device."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads import gas_law, gas_pressure, given_pressure
+from ...world import EnclosedGas, Load, Pressure, volume
+from ..model.effect import Effect
+from ..model.stage_tables import StageTables
+from .embedded_vertices import Mixing
+from .surface_triangles import Faces, area_vectors
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+THREADS = 256
+"""Threads that sum a volume."""
+
+
+def pressing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the pressures among the loads of a scene: of given ones, and of gases."""
+    named = [(f"loads[{k}]", one) for k, one in enumerate(loads)]
+    given = [(name, one) for name, one in named if isinstance(one, Pressure)]
+    gases = [one for _, one in named if isinstance(one, EnclosedGas)]
+    effects: list[Effect] = [GivenPressures(model, given)] if given else []
+    return effects + ([Gases(model, gases)] if gases else [])
+
+
+class Pressing(Effect):
+    """What given pressures and gases share: the triangles that they act on."""
+
+    def __init__(self, model: "Model", pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
+        self._model = model
+        faces = self._faces = Faces([one.facets(model.system) for one in pressures], model.particle_count)
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
+        self.data = piece.Data()
+        self.data.faces = faces.on(model, type(self.data.faces))
+        self.data.of = wp.array(faces.of, dtype=int, device=model.device)
+        self.members = faces.members()
+
+    def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how stiff each particle is since area vectors turn with it [N/m], shape [particle_count].
+
+        ∂a/∂x_j is half the opposite edge (as a cross product): by Gershgorin a particle's row of the stiffness is
+        at most p (|e_1| + |e_2| + |e_3|) / 6 of each of its triangles; blocks count half of that.
+        """
+        faces, places = self._faces, self._faces.points(x)
+        edges = sum(
+            np.linalg.norm(places[faces.corner[:, k]] - places[faces.corner[:, k - 1]], axis=1).astype(np.float64)
+            for k in range(3)
+        )
+        return faces.bound(faces.add_to_corners(np.abs(pressure)[faces.of] * edges / 12))
+
+    def _add(self, blocks: wp.array, each: NDArray[np.float64]) -> None:
+        blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
+
+
+class GivenPressures(Pressing, StageTables):
+    """Pressures that are given, as numbers or as functions of time."""
+
+    def __init__(self, model: "Model", named: Sequence[tuple[str, Pressure]]) -> None:
+        super().__init__(model, [one for _, one in named], given_pressure)
+        self.named = named
+        self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
+
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the pressures."""
+        self.data.value = table
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return each pressure at each time [Pa], shape [time_count, count]."""
+        return np.stack([one.at(times, f"{name}.pressure") for name, one in self.named], axis=1)
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add how stiff the largest pressures of a frame make the particles."""
+        self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
+
+
+class Gases(Pressing):
+    """Gases that are enclosed: their pressures follow from their volumes, in each stage of a substep."""
+
+    def __init__(self, model: "Model", gases: Sequence[EnclosedGas]) -> None:
+        super().__init__(model, gases, gas_pressure)
+        self._gases = gases
+        self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
+        self.data.value = wp.zeros((1, len(gases)), dtype=model.scalar, device=model.device)
+
+    def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
+        """Launch what finds the pressures for particles at x."""
+        model, ends = self._model, self._faces.ends
+        threads = THREADS if model.device.is_cuda else 1
+        if self._faces.mixed:
+            x = next(one for one in model.effects if isinstance(one, Mixing)).data.x
+        for k, gas in enumerate(self._gases):
+            inputs = [
+                self.data.faces.corner,
+                int(ends[k]),
+                int(ends[k + 1]),
+                gas.pressure + gas.outside,
+            ]
+            inputs += [gas.outside, gas.volume, gas.exponent, k, x, compensation.x]
+            wp.launch(self._law, threads, inputs, [self.data.value], device=model.device, block_dim=threads)
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add how stiff the gases make the particles.
+
+        Beside the turning of area vectors, a gas is a spring of stiffness γ p / V for its volume: a matrix of rank
+        1 whose eigenvalue, over masses, is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks count half of it, over each mass.
+        """
+        model, faces = self._model, self._faces
+        places = faces.points(x.numpy())
+        inverse_mass = np.broadcast_to(model.inverse_mass.numpy(), model.particle_count).astype(np.float64)
+        over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
+        for k, gas in enumerate(self._gases):
+            corner = faces.corner[faces.ends[k] : faces.ends[k + 1]]
+            assert gas.volume is not None  # as it is bound to the start
+            now = max(volume(corner, places), 1e-6 * gas.volume)
+            inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
+            over[k] = inside - gas.outside
+            gradient = faces.spread(faces.add_to_corners(area_vectors(corner, places) / 3, corner))
+            rate = gas.exponent * inside / now * float(((gradient**2).sum(axis=1) * inverse_mass).sum())
+            mine = (gradient != 0).any(axis=1) & (inverse_mass > 0)
+            each[mine] += 0.5 * rate / inverse_mass[mine]
+        self._add(stiffness, each + self._turning(x.numpy(), over))

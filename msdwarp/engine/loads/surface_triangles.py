@@ -1,0 +1,88 @@
+"""The triangles of a system's surface on a device, for loads that act on them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import Facets
+from ..device.csr import rows
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+class Faces:
+    """The triangles that several loads act on, one load's behind the other's.
+
+    Parameters
+    ----------
+    parts
+        The triangles of each load, of the same surface.
+    particle_count
+        Number of particles.
+    """
+
+    def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
+        self._facets, self._count = parts[0], particle_count
+        self.mixed: bool = parts[0].mixed
+        """Whether vertices are mixtures of particles; else they are particles."""
+        self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
+        """The vertices of each, shape [triangle_count, 3]."""
+        self.closed: NDArray[np.bool_] = np.concatenate([one.closed for one in parts])
+        """Whether each is of a closed surface, shape [triangle_count]."""
+        self.of: NDArray[np.int64] = np.repeat(np.arange(len(parts)), [len(one.corner) for one in parts])
+        """The load that acts on each, shape [triangle_count]."""
+        self.ends: NDArray[np.int64] = np.cumsum([0, *(len(one.corner) for one in parts)])
+        """Where the triangles of each load begin, and the end, shape [load_count + 1]."""
+
+    def members(self) -> NDArray[np.bool_]:
+        """Return which particles carry any of them, shape [particle_count]."""
+        corners = np.zeros(len(self._facets.particle))
+        corners[self.corner.ravel()] = 1.0
+        return self.bound(corners) > 0
+
+    def points(self, x: NDArray) -> NDArray[np.float64]:
+        """Return where the vertices are, for particles at x [m]."""
+        return self._facets.points(x)
+
+    def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return forces on vertices, or gradients by their places, as those of the particles."""
+        return self._facets.spread(values, self._count)
+
+    def bound(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return bounds of the row sums of particles, of those of vertices; see `Facets.bound`."""
+        return self._facets.bound(sums, self._count) if self.mixed else sums
+
+    def add_to_corners(self, values: NDArray[np.float64], corner: NDArray[np.int32] | None = None) -> NDArray:
+        """Return for each vertex the sum of numbers or vectors of the triangles around it."""
+        result = np.zeros((len(self._facets.particle), *values.shape[1:]))
+        np.add.at(result, self.corner if corner is None else corner, values[:, None])
+        return result
+
+    def on(self, model: "Model", Struct: Any) -> Any:
+        """Return them as `msdwarp.kernels.loads.surface_triangles` reads them, in a struct of this type."""
+        triangle = np.repeat(np.arange(len(self.corner)), 3)
+        particle, share = self.corner.ravel(), np.zeros(0)
+        if self.mixed:  # of every particle in a triangle its shares in the three corners together
+            entry = triangle[:, None] * np.int64(self._count) + self._facets.particle[particle]
+            weight = self._facets.weight[particle] / 3
+            different, number = np.unique(entry[weight != 0], return_inverse=True)
+            share = np.bincount(number, weights=weight[weight != 0])
+            triangle, particle = np.divmod(different, self._count)
+        order, first = rows(particle, self._count)
+        faces = Struct()
+        faces.corner = wp.array(self.corner, dtype=wp.vec3i, device=model.device)
+        faces.first = wp.array(first, dtype=int, device=model.device)
+        faces.number = wp.array(triangle[order], dtype=int, device=model.device)
+        if self.mixed:
+            faces.share = wp.array(share[order], dtype=model.scalar, device=model.device)
+        return faces
+
+
+def area_vectors(corner: NDArray[np.int32], x: NDArray) -> NDArray[np.float64]:
+    """Return the area vector of each triangle [m²], shape [triangle_count, 3], for vertices at x [m]."""
+    a, b, c = (np.asarray(x[corner[:, k]], dtype=np.float64) for k in range(3))
+    return 0.5 * np.cross(b - a, c - a)

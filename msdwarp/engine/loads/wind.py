@@ -1,0 +1,121 @@
+"""Blowing: the wind of a scene on a device."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads import wind_on_faces, wind_on_particles
+from ...world import Load, Wind
+from ..model.effect import Effect
+from ..model.stage_tables import StageTables
+from .surface_triangles import Faces, area_vectors
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Named = Sequence[tuple[str, Wind]]
+"""Winds, and what they are called."""
+
+
+def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the wind among the loads of a scene: of that on surfaces, and on particles."""
+    winds = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
+    on_faces = [(name, one) for name, one in winds if one.area is None]
+    on_particles = [(name, one) for name, one in winds if one.area is not None]
+    effects: list[Effect] = [OnFaces(model, on_faces)] if on_faces else []
+    return effects + ([OnParticles(model, on_particles)] if on_particles else [])
+
+
+class Blowing(StageTables):
+    """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
+
+    def __init__(self, model: "Model", winds: Named, compose: Any, **how: bool) -> None:
+        self._model, self.named = model, winds
+        places = [name for name, one in winds if one.of_place]
+        if places and len(winds) > 1:
+            raise ValueError(
+                f"{places[0]}.velocity is a function of place; it must then be the only wind on "
+                "surfaces, or on particles"
+            )
+        function = winds[0][1].velocity if places else None
+        self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
+        self.data = piece.Data()
+        for name in ("drag", "lift"):
+            setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
+        self._take_coefficients()
+        self._given = not places
+        self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
+
+    def _take_coefficients(self) -> None:
+        """Have kernels see ½ ρ C of each wind [kg/m³]."""
+        for name in ("drag", "lift"):
+            values = np.array([0.5 * one.density * getattr(one, name) for _, one in self.named])
+            getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other winds on the same surfaces or particles."""
+        super().exchange(others)
+        self._take_coefficients()
+
+    def place_table(self, table: wp.array) -> None:
+        """Have kernels find the velocities."""
+        self.data.winds.velocity = table
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
+        values = np.zeros((len(times), len(self.named), self._model.dim))
+        for k, (name, one) in enumerate(self.named):
+            if self._given:
+                values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
+                self._model.check_range(values[:, k], f"{name}.velocity")
+        return values
+
+    def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
+        """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
+        coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
+        air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
+        speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
+        return coefficients * area * speed
+
+
+class OnFaces(Blowing):
+    """Wind on the triangles of a surface."""
+
+    def __init__(self, model: "Model", winds: Named) -> None:
+        faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
+        closed = bool(faces.closed.any())
+        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, closed=closed)
+        self.data.faces = faces.on(model, type(self.data.faces))
+        self.data.wind = wp.array(faces.of, dtype=int, device=model.device)
+        if closed:
+            self.data.closed = wp.array(faces.closed, dtype=bool, device=model.device)
+        self.members = faces.members()
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add a third of each triangle's to each of its corners."""
+        faces = self._faces
+        area = np.linalg.norm(area_vectors(faces.corner, faces.points(x.numpy())), axis=1)
+        damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
+
+
+class OnParticles(Blowing):
+    """Wind on particles that have an area."""
+
+    def __init__(self, model: "Model", winds: Named) -> None:
+        super().__init__(model, winds, wind_on_particles)
+        chosen = [one.particles(model.system) for _, one in winds]
+        if np.sum(chosen, axis=0).max() > 1:
+            raise ValueError(f"{winds[1][0]}.on shares particles with another wind's; one at most blows on each")
+        self.members = np.logical_or.reduce(chosen)
+        self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
+        for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):
+            self._area[mine], self._number[mine] = one.areas(model.system)[mine], k
+        self.data.wind = wp.array(self._number, dtype=int, device=model.device)
+        self.data.area = wp.array(self._area, dtype=model.scalar, device=model.device)
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add that of each particle."""
+        damping += self._resistance(v, self._area, self._number)

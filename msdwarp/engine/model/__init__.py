@@ -1,0 +1,1 @@
+"""A scene as arrays on a device, and the state that moves."""

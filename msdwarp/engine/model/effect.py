@@ -1,0 +1,190 @@
+"""Effect: what acts in a scene beside springs, dampers and gravity."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.colliders import ColliderTerm
+from ...kernels.effect import ForceTerm
+from ...world import Load
+
+if TYPE_CHECKING:
+    from ..stepping.cpu_partition import CpuPartition
+
+
+class Steps(NamedTuple):
+    """The substeps of a frame, and when their stages take forces."""
+
+    fps: float
+    """Frames per second."""
+    substeps: int
+    """Substeps in a frame."""
+    stage_times: Sequence[float] = (0.0,)
+    """When within a substep each launch of a method takes its forces, as shares of the substep; the first is 0."""
+
+    weights: Sequence[float] = (1.0,)
+    """What each of these counts in an integral over the substep; together 1."""
+    lag: float = 0.0
+    """Substeps by which the method keeps velocities behind positions."""
+
+    lagging: bool = False
+    """Whether the velocities that forces see lag half a substep behind the positions."""
+
+    @property
+    def dt(self) -> float:
+        """Length of a substep [s]."""
+        return 1.0 / (self.fps * self.substeps)
+
+    def times(self, start: float) -> NDArray[np.float64]:
+        """Return when the stages of the frame that begins at `start` [s] take their forces, and its end."""
+        stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
+        return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
+
+
+class Effect:
+    """What acts in a scene beside springs, dampers and gravity.
+
+    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`, which finds out
+    whether a scene has it: a scene without it compiles, stores and launches nothing of it. The stepper,
+    checkpoints, the watch and the measures each call every effect; an effect overrides what concerns it and leaves
+    the rest.
+    """
+
+    piece: ForceTerm | ColliderTerm | None
+    """What it adds to kernels; None where the algorithms do it."""
+    data: Any
+    """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
+    members: NDArray[np.bool_] | None = None
+    """The particles that its force acts on, shape [particle_count], where its piece is selective."""
+    done: wp.array | None = None
+    """Work that it has done from outside, as numbers to be added up [J], float64; None where it does none.
+
+    That of a piece that `works` is summed without it.
+    """
+
+    rebuild_interval: int = 8
+    """Substeps from one `search` to the next."""
+
+    shared_points: int = 0
+    """Points of it that threads of the CPU share, each about as much work as a connection."""
+
+    steps: Steps = Steps(1.0, 1)
+    """The substeps of the frames to come; known when `begin` is called."""
+
+    def go_on_from(self, other: "Effect") -> None:
+        """Take over what a run has left in the same effect of a model before a change."""
+
+    def use_partition(self, partition: "CpuPartition | None") -> None:
+        """Take what has threads of the CPU share what is launched in a frame; None where there is one thread."""
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Prepare for frames of so many substeps of `dt` seconds."""
+
+    def begin_frame(self, time: float) -> None:
+        """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
+
+    def place(self, state: Any, time: float, fps: float) -> None:
+        """Set what the effect prescribes of a `State` at `time` [s], where one of `fps` frames a second begins."""
+
+    def prepare(self, time: float) -> None:
+        """Do on the host what can be done early for the frame that begins at `time` [s], while another is running.
+
+        That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
+        and nothing is raised.
+        """
+
+    def hold(self, time: float) -> None:
+        """Have all stages see what there is at `time` [s]: for what is launched between frames."""
+
+    def exchange(self, others: Mapping[Load, Load]) -> None:
+        """Take other values of the same loads: in place of each key what stands for it; then `hold` is called.
+
+        Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
+        """
+
+    def make_room(self, x: wp.array, v: wp.array) -> None:
+        """Make room for what is near what, of particles at x that move at v: where a run goes on, not begins."""
+
+    def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
+        """Launch what finds out what is near what, for particles at x that move at v.
+
+        It is launched before every few substeps, and between frames wherever forces are taken. `within` tells
+        whether the last search was in the same frame.
+        """
+
+    def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
+        """Launch what the forces on particles at x, which move at v, need before they are taken.
+
+        `compensation` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an
+        effect does so, each stage is a launch of its own.
+        """
+
+    @property
+    def precedes(self) -> bool:
+        """Whether it launches anything before forces are taken."""
+        return type(self).before_forces is not Effect.before_forces
+
+    def add_up(self, seconds: float) -> None:
+        """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
+
+        Together that is the length of a substep; what is only looked at is not summed.
+        """
+
+    def look(self) -> None:
+        """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
+
+    def is_void(self) -> bool:
+        """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
+        return False
+
+    def warnings(self) -> str | None:
+        """Return words about what in the frame that was waited for may have gone wrong; None where nothing did."""
+        return None
+
+    def begin_substep(self, substep: int) -> bool:
+        """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
+        return False
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """Arrays that substeps change: what going back to the start of a frame must bring back."""
+        return []
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return what substeps have changed, by name, in an order that is the same on any device."""
+        return {}
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+
+    def changed_fields(self) -> dict[str, NDArray]:
+        """Return the fields of the system that the run has changed, as they are now."""
+        return {}
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+        """Add to the bound of the rates the stiffness [N/m] and damping [N s/m] that it holds particles with.
+
+        The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
+        [particle_count], for particles at x. The bound is twice the largest eigenvalue of a block over the mass.
+        """
+
+    def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
+        """Add how steeply the force on each particle rises against its speed [N s/m], shape [particle_count].
+
+        The same for forces that depend on speeds, for particles at x that move at v.
+        """
+
+    def energy(self, x: wp.array) -> float:
+        """Return the energy that it stores when the particles are at x [J]."""
+        return 0.0
+
+    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
+        """Return what it turns to heat when the particles are at x and move at v [W]."""
+        return 0.0
+
+    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
+        """Return both, the energy [J] and what turns to heat [W]: at once, where one pass finds both."""
+        return self.energy(x), self.dissipated_power(x, v)

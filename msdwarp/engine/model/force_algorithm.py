@@ -1,0 +1,127 @@
+"""Which algorithm forces take; see `msdwarp.kernels.springs` for what the algorithms are.
+
+The choice is a matter of speed alone: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import checks
+from ...bodies import System
+from .lattice import Lattice, NotALattice, find_lattice
+
+FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
+AUTO = "auto"
+FEW_CONNECTIONS = 300
+"""So few are scattered: a thread for each is sooner done than one for each particle."""
+LEAST_PARTICLES = 32
+"""Lattices of so few are not: by a stencil several threads share a particle."""
+FEW_PARTICLES = 20_000
+"""With fewer, latency is most of the time, and a stencil has the least."""
+LEAST_USED = 0.4
+"""Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
+MOST_TIES = 0.05
+"""Share of connections that may lie in no direction of a lattice, and be ties beside it."""
+
+
+def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
+    """Return the algorithm asked for, or the fastest one, and the system's lattice where that is a stencil.
+
+    Raises
+    ------
+    ValueError
+        If `force_algorithm` is none, or a stencil is asked for and the system is not cut from lattices.
+    """
+    checks.one_of("force_algorithm", force_algorithm, (AUTO, *FORCE_ALGORITHMS))
+    if force_algorithm == AUTO:
+        return _preferred(system) or automatic_force_algorithm(system, on_gpu=on_gpu)
+    if force_algorithm != "stencil":
+        return force_algorithm, None
+    try:
+        return force_algorithm, find_lattice(system)
+    except NotALattice as error:
+        raise ValueError(f"algorithm is 'stencil', which this system cannot take: {error}") from error
+
+
+_preference: list[str] = []
+"""What `preferring` asks for, the innermost last."""
+
+
+@contextmanager
+def preferring(force_algorithm: str) -> Iterator[None]:
+    """Have "auto" take an algorithm meanwhile, and gather in place of a stencil that there is none of.
+
+    So that whatever runs takes it, however deep the simulation is made: for tests and measurements of all
+    algorithms.
+    """
+    checks.one_of("force_algorithm", force_algorithm, FORCE_ALGORITHMS)
+    _preference.append(force_algorithm)
+    try:
+        yield
+    finally:
+        _preference.remove(force_algorithm)
+
+
+def _preferred(system: System) -> tuple[str, Lattice | None] | None:
+    """Return the algorithm that is preferred, if one is, and the system's lattice where that is a stencil."""
+    if not _preference:
+        return None
+    if _preference[-1] != "stencil":
+        return _preference[-1], None
+    try:
+        return "stencil", find_lattice(system)
+    except NotALattice:
+        return "gather", None
+
+
+def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
+    """Return the algorithm that was fastest for such a system, and its lattice where that is a stencil."""
+    few = system.connection_count <= FEW_CONNECTIONS
+    if not on_gpu or (few and system.particle_count > LEAST_PARTICLES):
+        return "scatter", None
+    try:
+        lattice = find_lattice(system)
+    except NotALattice:
+        return "scatter" if few else "gather", None
+    ties = len(lattice.ties)
+    if few:
+        return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
+    if ties > MOST_TIES * system.connection_count:
+        return "gather", None
+    # Of what a stencil computes for missing neighbours nothing is used.
+    used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
+    small = system.particle_count <= FEW_PARTICLES
+    return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
+
+
+def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
+    """Return the algorithm for many worlds of a system: one whose sums are in a fixed order.
+
+    Lattices that ties join take a table: what ties add has constants of its own.
+    """
+    force_algorithm = _preference[-1] if _preference else "stencil" if on_gpu else "scatter"
+    if force_algorithm != "stencil":
+        return force_algorithm
+    try:
+        return "gather" if len(find_lattice(system).ties) else "stencil"
+    except NotALattice:
+        return "gather"
+
+
+def scatter_order(system: System) -> NDArray[np.int64] | None:
+    """Return an order of connections in which scattering seldom waits; None where they are in one already.
+
+    Connections that follow each other are added at the same time, and wait where they meet in a particle. They are
+    sorted by how many their first particle had before, and then by that particle.
+    """
+    first = system.connections[:, 0]
+    if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):
+        return None
+    by_particle = np.argsort(first, kind="stable")
+    ordered = first[by_particle]
+    starts = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    rank = np.arange(len(first)) - np.repeat(starts, np.diff(np.r_[starts, len(first)]))
+    return by_particle[np.argsort(rank, kind="stable")]

@@ -1,0 +1,254 @@
+"""Finds out whether a system is cut from lattices, so that its neighbours need no table.
+
+A lattice's points lie side by side along x, row after row. Seen from a point, all its neighbours in the row (y, z)
+lie around one place in memory, `shift` particles further on; which of them it is connected with is a bit mask.
+Connections that lie in no direction, such as those that `join` makes, are left over as ties.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bodies import TEARING_FIELDS, System, stored, uniform
+from ...kernels.springs import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
+
+
+class Lattice(NamedTuple):
+    """A system as `msdwarp.kernels.springs.stencil` sees it."""
+
+    steps: tuple[tuple[int, int, int], ...]
+    """The directions: from a point to half of its neighbours."""
+    mask: NDArray[np.uint32]
+    """The neighbours that each particle is connected with, as bits, shape [particle_count]."""
+    shift: NDArray[np.int32]
+    """How far off each row of neighbours is, shape [row_count], or [row_count, particle_count] if that differs."""
+    kind: NDArray[np.int32]
+    """Which constants are a particle's, shape [particle_count]; all 0 if there is one kind."""
+    constants: dict[str, NDArray[np.float64]]
+    """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
+    ties: NDArray[np.int32]
+    """The connections that are in no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
+
+    def numbers(self, system: System) -> NDArray[np.int32]:
+        """Return the connection that leads in each direction from each particle; −1 where there is none.
+
+        Of the system in which the lattice was found; shape [direction_count, particle_count].
+        """
+        found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
+        for body in system.directions:
+            for name, part in body.items():
+                chosen = np.arange(system.connection_count, dtype=np.int32)[part]
+                found[self.steps.index(step_of(name)), system.connections[chosen, 0]] = chosen
+        return found
+
+    def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return how far off the neighbours in a uniform lattice are, and their constants, in the order of sums.
+
+        Of shapes [neighbour_count] and [neighbour_count, 3], the constants in the order of CONSTANTS.
+        """
+        _, rows = stencil_rows(self.steps)
+        each = [(int(self.shift[r]) + one.along, one.direction) for r, row in enumerate(rows) for one in row]
+        offset, direction = np.array(each, dtype=np.int32).T
+        return offset, np.stack([self.constants[name][0][direction] for name in CONSTANTS], axis=1)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether shifts and constants are the same for all particles."""
+        return self.shift.ndim == 1 and len(self.constants["stiffness"]) == 1
+
+    @property
+    def stride(self) -> int:
+        """How far away the next layer lies, if all layers lie one after the other; else 0."""
+        if not self.uniform:
+            return 0
+        rows, _ = stencil_rows(self.steps)
+        axis = 1 if any(z for _, z in rows) else 0
+        shift = dict(zip(rows, map(int, self.shift), strict=True))
+        stride = shift.get((0, 1) if axis else (1, 0), 0)
+        within = (shift.get((y, 0) if axis else (0, 0), 0) for y, _ in rows)
+        layered = all(shift[row] == own + row[axis] * stride for row, own in zip(rows, within, strict=True))
+        return stride if layered else 0
+
+    @property
+    def margin(self) -> int:
+        """How many particles beyond the first and the last may be read, and not be used."""
+        return 2 + (2 + COLUMN) * (self.reach - 2)
+
+    @property
+    def reach(self) -> int:
+        """The same where particles are advanced one by one."""
+        return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
+
+
+class NotALattice(ValueError):
+    """The system is not cut from lattices, or its connections are not alike enough."""
+
+
+def step_of(name: str) -> tuple[int, int, int]:
+    """Return the step of a lattice direction by its name: (1, −1, 0) of "x-y", (0, 2, 0) of "2y"."""
+    step, sign, reach = [0, 0, 0], 1, 1
+    for letter in name:
+        if letter in "+-":
+            sign = 1 if letter == "+" else -1
+        elif letter == "2":
+            reach = 2
+        elif letter in "xyz":
+            step["xyz".index(letter)] = sign * reach
+            reach = 1
+        else:
+            raise NotALattice(f"direction {name!r} is none of a lattice")
+    return step[0], step[1], step[2]
+
+
+class _Part(NamedTuple):
+    """The connections of a body in one direction."""
+
+    body: int
+    direction: int
+    along: int
+    """Step along x."""
+    there: int
+    """The row in which the second particle lies, seen from the first."""
+    back: int
+    connections: slice
+
+
+def find_lattice(system: System) -> Lattice:
+    """Return a system's lattices, by the directions that it names, each of which is checked.
+
+    Raises
+    ------
+    NotALattice
+        If no connection is in a direction, a direction's connections do not follow its step, or their constants
+        differ within a body.
+    """
+    if system.yields:
+        raise NotALattice("connections yield, and then each has a rest length of its own")
+    names = list(dict.fromkeys(name for body in system.directions for name in body))
+    if 2 * len(names) > MOST_NEIGHBOURS:
+        raise NotALattice(f"there are {len(names)} directions, more than {MOST_NEIGHBOURS // 2}")
+    steps = tuple(step_of(name) for name in names)
+    rows, _ = stencil_rows(steps)
+    count = system.connection_count
+    parts = [
+        _Part(
+            b,
+            names.index(name),
+            step[0],
+            rows.index(step[1:]),
+            rows.index((-step[1], -step[2])),
+            slice(*part.indices(count)),
+        )
+        for b, body in enumerate(system.directions)
+        for name, part in body.items()
+        for step in [step_of(name)]
+    ]
+    ties = _left_over([part for body in system.directions for part in body.values()], count)
+    if (
+        system.tears
+        and len(ties)
+        and not all(np.isinf(getattr(system, name)[ties]).all() for name in TEARING_FIELDS)
+    ):
+        raise NotALattice("a connection that is in none of its directions can break")
+    kinds, constants = _constants(system, parts, len(steps))
+    shift = _common_shift(system, parts, len(rows))
+    if shift is None:
+        shift = _shift_by_particle(system, parts, len(rows))
+    mask = _mask(system, parts, len(steps))
+    return Lattice(steps, mask, shift, _kind_by_particle(system, parts, kinds), constants, ties)
+
+
+def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
+    """Return the connections that are in no direction; raise NotALattice if one is in two, or none is in any."""
+    ties, end = [], 0
+    for start, stop, step in sorted(part.indices(max(count, part.stop or 0)) for part in slices):
+        if step != 1 or stop > count or (start < end and start < stop):
+            raise NotALattice("directions are not slices of connections that each lie in one of them")
+        ties.append(np.arange(end, start, dtype=np.int32))
+        end = max(end, stop)
+    ties.append(np.arange(end, count, dtype=np.int32))
+    left_over = np.concatenate(ties)
+    if not slices or len(left_over) == count > 0:
+        raise NotALattice("no connection is in a direction of a lattice")
+    return left_over
+
+
+def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32] | None:
+    """Return how far away each row lies, shape [row_count], if that is the same for all particles."""
+    shift: dict[int, int] = {}
+    for part in parts:
+        i, j = system.connections[part.connections].T
+        if len(i):
+            first = shift.setdefault(part.there, int(j[0] - i[0]) - part.along)
+            if part.there == part.back and first != 0:
+                return None
+            shift[part.back] = -first
+            if not (j - i == first + part.along).all():
+                return None
+    return np.array([shift.get(row, 0) for row in range(row_count)], dtype=np.int32)
+
+
+def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
+    """Return how far away each row lies from each particle, shape [row_count, particle_count]."""
+    shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
+    for check in (False, True):  # neighbours in the same row must agree: what was written last is what all wrote
+        for part in parts:
+            i, j = system.connections[part.connections].T
+            offset = j - i - part.along
+            if not check:
+                shift[part.there, i], shift[part.back, j] = offset, -offset
+            elif (shift[part.there, i] != offset).any() or (shift[part.back, j] != -offset).any():
+                raise NotALattice("points of a row of the lattice do not lie side by side")
+    return shift
+
+
+def _mask(system: System, parts: list[_Part], direction_count: int) -> NDArray[np.uint32]:
+    """Return which neighbours each particle is connected with: ahead in the low bits, then behind."""
+    mask = np.zeros(system.particle_count, dtype=np.uint32)
+    expected = np.zeros(2 * direction_count, dtype=np.int64)
+    for part in parts:
+        for end, bit in enumerate((part.direction, part.direction + direction_count)):
+            mask[system.connections[part.connections, end]] |= np.uint32(1 << bit)
+            expected[bit] += part.connections.stop - part.connections.start
+    found = [np.count_nonzero(mask & np.uint32(1 << bit)) for bit in range(2 * direction_count)]
+    if not np.array_equal(found, expected):
+        raise NotALattice("a particle has two connections in the same direction")
+    return mask
+
+
+def _constants(
+    system: System, parts: list[_Part], direction_count: int
+) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
+    """Return the kind of each body that is a lattice, and each kind's constants by name.
+
+    The latter are of shape [kind_count, direction_count].
+    """
+    bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
+    for part in parts:
+        for k, name in enumerate(CONSTANTS):
+            values = getattr(system, name)[part.connections]
+            if len(values):
+                bodies[part.body, k, part.direction] = values[0]
+                if (stored(values) != values[0]).any():
+                    raise NotALattice(f"{name} differs among the connections of a direction")
+    named = sorted({part.body for part in parts})  # what has no directions has no constants that could differ
+    kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
+    of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
+    return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
+
+
+def _kind_by_particle(system: System, parts: list[_Part], kinds: dict[int, int]) -> NDArray[np.int32]:
+    """Return the kind of each particle's body, shape [particle_count]."""
+    n = system.particle_count
+    if len(set(kinds.values())) == 1:
+        return uniform(np.int32(0), n)
+    kind = np.zeros(n, dtype=np.int32)
+    for check in (False, True):
+        for part in parts:
+            ends = system.connections[part.connections]
+            if not check:
+                kind[ends] = kinds[part.body]
+            elif (kind[ends] != kinds[part.body]).any():
+                raise NotALattice("bodies of different lattices share particles")
+    return kind

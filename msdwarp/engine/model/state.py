@@ -1,0 +1,119 @@
+"""State: what moves, as arrays on a device."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import System
+from ...kernels.compensation import compensated_sum
+from ...quiet import in_turn
+from .model import Model
+
+
+class Instant(NamedTuple):
+    """What moves, at one instant: arrays as `Model.vectors` makes them."""
+
+    x: wp.array
+    """Positions [m]."""
+    v: wp.array
+    """Velocities [m/s]; between a frame's substeps at the integrator's own instants."""
+    method_state: tuple[wp.array, ...]
+    """What else the integrator hands from one substep to the next."""
+    compensation: Any
+    """Struct of what sums have lost by rounding: `x`, `v`, and `x_out` for the next instant."""
+
+
+class State:
+    """What moves, on a device, twice: the present instant, `state_in`, and the next one, `state_out`.
+
+    Parameters
+    ----------
+    model
+        The system it is the state of.
+    carried
+        Number of arrays that the integrator carries along (see `Integrator.method_state`).
+    """
+
+    def __init__(self, model: Model, method_state: int = 0) -> None:
+        self.model, self._at_home = model, True
+        Compensation, _ = compensated_sum(model.dim, model.scalar, model.compensated)
+        compensation = [
+            model.vectors() if model.compensated else wp.zeros(0, model.vector, device=model.device) for _ in "xxv"
+        ]
+        instants = []
+        for x, x_out in ((compensation[0], compensation[1]), (compensation[1], compensation[0])):
+            struct = Compensation()
+            struct.x, struct.x_out, struct.v = x, x_out, compensation[2]
+            arrays = self.empty_vectors(2 + method_state)
+            instants.append(Instant(arrays[0], arrays[1], arrays[2:], struct))
+        self.state_in, self.state_out = instants
+
+    @classmethod
+    @in_turn
+    def from_system(cls, system: System, model: Model, method_state: int = 0) -> Self:
+        """Upload the positions and velocities of a system."""
+        model.check_range(system.position, "position")
+        model.check_range(system.velocity, "velocity")
+        state = cls(model, method_state)
+        for name, exact in (("x", system.position), ("v", system.velocity)):
+            rounded = exact.astype(model.dtype)
+            getattr(state.state_in, name).assign(rounded)
+            if model.compensated:  # what rounding takes from the start is not lost either
+                for compensation in {
+                    getattr(instant.compensation, name) for instant in (state.state_in, state.state_out)
+                }:
+                    compensation.assign((rounded - exact).astype(model.dtype))
+        return state
+
+    def throw(self, exact: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Give chosen particles other velocities [m/s]; `exact` has shape [particle_count, d]."""
+        rounded = exact.astype(self.model.dtype)
+        changes = [(self.state_in.v, rounded)]
+        if self.model.compensated:
+            changes.append((self.state_in.compensation.v, (rounded - exact).astype(self.model.dtype)))
+        for array, values in changes:
+            array.assign(np.where(chosen[:, None], values, array.numpy()))
+
+    @property
+    def x(self) -> wp.array:
+        """Positions [m]."""
+        return self.state_in.x
+
+    @property
+    def v(self) -> wp.array:
+        """Velocities [m/s]."""
+        return self.state_in.v
+
+    @property
+    def compensation(self) -> Any:
+        """What sums have lost by rounding."""
+        return self.state_in.compensation
+
+    def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
+        """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
+        return self.model.vectors_together(count)
+
+    def flip(self) -> None:
+        """Make what has been written `state_out` the present."""
+        self.state_in, self.state_out, self._at_home = self.state_out, self.state_in, not self._at_home
+
+    def settle(self) -> None:
+        """Bring the present back to the arrays that held it at first, which is where a graph expects it."""
+        if not self._at_home:
+            self.flip()
+            copy_vectors(moving(self.state_in), moving(self.state_out))
+
+
+def moving(instant: Instant) -> list[wp.array]:
+    """Return the arrays of an instant that are not shared with the next one."""
+    return [array for array in (instant.x, instant.v, *instant.method_state, instant.compensation.x) if array.size]
+
+
+def copy_vectors(to: Iterable[Any], source: Iterable[Any]) -> None:
+    """Copy arrays that `Model.vectors_together` made, piece of memory by piece: all arrays of each are named."""
+    pieces = {id(one._ref): (other._ref, one._ref) for other, one in zip(to, source, strict=True)}
+    for there, here in pieces.values():
+        wp.copy(there, here)

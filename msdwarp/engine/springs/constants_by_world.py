@@ -1,0 +1,162 @@
+"""What forces need in an ensemble: the algorithms of one world, and the constants of connections by world.
+
+Connections that are alike in every world are of one class. A stand-in for the system, in which each class has a
+number in place of its constants, goes through the algorithms as any system does. Where that number comes out, in a
+table, in an array or by direction, the constants of the class are put, for each world its own.
+"""
+
+from math import lcm
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.ensembles import EACH, SHARED, UNIFORM
+from ..model.model import Model
+from ..model.worlds import CONNECTIONS, EnsembleModel
+from .force_algorithms import CLASSES
+
+
+class EnsembleForces(NamedTuple):
+    """The forces of an algorithm, and how they differ between worlds."""
+
+    force_algorithm: Any
+    """As the forces of one world have it."""
+    data: Any
+    """The struct that its kernels read: what worlds share."""
+    storage: str = ""
+    """See `kernels.ensembles.Differences`."""
+    how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)
+    """How each constant differs."""
+    fields: dict[str, wp.array] = {}  # noqa: RUF012
+    """What the kernels read by world."""
+
+
+def ensemble_forces(model: EnsembleModel) -> EnsembleForces:
+    """Return the forces of an ensemble by its model's algorithm.
+
+    Raises
+    ------
+    ValueError
+        If the algorithm is a stencil, and constants differ among the connections of a direction.
+    """
+    if not model.rows.keys() & set(CONNECTIONS):
+        forces = CLASSES[model.force_algorithm](model)
+        return EnsembleForces(forces.force_algorithm, forces.data)
+    classes = Classes(model)
+    forces = CLASSES[model.force_algorithm](_stand_in(model, classes))
+    if model.force_algorithm == "scatter":  # its sums are those of all worlds
+        forces.data.f = model.vectors()
+    if model.force_algorithm == "stencil":
+        return _by_direction(model, forces, classes)
+    constants = forces.data.constants
+    if hasattr(constants, "all"):
+        one = wp.array(classes.together()[:, 0], dtype=wp.types.vector(3, model.scalar), device=model.device)
+        return EnsembleForces(forces.force_algorithm, forces.data, "one", {}, {"constants": one})
+    if hasattr(constants, "table"):
+        kinds = classes.named(constants.table.numpy()[:, 1])
+        return EnsembleForces(
+            forces.force_algorithm, forces.data, "table", {}, {"constants": _tables(model, classes, kinds)}
+        )
+    chosen = classes.named(constants.stiffness.numpy())
+    how, fields = {}, {}
+    for name in CONNECTIONS:
+        values = classes.values(name)[:, chosen]
+        how[name] = EACH if name in model.rows else SHARED
+        if name in model.rows:
+            fields[name] = model.upload_rows(values)
+        else:
+            setattr(constants, name, wp.array(values[0], dtype=model.scalar, device=model.device))
+    return EnsembleForces(forces.force_algorithm, forces.data, "own", how, fields)
+
+
+class Classes:
+    """The classes of connections that are alike in every world."""
+
+    def __init__(self, model: EnsembleModel) -> None:
+        self._model, count = model, model.connection_count
+        given = [model.row_of(name) for name in CONNECTIONS]
+        apart = [values for values in given if values.strides[1] != 0]
+        self.of = np.zeros(count, dtype=np.int64)
+        """The class of each connection, shape [connection_count]."""
+        if apart and count:
+            _, self.of = np.unique(np.concatenate(apart), axis=1, return_inverse=True)
+            self.of = self.of.ravel()
+        self._member = np.unique(self.of, return_index=True)[1]
+        """A connection of each class."""
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """Return a constant of each class, in each row that it has: shape [rows, class_count]."""
+        return self._model.row_of(name)[:, self._member]
+
+    def together(self) -> NDArray[np.float64]:
+        """Return all constants by row and class, shape [rows, class_count, 3] in the order of CONSTANTS."""
+        each = [self.values(name) for name in CONNECTIONS]
+        rows = lcm(*map(len, each))
+        return np.stack([values[np.arange(rows) % len(values)] for values in each], axis=-1)
+
+    @staticmethod
+    def named(numbers: NDArray) -> NDArray[np.int64]:
+        """Return the classes that numbers stand for; 0, which stands for none, becomes any."""
+        return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
+
+
+def _stand_in(model: EnsembleModel, classes: Classes) -> Model:
+    """Return a model in which a connection's stiffness is the number of its class, counted from 1."""
+    numbers: Any = classes.of + 1.0
+    if model.dtype is np.float32 and numbers.max(initial=0.0) > 2**24:
+        raise ValueError("connections differ in more ways than float32 can count; precision must be 'float64'")
+    if numbers.max(initial=1.0) == 1.0:
+        numbers = 1.0
+    damping = 1.0 if model.damper else 0.0
+    system = model.system.replace(stiffness=numbers, damping=damping, rest_length=1.0)
+    return Model(
+        system,
+        gravity=0.0,
+        device=model.device.alias,
+        precision=model.precision,
+        force_algorithm=model.force_algorithm,
+    )
+
+
+def _tables(model: EnsembleModel, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
+    """Upload a table of the constants of each kind for each row, in records of four numbers."""
+    values = classes.together()[:, kinds]
+    padded = np.zeros((*values.shape[:2], 4))
+    padded[..., :3] = values
+    records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
+    size = 4 * wp.types.type_size_in_bytes(model.scalar)
+    held = wp.array(
+        ptr=records.ptr,
+        dtype=wp.types.vector(3, model.scalar),
+        shape=values.shape[:2],
+        strides=(size * len(kinds), size),
+        device=model.device,
+    )
+    held._ref = records
+    return held
+
+
+def _by_direction(model: EnsembleModel, forces: Any, classes: Classes) -> EnsembleForces:
+    """Return the forces of a stencil, whose constants are by direction, or by kind of lattice and direction."""
+    data, how, fields = forces.data, {}, {}
+    uniform = not isinstance(data.stiffness, wp.array)
+    numbers = np.array([float(one) for one in data.stiffness]) if uniform else data.stiffness.numpy()
+    chosen = classes.named(numbers)
+    for name in CONNECTIONS:
+        # Directions in which there is no connection have no constants.
+        values = np.where(numbers > 0, classes.values(name)[:, chosen], 0.0)
+        how[name] = SHARED if name not in model.rows else EACH
+        if uniform and name in model.rows and (values == values[:, :1]).all():
+            how[name] = UNIFORM
+        Each = wp.types.vector(chosen.shape[-1], model.scalar) if uniform else model.scalar
+        if how[name] == UNIFORM:
+            fields[name] = wp.array(values[:, 0], dtype=model.scalar, device=model.device)
+        elif how[name] == EACH:
+            fields[name] = wp.array(values, dtype=Each, device=model.device)
+        elif uniform:
+            setattr(data, name, Each(*map(float, values[0])))
+        else:
+            setattr(data, name, wp.array(values[0], dtype=model.scalar, device=model.device))
+    return EnsembleForces(forces.force_algorithm, data, "lattice" if uniform else "lattices", how, fields)

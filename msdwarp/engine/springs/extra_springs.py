@@ -1,0 +1,39 @@
+"""ExtraSprings: connections of lattices that lie in no direction, beside the stencil that the lattices take."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from ...kernels.loads import tie_force
+from ...kernels.springs import CONSTANTS
+from ..device.csr import rows
+from ..model.effect import Effect
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+class ExtraSprings(Effect):
+    """The forces of the connections that a stencil leaves over (`Lattice.ties`).
+
+    They are connections of the system like others: energies, the bound of the rates and linearised products are
+    taken over all connections, so that here is nothing but their force.
+    """
+
+    def __init__(self, model: "Model") -> None:
+        assert model.lattice is not None
+        system, ties = model.system, model.lattice.ties
+        damper = model.damper if system.damping[ties].any() else None
+        self.piece = tie_force(model.dim, model.scalar, model.compensated, damper)
+        # The ends, particle by particle; of each particle in the order of the connections.
+        ends = system.connections[ties]
+        particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
+        order, first = rows(particle, model.particle_count)
+        self.members = np.diff(first) > 0
+        data = self.data = self.piece.Data()
+        data.first = wp.array(first, dtype=int, device=model.device)
+        data.other = wp.array(other[order], dtype=int, device=model.device)
+        for name in CONSTANTS:
+            values = getattr(system, name)[number[order]]
+            setattr(data, name, wp.array(values, dtype=model.scalar, device=model.device))

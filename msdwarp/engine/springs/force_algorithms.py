@@ -1,0 +1,293 @@
+"""The algorithms, as a model needs them: what their kernels read, on the device.
+
+`data` is the struct that the functions of `force_algorithm` read; see `msdwarp.kernels.springs`.
+"""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import System, is_uniform
+from ...kernels.springs import (
+    CHUNK,
+    CONSTANTS,
+    KIND_SHIFT,
+    MOST_KINDS,
+    MOST_NEIGHBOURS,
+    SLICE,
+    gather,
+    gather_of_lanes,
+    scatter,
+    stencil,
+    stencil_of_lanes,
+    stencil_rows,
+    tables,
+)
+from ..device.vector_arrays import in_records
+from ..model.lattice import Lattice
+from ..model.model import Model
+from .fracture import Fracture
+
+MANY_NEIGHBOURS = 12
+"""With more of them, several threads to a particle are worth more."""
+LANES = {
+    ("stencil", "many"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4)),
+    ("stencil", "few"): ((32, 8), (64, 4), (4_096, 1), (30_000, 4)),
+    ("gather", "many"): ((20_000, 8), (32_000, 4)),
+    ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
+}
+"""Up to how many particles so many threads share one, by algorithm and number of neighbours; one thread beyond.
+
+From measurements on an H200; what has one thread in between is advanced by one block or cluster for a whole frame.
+"""
+
+
+class Scatter:
+    """The algorithm by connections."""
+
+    def __init__(self, model: Model) -> None:
+        storage, fields = stored_constants(model)
+        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        self.force_algorithm = scatter(*kinds, model.tearing and model.tearing.breaking)
+        self.data = self.force_algorithm.Forces()
+        self.data.f, self.data.connections = model.vectors(), model.connections
+        for name, value in fields.items():
+            setattr(self.data.constants, name, value)
+        if model.tearing is not None:
+            joined = self.data.connections = wp.clone(model.connections)
+            model.tearing.carry_out(joined, partial(_join_with_themselves, model.tearing, joined))
+
+
+def _join_with_themselves(tearing: Fracture, connections: wp.array) -> None:
+    """Let connections that are broken join their first particles with themselves."""
+    joined = np.array(connections.numpy())
+    joined[tearing.broken, 1] = joined[tearing.broken, 0]
+    connections.assign(joined)
+
+
+class Gather:
+    """The algorithm by particles, with a table of neighbours that is built on the device.
+
+    Several `lanes`, threads to a particle, are for systems that do not tear, on a GPU.
+    """
+
+    def __init__(self, model: Model, lanes: int = 1) -> None:
+        storage, fields = stored_constants(model)
+        packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
+        storage = "packed" if packed else "listed" if model.lengths_change else storage
+        tearing = model.tearing
+        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        if lanes > 1:
+            self.force_algorithm = gather_of_lanes(*kinds, lanes)
+        else:
+            self.force_algorithm = gather(*kinds, tearing and tearing.breaking)
+        self.data = self.force_algorithm.Forces()
+        self.data.first, self.data.other, connection = neighbour_table(model)
+        if packed:
+            kind, other = fields.pop("kind"), self.data.other
+            wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
+        if model.lengths_change:  # rest lengths change, and both ends must see it
+            fields["connection"] = connection
+        for name, value in fields.items():
+            by_connection = storage == "own" or name == "kind" or (storage, name) == ("lengths", "rest_length")
+            setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
+        if tearing is not None:
+            tearing.data.number = connection
+            tearing.carry_out(self.data.other, partial(self._name_themselves, model, tearing))
+
+    def _name_themselves(self, model: Model, tearing: Fracture) -> None:
+        """Let the slots of broken connections name their own particles."""
+        inputs = [self.data.first, tearing.data.number, tearing.broken_at]
+        kernel, outputs = tables.name_itself_where_broken, [self.data.other]
+        wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
+
+
+def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
+    """Return how the constants of connections are best stored, and the fields of the struct that holds them.
+
+    See `msdwarp.kernels.springs.constants`.
+    """
+    three, device = wp.types.vector(3, model.scalar), model.device
+    kinds = None if model.lengths_change else find_kinds(model.system)
+    if kinds is None:
+        system = model.system
+        if not model.lengths_change and is_uniform(system.stiffness) and is_uniform(system.damping):
+            alike = {name: float(getattr(system, name)[0]) for name in ("stiffness", "damping")}
+            return "lengths", {"rest_length": model.rest_length, **alike}
+        own = {name: getattr(model, name) for name in CONSTANTS}
+        return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
+    table, kind = kinds
+    if len(table) == 1:
+        return "one", {"all": three(*map(float, table[0]))}
+    held = _records_of_three(model, table)
+    return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
+
+
+def _records_of_three(model: Model, values: NDArray) -> wp.array:
+    """Return values of shape [count, 3] on the device, in records."""
+    held = in_records(len(values), 3, model.scalar, model.device)
+    held.assign(values.astype(model.dtype))
+    return held
+
+
+def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+    """Return the different constants that connections have, shape [kind_count, 3], and the kind of each.
+
+    None if there are more than a byte can tell apart.
+    """
+    tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
+    count = 1
+    for name in CONSTANTS:
+        values = getattr(system, name)
+        if len(values) == 0 or is_uniform(values):
+            tables.append(values[:1] if len(values) else np.zeros(1))
+            continue
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample tells most cases
+        place = np.zeros(len(values), dtype=np.uint8)
+        while True:
+            if count * len(different) > MOST_KINDS:
+                return None
+            place = np.minimum(np.searchsorted(different, values), len(different) - 1).astype(np.uint8)
+            missed = values[different[place] != values]
+            if len(missed) == 0:
+                break
+            different = np.union1d(different, missed[: MOST_KINDS + 1])
+        tables.append(different)
+        if len(different) > 1:
+            kind = kind + place * np.uint8(count)
+            count *= len(different)
+    combined = np.stack(np.meshgrid(*tables[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return combined, kind
+
+
+def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
+    """Return a value of each slot's connection; 1 in slots that pad."""
+    slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
+    wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
+    return slots
+
+
+def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
+    """Return (first, other, connection): where slices of the table begin, and what each slot names.
+
+    The slots of a particle are in the order of its connections, whatever the device; slots that pad name no
+    connection (−1), and the particle itself.
+    """
+    n, ends, device = model.particle_count, 2 * model.connection_count, model.device
+
+    def integers(size: int) -> wp.array:
+        return wp.zeros(size, dtype=int, device=device)
+
+    def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
+        wp.launch(kernel, threads, inputs, outputs, device=device)
+
+    particle, end = integers(2 * ends), integers(2 * ends)  # sorting needs as much again
+    launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
+    wp.utils.radix_sort_pairs(particle, end, ends)
+    count, start = integers(n), integers(n)
+    launch(tables.count_ends, ends, [particle], [count])
+    wp.utils.array_scan(count, start, inclusive=False)
+    slices = -(-n // SLICE)
+    length, first = integers(slices + 1), integers(slices + 1)
+    launch(tables.measure_slices, slices, [count], [length])
+    wp.utils.array_scan(length, first, inclusive=False)
+    slots = int(first[slices:].numpy()[0])
+    other = integers(slots + SLICE * CHUNK)  # a chunk more is read, and not used
+    connection = wp.full(slots, -1, dtype=int, device=device)
+    launch(tables.name_itself, slices, [first, n], [other])
+    launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
+    return first, other, connection
+
+
+class Stencil:
+    """Forces by particles of lattices, which need no table; extra springs between lattices are an effect.
+
+    Several `lanes`, threads to a particle, are for uniform lattices that do not tear, on a GPU.
+    """
+
+    def __init__(self, model: Model, lanes: int = 1) -> None:
+        lattice, device = model.lattice, model.device
+        assert lattice is not None
+        damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
+        tearing = model.tearing
+        if lanes > 1:
+            kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lanes)
+            self.force_algorithm = stencil_of_lanes(*kinds)
+            self._share(model, lattice)
+            return
+        kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
+        self.force_algorithm = stencil(*kinds, tearing and tearing.breaking)
+        data = self.data = self.force_algorithm.Forces()
+        data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
+        if tearing is not None:
+            numbers = lattice.numbers(model.system)
+            tearing.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            if lattice.uniform:
+                offset, own = lattice.neighbours()
+                tearing.data.offset = wp.array(offset, dtype=int, device=device)
+                tearing.data.own = wp.array(own, dtype=model.scalar, device=device)
+            tearing.carry_out(data.mask, partial(self._clear, model, tearing, numbers))
+        if lattice.uniform:
+            data.stride = lattice.stride
+            data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+            for name in CONSTANTS:
+                values = lattice.constants[name][0]
+                setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+            return
+        shift = lattice.shift
+        if shift.ndim == 1:
+            shift = np.repeat(shift[:, None], model.particle_count, axis=1)
+        data.shift = wp.array(shift, dtype=int, device=device)
+        data.kind = wp.array(lattice.kind, dtype=int, device=device)
+        for name in CONSTANTS:
+            setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
+
+    def _share(self, model: Model, lattice: Lattice) -> None:
+        """Fill in what lanes read, with a mask whose bits are in the order in which they take neighbours."""
+        constants = np.ones((MOST_NEIGHBOURS, 3))
+        _, own = lattice.neighbours()
+        constants[: len(own)] = own
+        bits = [one.bit for row in stencil_rows(lattice.steps)[1] for one in row]
+        mask = np.zeros_like(lattice.mask)
+        for k, bit in enumerate(bits):
+            mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
+        self.data = self.force_algorithm.Forces()
+        self.data.mask = wp.array(mask, dtype=wp.uint32, device=model.device)
+        self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+        self.data.constants = _records_of_three(model, constants)
+
+    def _clear(self, model: Model, tearing: Fracture, numbers: NDArray[np.int32]) -> None:
+        """Clear the bits of broken connections, whose numbers are by direction and first particle."""
+        mask, directions = np.array(self.data.mask.numpy()), len(numbers)
+        gone = (numbers >= 0) & tearing.broken[numbers]
+        for d, first in enumerate(map(np.flatnonzero, gone)):
+            mask[first] &= ~np.uint32(1 << d)
+            mask[model.system.connections[numbers[d, first], 1]] &= ~np.uint32(1 << (d + directions))
+        self.data.mask.assign(mask)
+
+
+def lanes(model: Model) -> int:
+    """Return how many threads share a particle: several on a GPU where they are few."""
+    lattice = model.lattice
+    if model.force_algorithm == "scatter" or not model.device.is_cuda or model.tearing is not None:
+        return 1
+    if lattice is not None and not lattice.uniform:
+        return 1
+    ends = 2 * (len(lattice.steps) * model.particle_count if lattice else model.connection_count)
+    table = LANES[model.force_algorithm, "many" if ends > MANY_NEIGHBOURS * model.particle_count else "few"]
+    return next((count for most, count in table if model.particle_count <= most), 1)
+
+
+CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
+
+
+def forces_of(model: Model) -> Scatter | Gather | Stencil:
+    """Return the forces by a model's algorithm, as they are best computed for one world."""
+    return (
+        Scatter(model)
+        if model.force_algorithm == "scatter"
+        else CLASSES[model.force_algorithm](model, lanes(model))
+    )

@@ -1,0 +1,127 @@
+"""Fracture: connections that break for good; which of them are broken becomes state."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import System, stored, uniform
+from ...kernels.springs import NO_SUBSTEP, breaking
+from ..device.device import scalar_array
+from ..model.effect import Effect
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+class Fracture(Effect):
+    """Lets connections of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
+
+    The algorithms look for what is too long, since they know how long everything is. Each has an array
+    that says who is joined with whom, from which it strikes out what breaks.
+    """
+
+    piece = None
+
+    def __init__(self, model: "Model") -> None:
+        self._model = model
+        self.breaking = breaking(model.scalar)
+        """What the algorithms are composed with."""
+        system, device = model.system, model.device
+        self.broken_at = wp.array(model.ordered(_rounded(system.broken_at)), dtype=wp.float32, device=device)
+        """When connections broke [s], in the device's order; inf where they are whole."""
+        data = self.data = self.breaking.Data()
+        data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
+        data.number = wp.zeros(0, dtype=int, device=device)
+        data.least = model.scalar(least_ratio(system) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps)))
+        for name, values in (("strain", system.break_strain), ("stretch", break_stretch(system))):
+            setattr(data, name, scalar_array(model.ordered(values), model.scalar, device))
+        data.broken_at, data.steepest = self.broken_at, model.steepest_damping
+        data.stiffness, data.damping = model.stiffness, model.damping
+        # What energies and bounds are summed of.
+        self._summed = [model.stiffness, model.damping]
+        if model.steepest_damping is not model.damping:
+            self._summed.append(model.steepest_damping)
+        self._joined: list[wp.array] = []
+        self._strike_out: Callable[[], None] = lambda: None
+
+    def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
+        """Have an algorithm know what is broken already.
+
+        Parameters
+        ----------
+        joined
+            The array from which the algorithm strikes out what breaks.
+        strike_out
+            Strikes out of it what is broken by `broken_at`.
+        """
+        self._joined.append(joined)
+        self._strike_out = strike_out
+        strike_out()
+
+    @property
+    def broken(self) -> NDArray[np.bool_]:
+        """Which connections are broken, in the device's order, shape [connection_count]."""
+        return np.isfinite(self.broken_at.numpy())
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Prepare for frames of so many substeps of `dt` seconds."""
+        self.data.h, self.data.substep = dt, NO_SUBSTEP
+
+    def begin_frame(self, time: float) -> None:
+        """Note when the frame begins [s]."""
+        self.data.start.assign(np.array([time]))
+
+    def begin_substep(self, substep: int) -> bool:
+        """Let what is launched next begin a substep."""
+        self.data.substep = substep
+        return True
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """What is broken, and what follows from it."""
+        return [self.broken_at, *self._summed, *self._joined]
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return when the system's connections broke [s], inf where they are whole."""
+        return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave, of a run in which as much is broken or more."""
+        self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
+        broken = self.broken
+        for constants in self._summed:
+            constants.assign(np.where(broken, 0, constants.numpy()))
+        self._strike_out()
+
+    def changed_fields(self) -> dict[str, NDArray]:
+        """Return when the system's connections broke."""
+        return self.checkpoint()
+
+
+def _rounded(broken_at: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return when connections broke as the device has it: what is broken stays so."""
+    return np.where(np.isfinite(broken_at), np.minimum(broken_at, np.finfo(np.float32).max), np.inf).astype(
+        np.float32
+    )
+
+
+def break_stretch(system: System) -> NDArray[np.float64]:
+    """Return by how much longer than at rest a connection exerts its break force [m], shape [connection_count]."""
+    force, stiffness = system.break_force, system.stiffness
+    if np.isinf(stored(force)).all():
+        return uniform(np.inf, len(force))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where(stiffness > 0, force / stiffness, np.inf)
+
+
+def least_ratio(system: System) -> float:
+    """Return a length over the rest length up to which no connection breaks, however far it yields."""
+    whole = ~system.broken
+    if not whole.any():
+        return np.inf
+    most = np.maximum(system.rest_length, system.original_length * (1 + system.largest_plastic_strain))
+    rest = most if system.yields else system.rest_length
+    return 1 + float(np.minimum(system.break_strain, break_stretch(system) / rest)[whole].min())

@@ -1,0 +1,46 @@
+"""The linearised system on a device: products with K and B, and their diagonal blocks."""
+
+import warp as wp
+
+from ...kernels.springs import linearised as kernels
+from ..model.model import Model
+
+
+def add_linearised(
+    model: Model,
+    x: wp.array,
+    p: wp.array,
+    z: wp.array,
+    *,
+    spring: float,
+    damper: float,
+    scale: float,
+    everyone: bool = False,
+) -> None:
+    """Add scale (spring·K + damper·B) p to z, K and B linearised at x; by scattering, whatever the algorithm.
+
+    Pinned and driven particles are left out, unless it is for `everyone`.
+    """
+    if model.connection_count:
+        constants = [model.connections, model.rest_length, model.stiffness, model.steepest_damping]
+        wp.launch(
+            kernels.add_linearised(model.dim, model.scalar, everyone),
+            dim=model.connection_count,
+            inputs=[*constants, model.inverse_mass, x, p, spring, damper, scale],
+            outputs=[z],
+            device=model.device,
+        )
+
+
+def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers: wp.array) -> None:
+    """Write the diagonal blocks of K and B at x, float64 matrices of shape [particle_count]."""
+    springs.zero_()
+    dampers.zero_()
+    if model.connection_count:
+        wp.launch(
+            kernels.add_blocks(model.dim, model.scalar),
+            dim=model.connection_count,
+            inputs=[model.connections, model.rest_length, model.stiffness, model.steepest_damping, x],
+            outputs=[springs, dampers],
+            device=model.device,
+        )

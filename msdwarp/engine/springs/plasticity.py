@@ -1,0 +1,49 @@
+"""Plasticity: springs that give way for good; their rest lengths become state."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.springs import yielding
+from ..model.effect import Effect
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
+"""What the system says of each connection that may yield."""
+
+
+class Plasticity(Effect):
+    """Lets connections of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`."""
+
+    def __init__(self, model: "Model") -> None:
+        self._model = model
+        self.piece = yielding(model.dim, model.scalar, model.compensated)
+        self.data = self.piece.Data()
+        self.data.connections, self.data.rest_length = model.connections, model.rest_length
+        for name in STORED:
+            setattr(self.data, name, model.per_connection(name))
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Prepare for frames of so many substeps of `dt` seconds."""
+        self.data.h = dt
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """The rest lengths."""
+        return [self._model.rest_length]
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return the rest lengths of the system's connections [m], in its precision."""
+        return {"rest_length": self._model.in_system_order(self._model.rest_length.numpy().copy())}
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self._model.rest_length.assign(self._model.ordered(arrays["rest_length"]))
+
+    def changed_fields(self) -> dict[str, NDArray]:
+        """Return rest lengths as they are now, and the original ones, which stay."""
+        return self.checkpoint() | {"original_length": self._model.system.original_length}

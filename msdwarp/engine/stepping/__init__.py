@@ -1,0 +1,1 @@
+"""What advances a state: effects assembled, stages launched, substeps taken."""

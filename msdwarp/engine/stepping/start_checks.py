@@ -1,0 +1,150 @@
+"""What is doubtful about how a system starts: deep in an obstacle, or where float32 cannot tell places apart."""
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import checks
+from ...bodies import System, pieces, stored
+from ...world import Collider
+from ..collision.body_contact import BodyContact
+from ..collision.colliders import DEPENETRATION_TIME, Colliders
+from ..collision.penetration_depth import start_depths, touching, ways_out
+from ..collision.surface_contact import SurfaceContact
+from ..loads.drives import Driving
+from ..model.model import Model
+from ..model.state import State
+
+COARSE = 1e-3
+"""Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
+TORN = 2.0
+"""Length that a connection would be led out to, over its own, from which on a body would be torn."""
+
+
+def starting_state(system: System, model: Model, carried: int, time: float, fps: float) -> State:
+    """Return the state of a system at `time` [s], what is driven where its drive has it then.
+
+    Parameters
+    ----------
+    system, model
+        The system, and the same on its device.
+    carried
+        See `State`.
+    time, fps
+        When it starts [s], and frames per second.
+    """
+    state = State.from_system(system, model, carried)
+    for effect in model.effects:
+        effect.place(state, time, fps)
+    return state
+
+
+def warn_of_start(model: Model, colliders: Sequence[Collider]) -> str | None:
+    """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside.
+
+    That is what starts inside an obstacle, or bodies that start inside each other.
+
+    Raises
+    ------
+    ValueError
+        If a whole body starts so within an obstacle that leading it out would tear it.
+    """
+    led_out = all(one.leads_out for one in model.effects if isinstance(one, Colliders))
+    if led_out:
+        check_swallowed(model.system, colliders, model.driven)
+    inside = start_inside(model.system, colliders, model.driven, led_out=led_out)
+    displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
+    overlapping = [
+        effect.overlapping() for effect in model.effects if isinstance(effect, BodyContact | SurfaceContact)
+    ]
+    for doubt in (inside, start_far(model), *displaced, *overlapping):
+        if doubt:
+            warnings.warn(doubt, checks.StartWarning, stacklevel=4)
+    return next(filter(None, (inside, *overlapping)), None)
+
+
+def start_inside(
+    system: System,
+    colliders: Sequence[Collider],
+    driven: NDArray[np.bool_] | None = None,
+    *,
+    led_out: bool = True,
+) -> str | None:
+    """Return words about the particle that starts deepest in an obstacle; None if none does but by touching it.
+
+    Pinned particles may lie anywhere: they stay there, as do driven ones where they are put. By rule "report" what
+    starts inside is not `led_out`.
+    """
+    free = ~system.pinned if driven is None else ~(system.pinned | driven)
+    if not colliders or not free.any():
+        return None
+    depths = start_depths(system.position[free], colliders)
+    k = int(np.argmax(depths.max(axis=1)))
+    allowed = touching(system)
+    if depths[k].max() <= allowed:
+        return None
+    deepest = int(np.argmax(depths[k]))
+    particle = int(np.flatnonzero(free)[deepest])
+    count = int((depths.max(axis=0) > allowed).sum())
+    others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
+    tears = ", which may strain its connections" if system.connection_count else ""
+    way = (
+        f"moved out the shortest way within {DEPENETRATION_TIME} s" if led_out else "put onto the surface at once"
+    )
+    return (
+        f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
+        f"{type(colliders[k]).__name__}{others}: if it does not move out by itself, it is {way}"
+        f"{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
+    )
+
+
+def check_swallowed(
+    system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
+) -> None:
+    """Raise ValueError for a body that starts wholly within an obstacle whose sides would pull it apart.
+
+    Each particle is led out the way that is nearest for itself. Of a body that lies in the middle of a box, or in
+    a wall, one half would leave by one side and one by the other.
+    """
+    free = ~system.pinned if driven is None else ~(system.pinned | driven)
+    if not colliders or not system.connection_count or not free.any():
+        return
+    depths = start_depths(system.position, colliders)
+    piece = pieces(system.particle_count, system.connections)
+    i, j = system.connections.T
+    for k, collider in enumerate(colliders):
+        outside = free & (depths[k] <= touching(system))
+        swallowed = np.ones(system.particle_count, dtype=bool)
+        swallowed[piece[outside]] = False
+        (inner,) = np.nonzero(swallowed[piece[i]] & free[i] & free[j])
+        if not len(inner):
+            continue
+        place = system.position + ways_out(system.position, collider)
+        apart = np.linalg.norm(place[i[inner]] - place[j[inner]], axis=1)
+        now = np.linalg.norm(system.position[i[inner]] - system.position[j[inner]], axis=1)
+        worst = int(np.argmax(apart - TORN * now))
+        if apart[worst] > TORN * now[worst]:
+            body, ends = int(piece[i[inner[worst]]]), (int(i[inner[worst]]), int(j[inner[worst]]))
+            raise ValueError(
+                f"the body of particle {body} starts wholly inside colliders[{k}], a {type(collider).__name__}: "
+                f"the nearest ways out of particles {ends[0]} and {ends[1]} lead {apart[worst]:.3g} m apart, "
+                "which would tear it; it must start outside, or near one side of it, or be pinned"
+            )
+
+
+def start_far(model: Model) -> str | None:
+    """Return words about a system so far from the origin that float32 rounds its strains; None where it is not."""
+    system = model.system
+    if model.precision != "float32" or not system.connection_count:
+        return None  # compensated sums keep what rounding takes away
+    most = float(max(system.position.max(), -system.position.min()))
+    apart, shortest = float(np.spacing(np.float32(most))), float(stored(system.rest_length).min())
+    if apart <= COARSE * shortest:
+        return None
+    return (
+        f"the system reaches to {most:.3g} m from the origin, where numbers of float32 are {apart:.2g} m apart "
+        f"and strains of its shortest connection, of {shortest:.3g} m, are rounded by {apart / shortest:.2g}: "
+        "move it near the origin, or use precision='float64'"
+    )

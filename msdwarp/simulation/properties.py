@@ -1,0 +1,126 @@
+"""Present: what can be read off a simulation between two frames."""
+
+import warp as wp
+from numpy.typing import NDArray
+
+from ..bodies import Frame, System
+from ..engine import Measures, Model, State, measure
+from ..integrators import Integrator, StepChoice
+from ..quiet import in_turn
+from .readings import Readings
+from .stepping import Stepping
+
+
+class Present:
+    """The properties of a simulation that can be read between two frames.
+
+    Attributes
+    ----------
+    stepping
+        The system on its device, and the method that advances it.
+    fps
+        Frames per second of simulated time.
+    frame_index
+        Frames since the start.
+    readings
+        Readings of the probes so far, by name: `times, values = simulation.readings["foot"]`.
+    """
+
+    stepping: Stepping
+    fps: float
+    frame_index: int
+    readings: Readings
+
+    @property
+    def system(self) -> System:
+        """The system as it was when it was last uploaded: at the start, or by the last change."""
+        return self.stepping.model.system
+
+    @property
+    def model(self) -> Model:
+        """The system on its device."""
+        return self.stepping.model
+
+    @property
+    def state(self) -> State:
+        """The state on the device; velocities are at the integrator's own times."""
+        return self.stepping.state
+
+    @property
+    def integrator(self) -> Integrator:
+        """The time-stepping method with its options for the current number of substeps."""
+        return self.stepping.integrator
+
+    @property
+    def choice(self) -> StepChoice:
+        """The number of substeps of a frame, and the reason."""
+        return self.stepping.choice
+
+    @property
+    def substeps(self) -> int:
+        """Integrator steps per frame; with automatic substeps, those of the last frame."""
+        return self.choice.substeps
+
+    @property
+    def dt(self) -> float:
+        """Length of a substep [s]."""
+        return self.choice.step
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.frame_index / self.fps
+
+    @property
+    def device(self) -> str:
+        """The name of the Warp device."""
+        return self.model.device.alias
+
+    @property
+    def threads(self) -> int:
+        """Number of CPU threads; 1 on a GPU."""
+        return self.stepping.dynamics.threads
+
+    @in_turn
+    def measure(self) -> Measures:
+        """Return energies, momentum and strain of the current state."""
+        return measure(self.model, self.state, self.stepping.velocity(), self.state.compensation.x)
+
+    @property
+    def rest_length(self) -> NDArray:
+        """Current rest lengths of the connections [m], including plastic deformation."""
+        return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
+
+    @property
+    def positions(self) -> wp.array:
+        """Current positions [m]: a Warp array on the device, which later steps overwrite.
+
+        It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host.
+        """
+        return self.stepping.state.x
+
+    @in_turn
+    def frame(self) -> Frame:
+        """Return the current positions and velocities."""
+        return self.stepping.frame(self.time)
+
+    @in_turn
+    def contact_force(self) -> NDArray:
+        """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
+
+        It is averaged over the last frame: the sum of the contact impulses, divided by the frame's duration. It is
+        0 before the first frame, and after a change that uploads the system again. Obstacles do not push pinned or
+        driven particles.
+
+        Raises
+        ------
+        ValueError
+            If the simulation was made without `contact_forces=True` and without a probe of such forces.
+        """
+        return self.stepping.contact_force()
+
+    @in_turn
+    def snapshot(self) -> System:
+        """Return the system with its current positions, velocities and parameters."""
+        _, position, velocity = self.frame()
+        return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())

@@ -1,0 +1,94 @@
+"""What a fit has found: values, their standard deviations, residuals."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..world import Scene
+from .plots import BLUE, DARK, RED
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Parameters of a scene, fitted to a measured motion; returned by `fit`."""
+
+    values: dict[str, float]
+    """The parameters by name, in the units of `units`."""
+    units: dict[str, str]
+    """If the scene's values differ between connections or particles, a fitted value is a factor for all."""
+    covariance: NDArray[np.float64]
+    """Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined."""
+    residuals: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """Simulated − measured, by kind of measurement: times [s] and differences in its unit, shape [rows, width].
+
+    NaN if nothing was measured. Tracked points are called "points".
+    """
+    residual_units: dict[str, str]
+    """The units of the differences."""
+    scene: Scene
+    """The scene with the fitted values."""
+    fps: float
+    """Frames per second of the simulations."""
+    substeps: int
+    """Substeps of a frame in the last runs."""
+    runs: int
+    """Number of simulated worlds."""
+    batches: int
+    """Number of runs; the worlds of one `Ensemble` run in parallel."""
+    alone: str
+    """Why worlds were simulated one by one: the feature that an `Ensemble` does not support. Else empty."""
+    unseen: tuple[str, ...]
+    """Parameters that the measurement does not determine."""
+    converged: bool
+    """Whether the last steps were below the tolerance."""
+
+    @property
+    def standard_deviations(self) -> dict[str, float]:
+        """Standard deviations of the values, in their units: the square roots of the covariance's diagonal."""
+        return dict(zip(self.values, map(float, np.sqrt(np.diag(self.covariance))), strict=True))
+
+    @property
+    def residual_size(self) -> dict[str, float]:
+        """Root mean square of the residuals of each kind of measurement, in its unit."""
+        return {name: float(np.sqrt(np.nanmean(own**2))) for name, (_, own) in self.residuals.items()}
+
+    def __repr__(self) -> str:
+        lines = ["FitResult"]
+        for name, deviation in self.standard_deviations.items():
+            certain = f"± {deviation:.2g}" if np.isfinite(deviation) else "(cannot be seen)"
+            lines.append(f"{name} {self.values[name]:.8g} {certain} {self.units[name]}".rstrip())
+        sizes = self.residual_size.items()
+        left = ", ".join(f"{name} {size:.3g} {self.residual_units[name]}".rstrip() for name, size in sizes)
+        lines.append(f"left over, root mean square: {left}")
+        together = f"in {self.batches} batches" if not self.alone else f"one after the other: {self.alone}"
+        lines.append(f"{self.runs} worlds of {self.substeps} substeps a frame, {together}")
+        if not self.converged:
+            lines.append("not converged")
+        return "\n  ".join(lines)
+
+    def plot(self, path: str | Path) -> None:
+        """Plot the residuals against time, and their histogram, into a file such as residuals.png."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(8, 2.8 * len(self.residuals)), layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.subplots(len(self.residuals), 2, width_ratios=(3, 1), squeeze=False, sharey="row")
+        for (name, (time, left)), (over_time, often) in zip(self.residuals.items(), grid, strict=True):
+            unit = self.residual_units[name]
+            over_time.plot(np.repeat(time, left.shape[1]), left.ravel(), ".", color=BLUE, ms=2, alpha=0.5)
+            seen = [t for t in np.unique(time) if np.isfinite(left[time == t]).any()]
+            size = [np.sqrt(np.nanmean(left[time == t] ** 2)) for t in seen]
+            over_time.plot(seen, size, color=RED, lw=1.5, label="root mean square")
+            over_time.axhline(0, color=DARK, lw=0.8)
+            over_time.set_ylabel(f"{name}: simulated − measured" + (f" [{unit}]" if unit else ""))
+            over_time.legend(frameon=False)
+            often.hist(left[np.isfinite(left)], bins=40, orientation="horizontal", color=BLUE)
+            often.set_xlabel("how often")
+            for axes in (over_time, often):
+                axes.grid(alpha=0.25)
+                axes.spines[["top", "right"]].set_visible(False)
+        grid[-1, 0].set_xlabel("time [s]")
+        figure.savefig(path, dpi=150)

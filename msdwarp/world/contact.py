@@ -1,0 +1,149 @@
+"""Contact: bodies that keep each other out."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from .. import checks
+from ..bodies import System
+from .loads import Load
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Contact(Load):
+    """Contact between bodies, and self-contact.
+
+    A body is a set of particles joined by connections. For bodies with a surface, points on one are tested against
+    triangles of the other. Closed surfaces push out points that are inside; sheets have two sides. Ropes touch
+    with their connections, single particles as spheres. See docs/contact.md for the law.
+
+    Parameters
+    ----------
+    friction
+        Coulomb's coefficient μ between bodies.
+    restitution
+        Speed after a collision divided by that before, for two single particles, from 0.05 to 1. For bodies it
+        also depends on their own dampers and vibrations.
+    self_contact
+        Whether bodies also touch themselves.
+    exclude
+        Whether these bodies pass through each other; the other arguments but `groups` then mean nothing.
+    groups
+        Names of two groups of whole bodies that this applies to (see `System.named`); by default all bodies. If
+        several entries apply to a pair, the last one is used.
+    thickness
+        Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn, sheets are 1/4
+        of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
+    stiffness
+        Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
+        both bodies' mean stiffness. Single particles have no springs, so they need a value.
+    surface_colliders
+        Whether obstacles collide with whole surfaces and ropes, not only with particles. If any entry of `contact`
+        sets this, it applies to all bodies. It costs time and shortens the stable step. Use it if obstacles have
+        edges, or are thinner than the spacing of the particles.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+    """
+
+    argument: ClassVar[str] = "contact"
+    friction: float = 0.5
+    restitution: float = 0.3
+    self_contact: bool = False
+    exclude: bool = False
+    groups: Any = None
+    thickness: float | None = None
+    stiffness: float | None = None
+    surface_colliders: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if self.on is not None:
+            raise ValueError(f"on is {checks.repr_short(self.on)}; which bodies are meant is said by groups")
+        checks.non_negative("friction", self.friction)
+        checks.between("restitution", self.restitution, 0.05, 1)
+        for name in ("self_contact", "exclude", "surface_colliders"):
+            checks.one_of(name, getattr(self, name), (False, True))
+        if self.thickness is not None:
+            checks.non_negative("thickness", self.thickness)
+        if self.stiffness is not None:
+            checks.positive("stiffness", self.stiffness)
+        if self.groups is not None:
+            several = isinstance(self.groups, Iterable) and not isinstance(self.groups, str)
+            names = tuple(self.groups) if several else ()
+            if len(names) != 2 or not all(isinstance(name, str) for name in names):
+                raise ValueError(f"groups is {checks.repr_short(self.groups)}; it must be two names of groups")
+            object.__setattr__(self, "groups", names)
+
+    @property
+    def damping_ratio(self) -> float:
+        """The damping ratio ζ that gives this restitution.
+
+        Two particles in contact are a damped oscillator, which separates when its repulsive force reaches 0:
+        restitution = |v| then over the impact speed. Reference: Schwager and Pöschel, Granular Matter 9 (2007)
+        465.
+        """
+        low, high = 0.0, 10.0  # restitution falls from 1 as damping rises
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if restitution_of(middle) > self.restitution else (low, middle)
+        return 0.5 * (low + high)
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if bodies of this system cannot touch."""
+        if system.dim != 3:
+            raise ValueError(f"contact is asked for in {system.dim} dimensions; bodies touch in three only")
+        for name in self.groups or ():
+            checks.one_of("a name in contact.groups", name, system.groups)
+
+
+def restitution_of(damping_ratio: float) -> float:
+    """Return the speed after a collision of two particles over that before, for this damping ratio."""
+    z = damping_ratio
+    if z == 0:
+        return 1.0
+    # x'' + 2 z x' + x = 0 from x = 0, x' = 1; it ends where x'' = 0.
+    if abs(z - 1) < 1e-9:
+        z = 1 + 1e-9
+    if z < 1:
+        w = math.sqrt(1 - z * z)
+        t = math.atan2(2 * z * w, 2 * z * z - 1) / w
+        return math.exp(-z * t) * abs(math.cos(w * t) - z / w * math.sin(w * t))
+    w = math.sqrt(z * z - 1)
+    t = math.log((2 * z * (z + w) - 1) / (2 * z * (z - w) - 1)) / (2 * w)
+    return math.exp(-z * t) * abs(math.cosh(w * t) - z / w * math.sinh(w * t))
+
+
+class Ruled(tuple[Load, ...]):
+    """Loads that `with_contact` returned: a `Contact` among them was said by touch."""
+
+
+def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
+    """Return loads with what says how bodies touch behind them, in place of what said it before.
+
+    Parameters
+    ----------
+    loads
+        Loads; a `Contact` among them is left out where `contact` says anything, be it nothing: (), or said it
+        before.
+    contact
+        How bodies touch.
+
+    Raises
+    ------
+    ValueError
+        If what says how bodies touch is among the loads alone, or one of these is a bare `Load`.
+    """
+    for k, one in enumerate(loads):
+        if type(one) is Load:
+            raise ValueError(f"loads[{k}] is a Load, which does nothing; it must be one such as Force((0, 0, 1))")
+        if contact is None and isinstance(one, Contact) and not isinstance(loads, Ruled):
+            raise ValueError(
+                f"loads[{k}] is a Contact; rules of contact are given by contact, such as contact=Contact()"
+            )
+    given = () if contact is None else (contact,) if isinstance(contact, Contact) else contact
+    rules = checks.sequence("contact", given, Contact, "Contact(friction=0.5)")
+    return Ruled((*(one for one in loads if not isinstance(one, Contact)), *rules))
