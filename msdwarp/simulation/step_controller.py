@@ -59,6 +59,11 @@ class StepControlFailed(Exception):
         """The share of its scale by which energy has risen; None if the frame diverged."""
 
 
+def _stored(name: str) -> str:
+    """Return the name that a field has in checkpoints: that of version 0.1."""
+    return f"pace.{ {'quiet_frames': 'calm', 'coarsen_after': 'patience'}.get(name, name) }"
+
+
 @dataclass
 class StepController:
     """Decides on automatic substeps: as many as the stability limit asks for, times `refinement`.
@@ -102,7 +107,7 @@ class StepController:
 
     def saved(self) -> dict[str, float]:
         """Return what a checkpoint keeps."""
-        return {f"pace.{field.name}": getattr(self, field.name) for field in fields(self)}
+        return {_stored(field.name): getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def restored(cls, numbers: Mapping[str, Any]) -> Self | None:
@@ -111,7 +116,7 @@ class StepController:
             return None
         values = {}
         for field in fields(cls):
-            name = f"pace.{field.name}"
+            name = _stored(field.name)
             if field.name == "rounding" and name not in numbers:  # an older checkpoint
                 continue
             value = values[field.name] = checks.member("checkpoint", numbers, name)

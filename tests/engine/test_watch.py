@@ -243,8 +243,8 @@ def test_change_that_forced_substeps_cannot_follow_changes_nothing():
 @every_integrator
 def test_refresh_follows_the_stretching(integrator):
     # Flung apart it reaches about three times its size and comes back.
-    quiet_frames = box((3, 3, 3), stiffness=1000.0, damping=5.0)
-    flung = quiet_frames.with_velocity(150.0 * quiet_frames.position)
+    calm = box((3, 3, 3), stiffness=1000.0, damping=5.0)
+    flung = calm.with_velocity(150.0 * calm.position)
     options = {"gravity": 0.0, "integrator": integrator, "fps": 120, "safety": 0.1} | OPTIONS
     simulation, fixed = Simulation(flung, refresh=True, **options), Simulation(flung, **options)
     at_rest, counts, sizes = simulation.substeps, [], []

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
-from msdwarp import RK4, RKC2, Leapfrog, LinearlyImplicitEuler, Plane, Simulation, Sphere, SymplecticEuler, at, box
+from msdwarp import (
+    RK4,
+    RKC2,
+    Contact,
+    Leapfrog,
+    LinearlyImplicitEuler,
+    Plane,
+    Simulation,
+    Sphere,
+    StartWarning,
+    SymplecticEuler,
+    at,
+    box,
+)
 
 INTEGRATORS = {
     "symplectic euler": SymplecticEuler(),
@@ -106,3 +119,18 @@ def test_a_checkpoint_goes_to_another_device_and_back(force_algorithm):
     here.step(3)
     there.restore(*here.checkpoint())
     assert_same(there, here)
+
+
+def test_checkpoints_have_the_names_of_the_first_version():
+    # Files hold them: whoever renames a field reads files of before by other names, and writes these.
+    die = box((2, 2, 2), 0.1, stiffness=100.0)
+    system = (die + die.translate((0, 0, 0.09))).replace(yield_strain=0.1, break_strain=5.0)
+    with pytest.warns(StartWarning):
+        simulation = Simulation(system, contact=Contact(), device="cpu", integrator=Leapfrog(0.5))
+    arrays, numbers = simulation.checkpoint()
+    pace = "scale least floor low high strain rounding refinement interval since calm patience anew"
+    assert {name for name in numbers if name.startswith("pace.")} == {f"pace.{one}" for one in pace.split()}
+    moving = {"x", "v", "carried.0", "rest_length", "broken_at"}
+    contact = {f"touch.{one}" for one in ("slip", "partner", "allowed", "outwards")}
+    work = {f"work.{one}" for one in ("before", "done", "last", "touching")}
+    assert {name for name in arrays if not name.startswith("system.")} == moving | contact | work

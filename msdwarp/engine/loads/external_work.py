@@ -19,6 +19,12 @@ MOST_SHARES = 4096
 """Threads that sum on a GPU."""
 
 
+def _stored(effect: Effect) -> str:
+    """Return the name that an effect's work has in checkpoints: that of version 0.1."""
+    names = {"BodyContact": "touching", "SurfaceContact": "straddling", "Colliders": "contact"}
+    return names.get(type(effect).__name__, type(effect).__name__.lower())
+
+
 class Work(Effect):
     """Keeps what loads have done on each particle of a model [J], float64, and adds to it what other effects have.
 
@@ -38,7 +44,7 @@ class Work(Effect):
         self, model: "Model", *, summed: bool, steady: Steady | None, others: Sequence[Effect] = ()
     ) -> None:
         self._model, self._device, count = model, model.device, model.particle_count if summed else 0
-        self._others = {f"work.{type(one).__name__.lower()}": one.done for one in others if one.done is not None}
+        self._others = {f"work.{_stored(one)}": one.done for one in others if one.done is not None}
         self._counts = summed or any(isinstance(one.piece, ForceTerm) for one in others)
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
         self.field = self.piece.field
