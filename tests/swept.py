@@ -20,7 +20,7 @@ def build(*, stiffness: float = 100.0, damping: float = 0.1, count: int = 3, mar
         victim.unlink()
         os.kill(os.getpid(), signal.SIGKILL)
     if mark:
-        Path(mark, f"begun-{stiffness:g}-{os.getpid()}").contact()
+        Path(mark, f"begun-{stiffness:g}-{os.getpid()}").touch()
     body = chain(count, 0.1, mass=0.01, stiffness=stiffness, damping=damping).pin([0])
     probes = {"tip": Probe([count - 1], "position")}
     return Scene(system=body, colliders=[Plane(offset=-5.0)], probes=probes, duration=0.1)

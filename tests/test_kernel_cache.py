@@ -28,7 +28,7 @@ def run(program, *words, **environment):
 @pytest.fixture
 def nowhere(tmp_path):
     """Return what stands for a home that cannot be written to, for root either."""
-    (tmp_path / "file").contact()
+    (tmp_path / "file").touch()
     home = tmp_path / "file" / "home"
     return {"HOME": home, "XDG_CACHE_HOME": home, "LOCALAPPDATA": home, "WARP_CACHE_PATH": home}
 

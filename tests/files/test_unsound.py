@@ -279,7 +279,7 @@ def test_what_no_run_says_of_itself_is_told(msdwarp, tmp_path, about):
         ({"options": {"pictures": 3}}, "the run's pictures is 3; it must be a mapping"),
         ({"options": {"fps": {}}}, "the run's fps is {}, which no run stores"),
         ({"options": {"every": True}}, "the run's every is True, which no run stores"),
-        ({"options": {"force_algorithm": ["auto"]}}, "the run's algorithm is ['auto'], which no run stores"),
+        ({"options": {"force_algorithm": ["auto"]}}, "the run's force_algorithm is ['auto'], which no run stores"),
         ({"options": {"out": 3}}, "the run's out is 3, which no run stores"),
         ({"parameters": "x" * 9999}, "parameters of the file is 'xxx"),
         ({"device": {}}, "the run's device is {}, which no run stores"),

@@ -148,7 +148,7 @@ def killing(tmp_path: Path, stiffness: float) -> dict:
     """Return parameters by which the first worker that comes to a stiffness is killed."""
     mark = tmp_path / "mark"
     mark.mkdir()
-    (mark / f"kill-{stiffness:g}").contact()
+    (mark / f"kill-{stiffness:g}").touch()
     return {"mark": str(mark)}
 
 
