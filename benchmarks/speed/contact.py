@@ -79,7 +79,7 @@ def cases(quick: bool, device: str) -> dict[str, Callable[[], Case]]:
         one = one.rotate(0.05, axis=(1, 0, 0))
         one = one.translate(tuple(np.array([0.1, 0.05, 0.85]) - one.position.mean(axis=0)))
         ball = Sphere((0, 0, 0.45), 0.3, friction=0.4, restitution=0.0)
-        return Case(one, None, [floor, ball], "all", 20 if quick else 60)
+        return Case(one, None, [floor, ball], True, 20 if quick else 60)
 
     def pour() -> Case:
         width = 0.45 * round(poured ** (1 / 3)) + 0.3
