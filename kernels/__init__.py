@@ -1,7 +1,7 @@
 """Device side: Warp functions, and factories that compose kernels from them.
 
-Groups: `forces` (the law and the algorithms to the sums), `contact`, `integrators` (methods; `stages.py` puts
-kernels together), `reductions` (energies, bounds), `pictures`. Every factory is cached and takes the number of
-coordinates, the scalar type and the effects that a scene has; what a scene lacks is not compiled. Nothing here
-knows of the host.
+Groups: `springs` (the law and the algorithms that sum forces), `colliders` (contact with obstacles), `collision`
+(contact between bodies), `loads`, `integrators` (methods; `stages.py` puts kernels together), `ensembles`,
+`reductions` (energies, bounds), `pictures`. Every factory is cached and takes the number of coordinates, the
+scalar type and the effects that a scene has; what a scene lacks is not compiled. Nothing here knows of the host.
 """
