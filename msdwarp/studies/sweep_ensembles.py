@@ -44,7 +44,7 @@ class Asked(NamedTuple):
     """Arguments that `Ensemble` and `Simulation` share."""
 
 
-class SceneData(NamedTuple):
+class World(NamedTuple):
     """A point that was simulated as a world of an ensemble."""
 
     number: int
@@ -62,7 +62,7 @@ def as_worlds(
     *,
     looks_back: bool = False,
     fixed_only: bool = False,
-) -> Iterator[SceneData]:
+) -> Iterator[World]:
     """Simulate points in ensembles, and yield them as they are done; say why the others were not.
 
     A world is that of a simulation of its own with as many substeps: to the last bit wherever those of `Ensemble`
@@ -159,7 +159,7 @@ def _most(asked: Asked) -> int:
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
 
 
-def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[SceneData]:
+def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
     """Simulate points in an ensemble; where it refuses some of them, in smaller ones without these."""
     try:
         ensemble = _ensemble([asked for _, asked in several])
@@ -219,7 +219,7 @@ def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
 
 def _simulated(
     ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]
-) -> Iterator[SceneData]:
+) -> Iterator[World]:
     """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
 
     Where there are probes, each world takes the last frame alone: all of them are read then.
@@ -253,6 +253,6 @@ def _simulated(
 
     for world, (number, asked) in enumerate(several):
         if running[world]:
-            yield SceneData(number, asked, lambda world=world, asked=asked: alone(world, asked), seconds)
+            yield World(number, asked, lambda world=world, asked=asked: alone(world, asked), seconds)
         else:
             refused[number] = "its world diverges"
