@@ -217,9 +217,7 @@ def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
     return moving, model.touching.checkpoints() if model.touching is not None else []
 
 
-def _simulated(
-    ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]
-) -> Iterator[World]:
+def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
     """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
 
     Where there are probes, each world takes the last frame alone: all of them are read then.
