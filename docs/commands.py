@@ -6,11 +6,7 @@ from typing import Any
 from cyclopts import App
 
 from msdwarp.cli.app import app
-from msdwarp.cli.fit import FitOptions
-from msdwarp.cli.options import Options
-from msdwarp.cli.sweep import SweepOptions
-from msdwarp.cli.tune import TuneOptions
-from msdwarp.cli.view import ViewOptions
+from msdwarp.cli.options import FitOptions, Options, SweepOptions, TuneOptions, ViewOptions
 
 PAGE = "commands"
 OF_EVERY_SCENE = {

@@ -1,7 +1,7 @@
 """Device side: Warp functions, and factories that compose kernels from them.
 
 Groups: `springs` (the law and the algorithms that sum forces), `colliders` (contact with obstacles), `collision`
-(contact between bodies), `loads`, `integrators` (methods; `stages.py` puts kernels together), `ensembles`,
+(contact between bodies), `loads`, `integrators` (methods; `stages.py` puts kernels together),
 `reductions` (energies, bounds), `pictures`. Every factory is cached and takes the number of coordinates, the
 scalar type and the effects that a scene has; what a scene lacks is not compiled. Nothing here knows of the host.
 """

@@ -31,7 +31,7 @@ if _is_the_command():
 if not _os.path.isdir(_os.path.join(__path__[0], "kernels")):
     __path__.append(_os.path.dirname(__path__[0]))
 
-from .quiet import verbose
+from .runtime import verbose
 
 if _typing.TYPE_CHECKING:
     from .bodies import (

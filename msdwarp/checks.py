@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_MOST_SAID = 200
+_MOST_SHOWN = 200
 """Characters of the longest value that a message shows whole."""
-
-
 LARGEST, SMALLEST = 1e18, 1e-18
-"""Numbers of physical quantities are no larger, and those above 0 no smaller: what is multiplied by another such
-is a number in float32 too."""
+"""Bounds of physical quantities, and of those above 0: products of two such numbers are finite in float32 too."""
 Limit = tuple[Callable[[NDArray], NDArray], str]
-"""A condition that holds for an interval of numbers, or for that and inf, and its words."""
+"""A condition that holds for an interval of numbers, or for that and inf, and what a message says is allowed."""
 _MOST = f"at most {LARGEST:.0e}"
 FINITE: Limit = (lambda values: np.abs(values) <= LARGEST, f"finite, and {_MOST} in size")
 FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf), f"{_MOST}, or inf")
@@ -45,27 +42,23 @@ class StartWarning(UserWarning):
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
 
-    Text is no number, though NumPy would read one from it, and None is none, which NumPy takes for NaN.
+    Text is refused, though NumPy would read numbers from it, and so is None, which NumPy takes for NaN.
     """
+    allowed = "an array of numbers"
     try:
         given: NDArray = np.asarray(value)
-        # What is too large for NumPy's integers is an array of Python's, which are looked at one by one.
-        real = given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat)))
-        if real:
+        # Integers that are too large for NumPy's are an array of Python's.
+        if given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat))):
             result: NDArray[np.float64] = np.array(given, dtype=np.float64)
             return result
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be {_of_numbers(error)}, not {repr_short(value)}") from error
-    raise ValueError(f"{name} must be {_of_numbers()}, not {repr_short(value)}")
-
-
-def _of_numbers(error: Exception | None = None) -> str:
-    most = f"an array of numbers up to {sys.float_info.max:.2g}"
-    return most if isinstance(error, OverflowError) else "an array of numbers"
+        allowed += f" up to {sys.float_info.max:.2g}" if isinstance(error, OverflowError) else ""
+        raise ValueError(f"{name} must be {allowed}, not {repr_short(value)}") from error
+    raise ValueError(f"{name} must be {allowed}, not {repr_short(value)}")
 
 
 def _is_real(value: object) -> bool:
-    """Return whether a value is a number, or says of itself that it can be one; text is none."""
+    """Return whether a value is a number, or has one (`__float__`); text is none."""
     if isinstance(value, np.ndarray | np.generic):
         return value.ndim == 0 and value.dtype.kind in "biuf"
     return hasattr(value, "__float__")
@@ -74,14 +67,13 @@ def _is_real(value: object) -> bool:
 def repr_short(value: object) -> str:
     """Return a value as a message shows it: of a long one the beginning and the end."""
     try:
-        text = repr(value)
+        return _short(repr(value))
     except ValueError:  # Python writes no whole number of more than some thousand digits
         return "a whole number of very many digits"
-    return _short(text)
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= _MOST_SAID else f"{text[: _MOST_SAID // 2]} ... {text[-_MOST_SAID // 4 :]}"
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN // 2]} ... {text[-_MOST_SHOWN // 4 :]}"
 
 
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -101,18 +93,19 @@ def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
 def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
     """Raise ValueError that names the first entry of `values` for which `holds` is False.
 
-    What was given as a number, and is seen many times, is named as that number: it has no entries.
+    A number that was broadcast has no entries: the message shows the number.
     """
-    if not np.all(holds):
-        index = tuple(int(k) for k in np.argwhere(~holds)[0])
-        value, given = values[index], []
-        for axis, k in enumerate(index):
-            along = tuple(slice(None) if other == axis else one for other, one in enumerate(index))
-            if values.strides[axis] or np.any(holds[along]):  # it has entries there, or this one alone is wrong
-                given.append(str(k))
-        where = f"{name}[{', '.join(given)}]" if given else name
-        said = value if given or values.dtype.kind != "f" else f"{value}".removesuffix(".0")
-        raise ValueError(f"{where} is {said}; it must be {allowed}")
+    if np.all(holds):
+        return
+    index = tuple(int(k) for k in np.argwhere(~holds)[0])
+    entry = []
+    for axis, k in enumerate(index):
+        along = (*index[:axis], slice(None), *index[axis + 1 :])
+        if values.strides[axis] or np.any(holds[along]):  # it has entries there, or this one alone is wrong
+            entry.append(str(k))
+    where = f"{name}[{', '.join(entry)}]" if entry else name
+    shown = str(values[index]) if entry or values.dtype.kind != "f" else f"{values[index]}".removesuffix(".0")
+    raise ValueError(f"{where} is {shown}; it must be {allowed}")
 
 
 def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
@@ -127,7 +120,7 @@ def within(name: str, values: NDArray, *limits: Limit) -> None:
     if values.size == 0:
         return
     once = values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
-    # The least and the greatest vouch for all between, and are NaN if any is: no mask of them all is built.
+    # Limits are intervals: the least and the greatest tell for all, and are NaN if any is.
     extremes = np.array([once.min(), once.max()])
     if extremes[1] == np.inf:
         extremes = np.append(extremes, once.max(where=once < np.inf, initial=extremes[0]))
@@ -159,34 +152,31 @@ def index_below(count: int) -> Limit:
 
 def positive(name: str, value: float) -> float:
     """Return `value` as a float; raise ValueError unless it is finite and above zero."""
-    return _number(name, value, inclusive=False)
+    allowed = "a number above 0, and finite"
+    number = _real(name, value, allowed)
+    if not 0.0 < number < math.inf:
+        raise ValueError(f"{name} is {number:g}; it must be {allowed}")
+    if not SMALLEST <= number <= LARGEST:
+        raise ValueError(f"{name} is {number:g}; it must be from {SMALLEST:.0e} to {LARGEST:.0e}")
+    return number
 
 
 def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
     """Return `value` as a float; raise ValueError if it is negative, NaN or (unless allowed) infinite."""
-    return _number(name, value, inclusive=True, infinite=infinite)
-
-
-def _number(name: str, value: float, *, inclusive: bool, infinite: bool = False) -> float:
-    allowed = f"a number {'of at least' if inclusive else 'above'} 0"
-    allowed += "" if infinite else ", and finite"
+    allowed = "a number of at least 0" + ("" if infinite else ", and finite")
     number = _real(name, value, allowed)
-    high_enough = number >= 0.0 if inclusive else number > 0.0
-    if not high_enough or (math.isinf(number) and not infinite):
+    if not number >= 0.0 or (math.isinf(number) and not infinite):
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
-    if LARGEST < number < math.inf or (0.0 < number < SMALLEST and not inclusive):
-        least = "0" if inclusive else f"{SMALLEST:.0e}"
-        raise ValueError(f"{name} is {number:g}; it must be from {least} to {LARGEST:.0e}")
+    if LARGEST < number < math.inf:
+        raise ValueError(f"{name} is {number:g}; it must be from 0 to {LARGEST:.0e}")
     return number
 
 
 def _real(name: str, value: float, allowed: str) -> float:
     """Return a number as a float; raise ValueError if it is none, such as text, or larger than any float."""
-    try:
-        if _is_real(value):
+    if _is_real(value):
+        with suppress(TypeError, ValueError, OverflowError):
             return float(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} is {repr_short(value)}; it must be {allowed}") from error
     raise ValueError(f"{name} is {repr_short(value)}; it must be {allowed}")
 
 
@@ -231,7 +221,7 @@ def instance(name: str, value: object, kind: type, example: str) -> None:
     """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
     if not isinstance(value, kind):
         given = repr_short(value)
-        if "\n" in given or len(given) > _MOST_SAID // 2:  # a whole scene tells less than what it is
+        if "\n" in given or len(given) > _MOST_SHOWN // 2:  # of a whole scene the class says more
             given = _kind(type(value))
         raise ValueError(f"{name} is {given}; it must be {_kind(kind)}, such as {example}")
 
@@ -253,17 +243,18 @@ def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, .
     return several
 
 
-def vector(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
-    """Return so many finite numbers as an array; raise ValueError if it is anything else."""
+def vector(name: str, value: ArrayLike, count: int | None = None) -> NDArray[np.float64]:
+    """Return this many finite numbers, by default 1 to 3, as an array; raise ValueError for anything else."""
     vector = array(name, value)
-    if vector.shape != (count,) or not FINITE[0](vector).all():
-        numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+    right = vector.shape in ((1,), (2,), (3,)) if count is None else vector.shape == (count,)
+    if not right or not FINITE[0](vector).all():
+        numbers = "a finite number" if count == 1 else f"{count or '1 to 3'} finite numbers"
         raise ValueError(f"{name} is {repr_short(value)}; it must be {numbers}, {_MOST} in size")
     return vector
 
 
 def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
-    """Return an acceleration of free fall, given as its size or as a vector, as a vector; the last one is up."""
+    """Return the acceleration of free fall as a vector, of its size or a vector; the last coordinate points up."""
     given = array(name, value)
     if not FINITE[0](given).all():
         raise ValueError(f"{name} is {repr_short(value)}; it must be {FINITE[1]}")
@@ -277,11 +268,8 @@ def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
 
 
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:
-    """Return a point as a tuple; raise ValueError if it is none."""
-    point = array(name, value)
-    if point.ndim != 1 or not 1 <= len(point) <= 3 or not FINITE[0](point).all():
-        raise ValueError(f"{name} is {repr_short(value)}; it must be 1 to 3 finite numbers, {_MOST} in size")
-    return tuple(map(float, point))
+    """Return a point of 1 to 3 coordinates as a tuple; raise ValueError if it is none."""
+    return tuple(map(float, vector(name, value)))
 
 
 def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
@@ -303,7 +291,7 @@ def colour(name: str, colour: str) -> tuple[float, float, float]:
 
 
 def free_memory() -> int | None:
-    """Return how many bytes this process can still have; None where the system does not tell."""
+    """Return how many bytes of memory are free for this process; None if unknown."""
     found = []
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
@@ -316,19 +304,12 @@ def free_memory() -> int | None:
 
 
 def fits(given: str, what: str, size: float) -> None:
-    """Raise ValueError if what is made of something given does not fit into memory.
+    """Raise ValueError if something of `size` bytes does not fit into memory.
 
-    Parameters
-    ----------
-    given
-        What was given: "size is 3".
-    what
-        What is made, in words.
-    size
-        How many bytes it takes at least.
+    The message begins with what was given, such as "size is 3", and names `what` is made of it.
     """
     if size < 1e8:  # asking would take longer than making it
         return
-    there = free_memory()
-    if there is not None and size > there:
-        raise ValueError(f"{given}; {what} take {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are free")
+    free = free_memory()
+    if free is not None and size > free:
+        raise ValueError(f"{given}; {what} take {size / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free")

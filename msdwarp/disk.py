@@ -36,7 +36,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     try:
         yield unfinished
         if durable:
-            _sync(unfinished, os.O_RDONLY)
+            _sync(unfinished, os.O_RDWR)  # Windows syncs only what is open for writing
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)

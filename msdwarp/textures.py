@@ -1,7 +1,7 @@
 """Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1."""
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial, wraps
+from functools import lru_cache, wraps
 from typing import Any, ParamSpec
 
 import numpy as np
@@ -15,16 +15,15 @@ BOX_TILES = (3, 2)
 
 
 def _kept(paint: Callable[P, NDArray[np.uint8]]) -> Callable[P, NDArray[np.uint8]]:
-    """Paint what is asked for again only once: a sweep builds a scene, texture and all, for each of its points."""
+    """Paint the same image only once: a sweep builds a scene, texture and all, for each of its points."""
     kept: Any = lru_cache(maxsize=4)(paint)
 
     @wraps(paint)
     def copied(*arguments: P.args, **named: P.kwargs) -> NDArray[np.uint8]:
         try:
-            hash((arguments, tuple(named.values())))
+            return kept(*arguments, **named).copy()
         except TypeError:  # a list among them
             return paint(*arguments, **named)
-        return kept(*arguments, **named).copy()
 
     return copied
 
@@ -66,18 +65,17 @@ def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray
     """Return, for a box, faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
     # Distance from the middle of a tile, in the norm of a rounded square: 1 at the middle of its sides.
-    from_middle = [np.abs(2 * ((count * w) % 1.0) - 1) for w in (u, v)]
-    distance = (from_middle[0] ** 6 + from_middle[1] ** 6) ** (1 / 6)
-    edge = 2 * count / size
-    return _on_box(_mix(np.clip((distance - 0.86) / (2 * edge) + 0.5, 0, 1), colour, line))
+    across, along = ((2 * ((count * w) % 1.0) - 1) ** 6 for w in (u, v))
+    distance = (across + along) ** (1 / 6)
+    return _on_box(_mix(_step(distance - 0.86, 4 * count / size), colour, line))
 
 
 @_kept
 def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
     """Return a woven check: bands of `colour` both ways on `ground`, darkest where they cross."""
     u, v = _grid(size)
-    bands = [((count * w) % 1.0 < 0.5).astype(float) for w in (u, v)]
-    return _mix(1 - 0.46 * (bands[0] + bands[1]), colour, ground)
+    across, along = (((count * w) % 1.0 < 0.5).astype(float) for w in (u, v))
+    return _mix(1 - 0.46 * (across + along), colour, ground)
 
 
 @_kept
@@ -175,11 +173,10 @@ def waffle_box(
     """
     upper = waffle(colour, groove, counts=counts, size=size)
     u, v = _grid(size)
-    crust = [
-        _shaded(_mix(0.75 - 0.75 * np.abs(2 * w - 1) ** 2, colour, groove), np.full_like(w, 0.97))
-        for w in (u, v, v, u)
-    ]
-    return _faces([*crust, waffle(colour, groove, counts=(counts[1], counts[0]), size=size), upper])
+    side, end = (
+        _shaded(_mix(0.75 - 0.75 * np.abs(2 * w - 1) ** 2, colour, groove), np.full_like(w, 0.97)) for w in (u, v)
+    )
+    return _faces([side, end, end, side, waffle(colour, groove, counts=(counts[1], counts[0]), size=size), upper])
 
 
 @_kept
@@ -211,45 +208,33 @@ def ticking(
     checks.count("stripes", stripes, 1)
     checks.count("buttons", buttons, 1)
     s, t = _grid(size)
-    rows = np.arange(buttons) * width / buttons + width / buttons / 2
-    columns_apart = width / buttons
-    many = max(1, round(length / columns_apart))
-    columns = (np.arange(many) + 0.5) * length / many
+    apart = width / buttons
+    along_x = length / max(1, round(length / apart))
 
     def top(x: NDArray, y: NDArray) -> NDArray[np.uint8]:
         """Paint the upper face at distances x and y from its corner."""
         image = _mix(_bands(stripes * y / width), colour, stripe)
-        nearest = [np.abs(w[..., None] - at).min(axis=-1) for w, at in ((x, columns), (y, rows))]
-        distance = np.hypot(*nearest) / columns_apart
+        from_button = [step * np.abs(w / step % 1.0 - 0.5) for w, step in ((x, along_x), (y, apart))]
+        distance = np.hypot(*from_button) / apart
         light = 1 - 0.22 * np.exp(-((distance / 0.17) ** 2)) + 0.03 * np.exp(-(((distance - 0.42) / 0.2) ** 2))
-        image = _shaded(image, light)
         knob = 1 - _step(distance - 0.055, 0.02)
-        image = _over(image, _mix(np.ones_like(x), colour, stripe), knob)
-        return _piped(image, np.minimum.reduce([x, length - x, y, width - y]))
+        image = _over(_shaded(image, light), _mix(np.ones_like(x), colour, stripe), knob)
+        return piped(image, np.minimum.reduce([x, length - x, y, width - y]))
 
     def side(along: NDArray, up: NDArray, whole: float) -> NDArray[np.uint8]:
         """Paint a side at distances along its edge and up from its foot."""
         image = _mix(_bands(stripes * along / width), colour, stripe)
-        return _piped(image, np.minimum.reduce([along, whole - along, up, height - up]))
+        return piped(image, np.minimum.reduce([along, whole - along, up, height - up]))
 
-    def _piped(image: NDArray[np.uint8], from_edge: NDArray) -> NDArray[np.uint8]:
+    def piped(image: NDArray[np.uint8], from_edge: NDArray) -> NDArray[np.uint8]:
         """Lay a rolled hem along the edges."""
         roll = from_edge / (0.03 * width)
         hem = _shaded(_mix(np.full_like(roll, 0.9), colour, stripe), 1.2 - 0.6 * np.abs(roll - 0.5))
         return _over(image, hem, 1 - _step(roll - 1, 0.2))
 
-    across = partial(side, whole=width)
-    along = partial(side, whole=length)
-    return _faces(
-        [
-            across(width * t, height * s),
-            across(width * s, height * t),
-            along(length * s, height * t),
-            along(length * t, height * s),
-            top(length * t, width * s),
-            top(length * s, width * t),
-        ]
-    )
+    ends = [side(width * a, height * b, width) for a, b in ((t, s), (s, t))]
+    sides = [side(length * a, height * b, length) for a, b in ((s, t), (t, s))]
+    return _faces([*ends, *sides, top(length * t, width * s), top(length * s, width * t)])
 
 
 def _bands(place: NDArray) -> NDArray:
@@ -290,18 +275,13 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
         middle, length = _direction(random), 0.015 + 0.03 * random.random()
         grain = np.cross(middle, _direction(random))
         grain /= np.linalg.norm(grain)
-        offset = place @ middle
+        rows = slice(None)
         if abs(middle[2]) < 0.95:  # only the rows that it can reach
-            rows = slice(
-                *np.searchsorted(-tilt[:, 0], [-np.arcsin(middle[2]) - 0.06, -np.arcsin(middle[2]) + 0.06])
-            )
-        else:
-            rows = slice(None)
-        near = place[rows]
-        along = near @ grain
-        across = np.sqrt(np.maximum(1 - along**2 - (near @ middle) ** 2, 0))
+            rows = slice(*np.searchsorted(-tilt[:, 0], np.array([-0.06, 0.06]) - np.arcsin(middle[2])))
+        along, outwards = place[rows] @ grain, place[rows] @ middle
+        across = np.sqrt(np.maximum(1 - along**2 - outwards**2, 0))
         distance = np.hypot(along / length, across / (0.45 * length))
-        share = np.where(offset[rows] > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
+        share = np.where(outwards > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
         image[rows] = _over(image[rows], _mix(np.ones(share.shape), colour, fleck), share)
     return image
 

@@ -23,7 +23,7 @@ import pytest
 import warp as wp
 
 from msdwarp.engine.model import force_algorithm as routes
-from msdwarp.quiet import start_warp
+from msdwarp.runtime import start_warp
 
 wp.config.log_level = wp.LOG_ERROR
 start_warp()
@@ -176,14 +176,15 @@ def vtk_output():
 @pytest.fixture
 def msdwarp(tmp_path, monkeypatch, capsys):
     """Run the command in an empty folder; return (exit code, standard output, standard error)."""
-    from msdwarp.cli import app as cli
+    from msdwarp.cli.app import app
+    from msdwarp.cli.process import finish
 
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["msdwarp", *arguments])
         with pytest.raises(SystemExit) as stop:
-            cli.main()
+            finish(lambda: app(sys.argv[1:]))
         return stop.value.code, *capsys.readouterr()
 
     # The command has handlers of its own to the end of its process, which here goes on with other tests.

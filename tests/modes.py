@@ -14,8 +14,8 @@ import warp as wp
 from scipy.optimize import brentq
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEuler, System, box, sheet
-from msdwarp.engine.model.model import Model
 from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 
 METHODS = {
@@ -130,10 +130,10 @@ class Run:
 
     def __init__(self, system: System, method: Integrator, h: float, *, gravity: float = 0.0) -> None:
         self.method, self.h = method, h
-        self.model = Model(system, gravity=gravity, device="cpu", precision="float64")
+        self.assembly = assemble(system, gravity=gravity, device="cpu", precision="float64")
         self.state, self.dynamics = (
-            State.from_system(system, self.model, method.method_state),
-            Dynamics(self.model),
+            State.from_system(system, self.assembly.model, method.method_state),
+            Dynamics(self.assembly),
         )
         self.work = method.workspace(self.state)
         method.start(self.dynamics, self.state, self.work, h)

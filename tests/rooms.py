@@ -116,8 +116,47 @@ def levels() -> dict[str, int]:
     return found
 
 
+def file_imports() -> dict[str, set[str]]:
+    """Return the files that each file of the package imports, those for types included, those in functions not.
+
+    The face of the package itself imports all; it is left out.
+    """
+    found: dict[str, set[str]] = {}
+    for name, module in modules().items():
+        found[name] = set()
+        for item in module.imports:
+            other = item.name
+            while other and other not in modules():
+                other = other.rpartition(".")[0]
+            if other and not item.lazy and other not in (name, TOP):
+                found[name].add(other)
+    return found
+
+
+def file_circles() -> list[list[str]]:
+    """Return the groups of files that import each other, directly or by way of others."""
+    left, needs = {}, file_imports()
+    for name in needs:  # all that each needs, directly or not
+        left[name], due = set(), [name]
+        while due:
+            for other in needs[due.pop()] - left[name]:
+                left[name].add(other)
+                due.append(other)
+    circles = {tuple(sorted(two for two in left[one] if one in left[two])) for one in left if one in left[one]}
+    return [list(one) for one in sorted(circles)]
+
+
+def folders() -> dict[str, list[Module]]:
+    """Return the files of each folder of the package, but for its face, by its dotted name."""
+    found: dict[str, list[Module]] = {}
+    for name, module in modules().items():
+        if module.path.stem != "__init__":
+            found.setdefault(name.rpartition(".")[0], []).append(module)
+    return found
+
+
 def main() -> None:
-    """Print the rooms, from what knows least to what knows most."""
+    """Print the rooms, from what knows least to what knows most, and the folders within them."""
     of, files = levels(), modules().values()
     for room in sorted(of, key=lambda room: (of[room], room)):
         lines = [
@@ -125,9 +164,14 @@ def main() -> None:
         ]
         needs = ", ".join(sorted(arrows()[room])) or "nothing"
         print(f"level {of[room]}  {room:12} {len(lines):3} files {sum(lines):5} lines  imports {needs}")
+        for folder, inside in sorted(folders().items()):
+            if folder.startswith(f"{TOP}.{room}."):
+                lines = [len(module.path.read_text(encoding="utf-8").splitlines()) for module in inside]
+                print(f"           {folder.split('.')[-1]:14} {len(lines):3} files {sum(lines):5} lines")
     count = sum(map(len, arrows().values()))
     apart = sum(len(others - {"kernels"}) for others in arrows().values())
     print(f"{len(of)} rooms, {max(of.values())} levels, {count} arrows, {apart} without those to kernels")
+    print("files that import each other:", file_circles() or "none")
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ import pytest
 
 from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
-from msdwarp.engine.model.model import Model
 from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.integrators.euler import kick
 
@@ -73,10 +73,10 @@ def lattices(damping: float) -> dict[str, System]:
 
 def evaluate(system: System, device: str, precision: str, force_algorithm: str = "auto") -> np.ndarray:
     """Return the force on every particle: what a second's kick gives to masses of 1 kg."""
-    model = Model(
+    assembly = assemble(
         system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, force_algorithm=force_algorithm
     )
-    dynamics, state = Dynamics(model), State.from_system(system, model)
+    dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model)
     rest, force = state.empty_vectors(2)
     dynamics.launch(kick, h=1.0, compensation=state.compensation, x=state.x, v=state.v, v_half=rest, v_out=force)
     return force.numpy()

@@ -6,10 +6,10 @@ import subprocess
 import sys
 
 import pytest
-from rooms import ROOT, TOP, arrows, imports, levels, modules, room_of
+from rooms import ROOT, TOP, arrows, file_circles, folders, imports, levels, modules, room_of
 
 LAYERS = [
-    {"checks", "disk", "kernels", "quiet", "scenes"},
+    {"checks", "disk", "kernels", "runtime", "scenes"},
     {"bodies", "textures"},
     {"shapes", "world", "files"},
     {"engine", "pictures"},
@@ -210,12 +210,12 @@ print(*sorted(rooms | sys.modules.keys() & set(sys.argv)))
 
 
 def test_importing_the_package_brings_in_nothing_large():
-    assert brought_in("import msdwarp; dir(msdwarp)") == {"quiet"}
+    assert brought_in("import msdwarp; dir(msdwarp)") == {"runtime"}
 
 
 def test_describing_a_scene_needs_no_warp():
     needed = brought_in("import msdwarp as msd; msd.Scene(system=msd.box((2, 2, 2)), colliders=[msd.Plane()])")
-    assert needed == {"quiet", "bodies", "checks", "shapes", "world", "numpy"}
+    assert needed == {"runtime", "bodies", "checks", "shapes", "world", "numpy"}
 
 
 @pytest.mark.slow
@@ -256,6 +256,18 @@ def test_faces_say_what_they_show():
 LONGEST, MEDIAN = 400, 150
 TOO_LONG: set[str] = set()
 """Files that are longer than LONGEST lines, and are to be cut."""
+
+
+def test_no_files_import_each_other():
+    # Imports for types count: they hide that two files are one.
+    assert file_circles() == []
+
+
+def test_folders_stay_small():
+    # Twenty files are read at a glance; scenes are found by their names.
+    crowded = {folder: len(files) for folder, files in folders().items() if len(files) > 20}
+    crowded.pop("msdwarp.scenes", None)
+    assert crowded == {}
 
 
 def test_files_stay_short():

@@ -13,12 +13,8 @@ from PIL import Image
 
 import msdwarp
 from msdwarp.cli.app import app
-from msdwarp.cli.fit import FitOptions
-from msdwarp.cli.options import Options
+from msdwarp.cli.options import FitOptions, Options, SweepOptions, TuneOptions, ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.cli.sweep import SweepOptions
-from msdwarp.cli.tune import TuneOptions
-from msdwarp.cli.view import ViewOptions
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

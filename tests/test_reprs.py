@@ -96,7 +96,7 @@ def test_a_scene_names_its_muscles_and_its_digest_knows_them():
 
     muscle = msd.Actuator(squeeze, on=[0, 1, 6], along=("x", "z"), delay=0.1)
     assert repr(scene(muscle, msd.Actuator(0.1))).splitlines()[-1] == (
-        "  loads: Actuator(squeeze, on=particles, along='x, z', delayed), Actuator(0.1)"
+        "  loads: Actuator(squeeze, on=3 particles, along=('x', 'z'), delay=0.1), Actuator(0.1)"
     )
     others = [
         msd.Actuator(squeeze, on=[0, 1, 6], along="x", delay=0.1),

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import h5py
 import numpy as np
+import pytest
 
 from msdwarp import System, TrajectoryWriter, ball, box, chain, sheet
 from msdwarp.bodies.frame import Frame
@@ -103,6 +104,8 @@ class Disk(io.RawIOBase):
 @contextmanager
 def recorded_writes(monkeypatch):
     """Note, in order, what is written to files that HDF5 opens to change: (place, bytes), or (size, None)."""
+    if not hasattr(os, "posix_fallocate"):
+        pytest.skip("needs posix_fallocate")
     log, disks, real, fallocate = [], [], h5py.File, os.posix_fallocate
 
     def opened(path, mode, **options):

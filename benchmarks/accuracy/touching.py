@@ -50,7 +50,7 @@ def built(name: str, stiffer: float) -> Scene:
 def endure(name: str, stiffer: float, device: str, seconds: float, minutes: float) -> dict:
     """Simulate a scene and say what became of it."""
     simulation = Simulation.from_scene(built(name, stiffer), device=device)
-    contacts = next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
+    contacts = next(effect for effect in simulation.assembly.all if isinstance(effect, BodyContact))
     least, system = simulation.substeps, simulation.system
     simulation.step()  # compiles
     second = round(simulation.fps)

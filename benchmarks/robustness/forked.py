@@ -36,8 +36,7 @@ def import_all() -> None:
 
     import msdwarp.cli.app
     import msdwarp.cli.draw
-    import msdwarp.cli.rerun
-    import msdwarp.cli.resume
+    import msdwarp.cli.stored_runs
     import msdwarp.cli.view  # noqa: F401
 
 
@@ -48,7 +47,7 @@ def probed_once() -> None:
     """
     from importlib import import_module
 
-    module = import_module("msdwarp.files.probe")
+    module = import_module("msdwarp.files.validation")
     known: dict[bytes, subprocess.CompletedProcess] = {}
 
     def run(words: list[str], **options) -> subprocess.CompletedProcess:
@@ -89,9 +88,10 @@ def _command(words: list[str], folder: Path) -> NoReturn:
     sys.argv = ["msdwarp", *words]
     code = 1
     try:
-        from msdwarp.cli.app import main
+        from msdwarp.cli.app import app
+        from msdwarp.cli.process import finish
 
-        main()
+        finish(lambda: app(words))
     except SystemExit as stop:
         code = stop.code if isinstance(stop.code, int) else 1
     except BaseException:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from msdwarp import Simulation
-from msdwarp.cli.other_options import ViewOptions
+from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene
-from msdwarp.cli.view import view_of
+from msdwarp.cli.view import SHELF, view_of
 from msdwarp.live import Browser, View, messages
 
 PATIENCE = 300.0
@@ -79,8 +79,9 @@ def _state(view: View, page: Browser) -> dict[str, Any]:
         fresh.step(FRAMES)
         right = np.array_equal(view.source.frame().position, fresh.frame().position)
     before = view.source
-    view.post("parameters", size=SIZE)  # another scene may be shown
-    _wait(lambda: view.source is not before)
+    view.post("scene", number=1 + SHELF.index("cube"))  # another one may be shown
+    view.post("parameters", size=SIZE)
+    _wait(lambda: view.source is not before and view.source.parameters.get("size") == SIZE)
     view.post("pause", value=False)
     running = came and _wait(lambda: view.source.index > 0) and view._thread.is_alive()
     return {"running": running, "right": right, "took": time.monotonic() - began}

@@ -38,7 +38,8 @@ DELAYS = 15
 class Waves:
     """A sheet that waves by a formula, as a source of a view."""
 
-    title, fps, handling, frame_count = "waves", 1e6, None, None
+    title, fps, device = "waves", 1e6, "cpu"
+    handling = rebuild = frame_count = None
     parameters = MappingProxyType[str, Any]({})
 
     def __init__(self, triangles: int) -> None:
@@ -78,8 +79,11 @@ class Waves:
         """Return nothing: it has no energies."""
         return None
 
-    def says(self) -> str:
-        """Say how it moves."""
+    def seen(self) -> None:
+        """Return nothing: it stays where it is."""
+
+    def summary(self) -> str:
+        """Return how it moves."""
         return "by a formula"
 
 

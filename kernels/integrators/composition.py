@@ -13,6 +13,7 @@ from ..effect import Driving, ForceTerm
 from ..loads import measured
 from ..records import records
 from ..springs import ForceAlgorithm, lane_of
+from .differences import Differences, world_data
 
 
 class Composition(NamedTuple):
@@ -34,6 +35,8 @@ class Composition(NamedTuple):
     """The other effects that the scene has."""
     second_pass: bool = False
     """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
+    differs: Differences | None = None
+    """`Differences` between the worlds of an ensemble; None outside of ensembles."""
 
     @property
     def Compensation(self) -> Any:
@@ -71,7 +74,7 @@ def scene(composition: Composition):
     where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
     marked: the numbers of those that have any; handed: the forces of connections on these [N], as `Model.vectors`
     makes arrays; stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's
-    end [s].
+    end [s]; worlds: what differs between worlds.
     """
     fields = {
         "forces": composition.force_algorithm.Forces,
@@ -88,6 +91,9 @@ def scene(composition: Composition):
     if composition.timed:
         fields["stage"] = int
         fields["time"] = wp.array(dtype=composition.scalar)
+    if composition.differs is not None:
+        kinds = (composition.dim, composition.scalar, composition.force_algorithm.Forces)
+        fields["worlds"] = world_data(*kinds, composition.differs, "body_contact" in fields)
     names = {"__module__": __name__, "__qualname__": "world.<locals>.World"}
     return wp.struct(type("SceneData", (), {"__annotations__": fields} | names))
 

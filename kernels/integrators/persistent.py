@@ -9,6 +9,7 @@ from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, by_first_lane, tools
+from .worlds import enter_world, to_world
 
 MOST_THREADS = 512
 """Threads in a block; the compiler leaves registers for so many."""
@@ -27,12 +28,39 @@ def wait():
     ...
 
 
+WAIT_IN_BLOCK = """
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+"""
+
+
+@wp.func_native(WAIT_IN_BLOCK)
+def wait_in_block():
+    """Let no thread of the block go on before all have come here, and see what they have written."""
+    ...
+
+
 @functools.cache
-def persistent(composition: Composition, method: Any, blocks: int):
+def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
     """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
 
     Step k is steps[k mod their number], which are those of two substeps. A launch is then paid once for all: most
     of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
+
+    In worlds a block of threads advances each, on the CPU one thread. No world waits for another, so one that is
+    frozen is left alone.
+
+    Parameters
+    ----------
+    composition, method
+        What the kernel is composed from.
+    blocks
+        Blocks that share the particles; those of worlds do not.
+    block
+        Threads that advance a world.
+    together
+        Threads of worlds that a multiprocessor shall hold at a time: it limits registers.
     """
     _, SceneData, *_ = tools(composition)
     begin, masked_particles = beginning(composition), bool(composition.selective)
@@ -45,9 +73,18 @@ def persistent(composition: Composition, method: Any, blocks: int):
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
+    in_worlds, pause = composition.differs is not None, wait if composition.differs is None else wait_in_block
+    if in_worlds:
+        enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
     def take_steps(scene: SceneData, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
         thread = wp.tid()
+        if wp.static(in_worlds):
+            w = thread / wp.static(block)
+            thread = thread % wp.static(block)
+            if scene.worlds.frozen[w] != 0:
+                return
+            scene = enter(scene, w)
         if wp.static(moving):
             first = int(scene.colliders.substep)
         if wp.static(timed):
@@ -56,7 +93,10 @@ def persistent(composition: Composition, method: Any, blocks: int):
             begun = int(scene.forces.breaking.substep)
         for k in range(count):
             step = steps[k % steps.shape[0]]
-            say_where(step)
+            if wp.static(in_worlds):
+                shift(step, wp.int64(w) * scene.worlds.stride)
+            else:
+                say_where(step)
             if wp.static(timed):
                 scene.stage = first_stage + k
             if wp.static(begin is not None):
@@ -65,7 +105,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
                     while c < connection_count:
                         begin(scene, step.compensation, step.x, c)
                         c += threads
-                    wait()
+                    pause()
             if wp.static(tears):
                 scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
                 if k % (steps.shape[0] / 2) == 0:
@@ -75,7 +115,7 @@ def persistent(composition: Composition, method: Any, blocks: int):
                 while c < connection_count:
                     evaluate(scene.forces, step.compensation, step.x, step.v, c)
                     c += threads
-                wait()
+                pause()
             if wp.static(moving):
                 scene.colliders.substep = first + k / (steps.shape[0] / 2)
             i = thread
@@ -94,6 +134,8 @@ def persistent(composition: Composition, method: Any, blocks: int):
                     i += threads / wp.static(lanes)
                 else:
                     i += threads
-            wait()
+            pause()
 
+    if in_worlds:
+        return kernel(take_steps, launch_bounds=(block, max(1, together // block)))
     return kernel(take_steps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -13,26 +13,51 @@ import warp as wp
 from ..basis import kernel, vector
 from ..springs import COLUMN
 from .composition import Composition, Stage, beginning, by_first_lane, driving, loads, tools
+from .worlds import enter_world, to_world
 
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections, of what effects do when a substep begins."""
+    """Compose the kernel, over connections, of what effects do when a substep begins; in worlds over these too."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
+    if composition.differs is None:
+
+        @kernel
+        def begin_connections(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V)):
+            begin(scene, compensation, x, wp.tid())
+
+        return begin_connections
+
+    Step = force_on_each(composition).Step
+    enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
     @kernel
-    def begin_connections(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V)):
-        begin(scene, compensation, x, wp.tid())
+    def begin_connections_of_worlds(scene: SceneData, step: Step):
+        w, c = wp.tid()
+        own = enter(scene, w)
+        shift(step, wp.int64(w) * scene.worlds.stride)
+        begin(own, step.compensation, step.x, c)
 
-    return begin_connections
+    return begin_connections_of_worlds
 
 
 @functools.cache
-def each_connection(composition: Composition):
-    """Compose the kernel, over connections, that evaluates scattered forces."""
-    V, _, Compensation, *_ = tools(composition)
+def each_connection(composition: Composition, method: Any = None):
+    """Compose the kernel, over connections, that evaluates scattered forces; in worlds those of a stage."""
+    V, SceneData, Compensation, *_ = tools(composition)
     Forces, evaluate = composition.force_algorithm.Forces, composition.force_algorithm.evaluate
+    if composition.differs is not None:
+        Step = method(composition).Step
+        enter, shift = enter_world(composition), to_world(Step, composition.compensated)
+
+        def evaluate_forces_of_worlds(scene: SceneData, step: Step):
+            w, c = wp.tid()
+            own = enter(scene, w)
+            shift(step, wp.int64(w) * scene.worlds.stride)
+            evaluate(own.forces, step.compensation, step.x, step.v, c)
+
+        return kernel(evaluate_forces_of_worlds, grid_stride=False)
 
     def evaluate_forces(forces: Forces, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V)):
         evaluate(forces, compensation, x, v, wp.tid())
@@ -42,18 +67,26 @@ def each_connection(composition: Composition):
 
 @functools.cache
 def each_particle(composition: Composition, method: Any):
-    """Compose the kernel, over particles, of one stage of a method.
+    """Compose the kernel, over particles, of one stage of a method; in worlds over worlds and particles.
 
     Where particles that have marks are apart, the forces of their connections are handed to `each_masked`.
     """
+    in_worlds = composition.differs is not None
     V, SceneData, _, _, store, _ = tools(composition)
     force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)
     (Step, _, forced), force_at, lanes = method(composition), force_algorithm.force_at, force_algorithm.lanes
     advance, load = by_first_lane(composition, method)
     second_pass = composition.second_pass and forced
+    if in_worlds:
+        enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
     def advance_particles(scene: SceneData, step: Step):
-        i = wp.tid()
+        if wp.static(in_worlds):
+            w, i = wp.tid()
+            shift(step, wp.int64(w) * scene.worlds.stride)
+            scene = enter(scene, w)
+        else:
+            i = wp.tid()
         if wp.static(lanes > 1):
             i = i / wp.static(lanes)
         force = V()

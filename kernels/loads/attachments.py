@@ -151,14 +151,16 @@ def attachments(
         attached: Attached,
         row: int,  # of the tables of carriers
         # State in:
-        x: wp.array(dtype=V),  # [m], shape [particle_count]
-        v: wp.array(dtype=V),  # [m/s], shape [particle_count]
-        # Out, of each member, shape [member_count]:
-        energy: wp.array(dtype=wp.float64),  # [J]
-        power: wp.array(dtype=wp.float64),  # [W]
+        x: wp.array(dtype=V),  # [m], of all worlds
+        v: wp.array(dtype=V),  # [m/s], of all worlds
+        stride: int,  # from one world to the next, in particles
+        # Out, of each member, shape [worlds, member_count]:
+        energy: wp.array2d(dtype=wp.float64),  # [J]
+        power: wp.array2d(dtype=wp.float64),  # [W]
     ):
-        m = wp.tid()
+        w, m = wp.tid()
         i = attached.member[m]
+        here = w * stride + i
         stored = wp.float64(0.0)
         lost_power = wp.float64(0.0)
         for e in range(attached.first[i], attached.first[i + 1]):
@@ -168,8 +170,8 @@ def attachments(
             along = wp.float64(0.0)  # (v − u)·(x − p)
             whole = wp.float64(0.0)  # |v − u|²
             for c in range(wp.static(dim)):
-                d = wp.float64(x[i][c]) - wp.float64(p[c])
-                rate = wp.float64(v[i][c]) - wp.float64(u[c])
+                d = wp.float64(x[here][c]) - wp.float64(p[c])
+                rate = wp.float64(v[here][c]) - wp.float64(u[c])
                 square += d * d
                 along += rate * d
                 whole += rate * rate
@@ -179,8 +181,8 @@ def attachments(
             if l0 > wp.float64(0.0):
                 whole = along * along / wp.max(square, wp.float64(1.0e-300))
             lost_power += wp.float64(attached.damping[e]) * whole
-        energy[m] = stored
-        power[m] = lost_power
+        energy[w, m] = stored
+        power[w, m] = lost_power
 
     piece = ForceTerm("attached", Attached, force=force, selective=True, timed=moving)
     return Attachments(piece, add_attachment_blocks, measure_attached)

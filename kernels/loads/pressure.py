@@ -86,7 +86,7 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 
 @functools.cache
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose the kernel, by one block of threads, that finds the pressure of a gas: p = p0 (V0 / V)^γ.
+    """Compose the kernel, by a block of threads for each world, of the pressure of a gas: p = p0 (V0 / V)^γ.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, summed in float64 from one of the corners on: by
     each thread a share, and these in an order that is the same each time.
@@ -120,23 +120,26 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         # State in:
         x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
         x_lost: wp.array(dtype=V),  # what those of particles have lost by rounding [m]
+        stride: int,  # from one world's places to the next one's
         # Out:
-        over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [1, gas_count]
+        over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [worlds, gas_count]
     ):
-        thread = wp.tid()
-        origin = place(x, x_lost, corner[begin][0])
+        w = wp.tid() / wp.block_dim()
+        thread = wp.tid() % wp.block_dim()
+        here = w * stride
+        origin = place(x, x_lost, here + corner[begin][0])
         share = wp.float64(0.0)
         t = begin + thread
         while t < end:
-            a = place(x, x_lost, corner[t][0]) - origin
-            b = place(x, x_lost, corner[t][1]) - origin
-            c = place(x, x_lost, corner[t][2]) - origin
+            a = place(x, x_lost, here + corner[t][0]) - origin
+            b = place(x, x_lost, here + corner[t][1]) - origin
+            c = place(x, x_lost, here + corner[t][2]) - origin
             share += wp.dot(a, wp.cross(b, c))
             t += wp.block_dim()
         total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
         if thread == 0:
             # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
             part = wp.max(total / volume, wp.float64(1e-6))
-            over[0, gas] = scalar(inside * wp.pow(part, -exponent) - outside)
+            over[w, gas] = scalar(inside * wp.pow(part, -exponent) - outside)
 
     return find_pressure

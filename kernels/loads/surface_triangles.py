@@ -85,7 +85,7 @@ def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def mix_vertices(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over vertices, that finds them: Σ weight · x and Σ weight · v of their particles."""
+    """Compose the kernel, over vertices of all worlds, that finds them: Σ weight · x and Σ weight · v."""
     V = vector(dim, scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     Skin: Any = mixed_vertices(dim, scalar).Data
@@ -96,6 +96,7 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
         # Model:
         particle: wp.array2d(dtype=int),  # that each is a mixture of, shape [vertex_count, k]
         weight: wp.array2d(dtype=scalar),  # their shares
+        stride: int,  # from one world to the next, in particles
         # State in:
         compensation: Compensation,
         x: wp.array(dtype=V),  # [m], shape [particle_count]
@@ -104,15 +105,17 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
         skin: Skin,
     ):
         i = wp.tid()
+        first = i / particle.shape[0] * stride
+        n = i % particle.shape[0]
         place = V()
         speed = V()
         for k in range(particle.shape[1]):
-            j = particle[i, k]
+            j = first + particle[n, k]
             x_j = load(x, j)
             if wp.static(compensated):
                 x_j = x_j - load(compensation.x, j)
-            place += weight[i, k] * x_j
-            speed += weight[i, k] * load(v, j)
+            place += weight[n, k] * x_j
+            speed += weight[n, k] * load(v, j)
         skin.x[i] = place
         skin.v[i] = speed
 

@@ -73,7 +73,7 @@ def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: A
 
 @functools.cache
 def sum_work(dim: int, scalar: type):
-    """Compose the kernel that sums the work on all particles, by each thread a share.
+    """Compose the kernel that sums the work on all particles, by each thread a share of a world's.
 
     What has been summed on the way, and what steady forces do: f·x, less what that was at the start.
     """
@@ -82,28 +82,35 @@ def sum_work(dim: int, scalar: type):
 
     @kernel
     def sum_work_done(
-        done: wp.array(dtype=wp.float64),  # so far [J], shape [particle_count], or [0]
+        count: int,  # particles of a world
+        stride: int,  # from one world to the next, in particles
+        worlds: int,
+        done: wp.array(dtype=wp.float64),  # so far [J], shape [worlds * count], or [0]
         last: wp.array(dtype=V),  # force in the last substep [N], of the same shape
-        v: wp.array(dtype=V),  # velocities [m/s], shape [particle_count]
+        v: wp.array(dtype=V),  # velocities [m/s], of all worlds
         remaining: wp.float64,  # what that force still counts [s]
         combination: wp.array(dtype=int),  # which steady force acts on each, 0: none; or of shape [0]
         steady: wp.array(dtype=V),  # steady forces [N], shape [any]
-        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
+        x: wp.array(dtype=V),  # positions [m], of all worlds
         # Out:
         shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
     ):
         share = wp.tid()
-        i = share
+        threads = shares.shape[0] / worlds
+        w = share / threads
+        i = share % threads
         total = wp.float64(0.0)
-        while i < x.shape[0]:
-            if i < done.shape[0]:
-                total += done[i] + remaining * wp.float64(wp.dot(last[i], v[i]))
+        while i < count:
+            here = w * stride + i
+            if done.shape[0] > 0:
+                own = w * count + i
+                total += done[own] + remaining * wp.float64(wp.dot(last[own], v[here]))
             if i < combination.shape[0]:
                 f = steady[combination[i]]
-                x_i = load(x, i)
+                x_i = load(x, here)
                 for k in range(wp.static(dim)):
                     total += wp.float64(f[k]) * wp.float64(x_i[k])
-            i += shares.shape[0]
+            i += threads
         shares[share] = total
 
     return sum_work_done
@@ -111,15 +118,19 @@ def sum_work(dim: int, scalar: type):
 
 @kernel
 def add_work(
-    done: wp.array(dtype=wp.float64),  # [J], of any shape
+    done: wp.array(dtype=wp.float64),  # [J], one world's numbers after the other's
+    worlds: int,
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
     """Add to each thread's share of a sum the numbers that it has of others."""
     share = wp.tid()
-    i = share
+    threads = shares.shape[0] / worlds
+    count = done.shape[0] / worlds
+    first = share / threads * count
+    i = share % threads
     total = shares[share]
-    while i < done.shape[0]:
-        total += done[i]
-        i += shares.shape[0]
+    while i < count:
+        total += done[first + i]
+        i += threads
     shares[share] = total

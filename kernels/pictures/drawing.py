@@ -1,6 +1,4 @@
-"""What is drawn: points, normals and colours that follow the particles (float32, three coordinates)."""
-
-import functools
+"""What is drawn: points, normals and colours that follow the particles, and arrows (float32, in space)."""
 
 import warp as wp
 
@@ -30,45 +28,18 @@ VALUE_STOPS = (
 Each is as far from the next in OKLab as the others are, to 5 %, and lighter: equal differences of values look
 alike. The darkest is light enough for shading to show the shape of a body at rest.
 """
-
-
-@functools.cache
-def lift(vectors: type):
-    """Return a kernel that copies vectors of one to three coordinates into space: the second of two is z."""
-    dim = wp.types.type_size(vectors)
-
-    @kernel
-    def lift_all(
-        x: wp.array(dtype=vectors),  # [m], shape [particle_count]
-        # Out:
-        in_space: wp.array(dtype=wp.vec3),  # [m], shape [particle_count]
-    ):
-        i = wp.tid()
-        here = x[i]
-        if wp.static(dim == 1):
-            in_space[i] = wp.vec3(float(here[0]), 0.0, 0.0)
-        if wp.static(dim == 2):
-            in_space[i] = wp.vec3(float(here[0]), 0.0, float(here[1]))
-        if wp.static(dim == 3):
-            in_space[i] = wp.vec3(float(here[0]), float(here[1]), float(here[2]))
-
-    return lift_all
+SIDES = 8
+"""Corners of each ring around an arrow: a thin cylinder with a cone in front."""
+RINGS = 5
+"""Start and end of an arrow's shaft, base and tip of its head, and the base once more, which closes that."""
+THICK, WIDE, HEAD = 0.025, 0.07, 0.25
+"""Radii of shaft and head, and the length of the head, by that of the longest arrow; of a short one it is
+HEAD / SHORTEST of itself at most."""
+SHORTEST = 0.5
 
 
 @kernel
 def place_vertices(
-    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
-    particle: wp.array(dtype=int),  # of each vertex, shape [vertex_count]
-    # Out:
-    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
-):
-    """Put every surface vertex where its particle is."""
-    i = wp.tid()
-    points[i] = x[particle[i]]
-
-
-@kernel
-def place_mixtures(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
     particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
     weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
@@ -144,6 +115,17 @@ def place_rigid(
     normals[i] = turn * given_normals[i]
 
 
+@wp.func
+def spoke(axis: wp.vec3, k: int, count: int) -> wp.vec3:
+    """Return one of so many unit vectors spread evenly around an axis of unit length."""
+    aside = wp.vec3(0.0, 0.0, 1.0)
+    if wp.abs(axis[2]) > 0.9:
+        aside = wp.vec3(1.0, 0.0, 0.0)
+    e1 = wp.normalize(wp.cross(axis, aside))
+    angle = 6.2831853 * float(k) / float(count)
+    return wp.cos(angle) * e1 + wp.sin(angle) * wp.cross(axis, e1)
+
+
 @kernel
 def place_tubes(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
@@ -154,19 +136,13 @@ def place_tubes(
     points: wp.array(dtype=wp.vec3),  # [m], shape [2 · sides · connection_count]
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [2 · sides · connection_count]
 ):
-    """Lay a tube of some sides along every connection, with vertices at its start and its end in turn."""
+    """Lay a tube of some sides along every spring, with vertices at its start and its end in turn."""
     c = wp.tid()
     start = x[connections[c][0]]
     end = x[connections[c][1]]
     axis = wp.normalize(end - start)
-    aside = wp.vec3(0.0, 0.0, 1.0)
-    if wp.abs(axis[2]) > 0.9:
-        aside = wp.vec3(1.0, 0.0, 0.0)
-    e1 = wp.normalize(wp.cross(axis, aside))
-    e2 = wp.cross(axis, e1)
     for k in range(sides):
-        angle = 6.2831853 * float(k) / float(sides)
-        outwards = wp.cos(angle) * e1 + wp.sin(angle) * e2
+        outwards = spoke(axis, k, sides)
         near = 2 * (sides * c + k)
         points[near] = start + radius * outwards
         points[near + 1] = end + radius * outwards
@@ -174,38 +150,50 @@ def place_tubes(
         normals[near + 1] = outwards
 
 
-@wp.func
-def is_broken(broken_at: float, time: float) -> bool:
-    """Return whether what broke at that time is broken in a frame: before it, or from the start."""
-    return broken_at < time or broken_at <= 0.0
+@kernel
+def place_arrows(
+    start: wp.array(dtype=wp.vec3),  # where each begins [m], shape [arrow_count]
+    way: wp.array(dtype=wp.vec3),  # from there to its tip [m]
+    longest: float,  # [m]
+    # Out, of shape [arrow_count · RINGS · SIDES]:
+    points: wp.array(dtype=wp.vec3),  # [m]
+    normals: wp.array(dtype=wp.vec3),  # of unit length
+):
+    """Lay out every arrow; one of no length is a point, which is not seen."""
+    a = wp.tid()
+    length = wp.length(way[a])
+    axis = wp.normalize(way[a])
+    # Short arrows are smaller as a whole.
+    unit = wp.min(longest, length * wp.static(SHORTEST / HEAD))
+    neck = start[a] + (length - wp.static(HEAD) * unit) * axis
+    slant = wp.normalize(wp.vec2(wp.static(HEAD), wp.static(WIDE)))  # the cone's normal: outwards, and ahead
+    for k in range(wp.static(SIDES)):
+        outwards = spoke(axis, k, wp.static(SIDES))
+        first = wp.static(RINGS * SIDES) * a + k
+        points[first] = start[a] + wp.static(THICK) * unit * outwards
+        points[first + wp.static(SIDES)] = neck + wp.static(THICK) * unit * outwards
+        points[first + wp.static(2 * SIDES)] = neck + wp.static(WIDE) * unit * outwards
+        points[first + wp.static(3 * SIDES)] = start[a] + way[a]
+        points[first + wp.static(4 * SIDES)] = neck + wp.static(WIDE) * unit * outwards
+        normals[first] = outwards
+        normals[first + wp.static(SIDES)] = outwards
+        normals[first + wp.static(2 * SIDES)] = slant[0] * outwards + slant[1] * axis
+        normals[first + wp.static(3 * SIDES)] = slant[0] * outwards + slant[1] * axis
+        normals[first + wp.static(4 * SIDES)] = -axis
 
 
 @kernel
 def collapse(
-    broken_at: wp.array(dtype=float),  # of each piece [s], inf where it is whole, shape [piece_count]
-    time: float,  # [s]
-    corners: int,
-    # In and out:
-    points: wp.array(dtype=wp.vec3),  # [m], so many corners for each piece, shape [piece_count · corners]
-):
-    """Put all corners of broken pieces where their first ones are: nothing is seen of them then."""
-    piece = wp.tid()
-    if is_broken(broken_at[piece], time):
-        for k in range(1, corners):
-            points[piece * corners + k] = points[piece * corners]
-
-
-@kernel
-def collapse_until(
     since: wp.array(dtype=float),  # when each piece is seen first [s], shape [piece_count]
+    until: wp.array(dtype=float),  # when it is seen last [s], inf where it stays, shape [piece_count]
     time: float,  # [s]
     corners: int,
     # In and out:
     points: wp.array(dtype=wp.vec3),  # [m], so many corners for each piece, shape [piece_count · corners]
 ):
-    """Put all corners of pieces that nothing has laid bare yet where their first ones are."""
+    """Put all corners of pieces that are not to be seen, or broke at the start, where their first ones are."""
     piece = wp.tid()
-    if not is_broken(since[piece], time):
+    if until[piece] < time or until[piece] <= 0.0 or (since[piece] >= time and since[piece] > 0.0):
         for k in range(1, corners):
             points[piece * corners + k] = points[piece * corners]
 
@@ -230,7 +218,7 @@ def colour_by_strain(
     # Out:
     colours: wp.array(dtype=wp.vec3),  # shape [corners · connection_count]
 ):
-    """Colour the vertices of every connection's tube by its strain / full_strain, from -1 to 1."""
+    """Colour the vertices of every spring's tube by its strain / full_strain, from -1 to 1."""
     c = wp.tid()
     strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
     colour = colour_at(stops, 0.5 + 0.5 * strain / full_strain)
@@ -255,24 +243,18 @@ def colour_by_value(
     colours[i] = colour_at(stops, share)
 
 
-@wp.func
-def byte(pixel: wp.uint32, k: int) -> int:
-    """Return byte k of a pixel: red, green, blue, coverage."""
-    return int((pixel >> wp.uint32(8 * k)) & wp.uint32(255))
-
-
 @kernel
 def halve_over(
-    fine: wp.array2d(dtype=wp.uint32),  # shape [2 · height, 2 · width]
+    fine: wp.array2d(dtype=wp.vec4ub),  # red, green, blue, coverage, shape [2 · height, 2 · width]
     first_row: int,
     first_column: int,
     # In and out:
-    pixels: wp.array2d(dtype=wp.uint32),  # shape [height, width]
+    pixels: wp.array2d(dtype=wp.vec4ub),  # shape [height, width]
 ):
     """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over what is there.
 
-    Threads cover a rectangle from the first row and column on. A pixel is four bytes. Where nothing was drawn
-    `fine` is 0, so an average is weighted by coverage already.
+    Threads cover a rectangle from the first row and column on. Where nothing was drawn `fine` is 0, so an average
+    is weighted by coverage already.
     """
     i, j = wp.tid()
     row = first_row + i
@@ -283,16 +265,14 @@ def halve_over(
     b = fine[y, x + 1]
     c = fine[y - 1, x]
     d = fine[y - 1, x + 1]
-    if (a | b | c | d) == wp.uint32(0):
+    bare = 4 * 255 - int(a[3]) - int(b[3]) - int(c[3]) - int(d[3])
+    if bare == 4 * 255:
         return
     if a == b and a == c and a == d:
         pixels[row, column] = a
-    else:
-        below = pixels[row, column]
-        bare = 4 * 255 - byte(a, 3) - byte(b, 3) - byte(c, 3) - byte(d, 3)
-        pixel = wp.uint32(255) << wp.uint32(24)
-        for k in range(3):
-            total = byte(a, k) + byte(b, k) + byte(c, k) + byte(d, k)
-            mean = (255 * total + bare * byte(below, k) + 510) / 1020
-            pixel = pixel | (wp.uint32(mean) << wp.uint32(8 * k))
-        pixels[row, column] = pixel
+        return
+    pixel = pixels[row, column]
+    for k in range(3):
+        total = int(a[k]) + int(b[k]) + int(c[k]) + int(d[k])
+        pixel[k] = wp.uint8((255 * total + bare * int(pixel[k]) + 510) / 1020)
+    pixels[row, column] = pixel

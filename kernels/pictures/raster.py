@@ -7,18 +7,11 @@ homogeneous coordinates", Graphics Hardware 1997: what reaches behind the camera
 import warp as wp
 
 from ..basis import kernel
-from .raycast import in_bytes
-from .shading import Surroundings, meets_ground, texel
+from .shading import Body, Surroundings, in_bytes, meets_ground, texel
 from .shadow import inside, over
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 """The four points of a pixel: one in each quarter of its height, and of its width (a rotated grid)."""
-
-
-@wp.func
-def column_of(point: int, column: int) -> float:
-    """Return how far from the left edge of the picture a point of a pixel is, in pixels."""
-    return float(column) + ASIDE[point]
 
 
 @wp.func
@@ -33,20 +26,13 @@ def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
     The corners are given from the camera on.
     """
-    bc = wp.cross(b, c)
-    ca = wp.cross(c, a)
-    ab = wp.cross(a, b)
-    start = wp.vec3(wp.dot(bc, view.corner), wp.dot(ca, view.corner), wp.dot(ab, view.corner))
-    across = wp.vec3(wp.dot(bc, view.across), wp.dot(ca, view.across), wp.dot(ab, view.across))
-    down = wp.vec3(wp.dot(bc, view.down), wp.dot(ca, view.down), wp.dot(ab, view.down))
-    return start, across, down
+    shares = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
+    return shares @ view.corner, shares @ view.across, shares @ view.down
 
 
 @kernel
 def draw_triangles(
-    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
-    triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never seen, shape [triangle_count]
+    body: Body,
     view: Surroundings,
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
@@ -56,12 +42,12 @@ def draw_triangles(
     What is kept of it is 1 / distance along the view, as bits, and in the lower half its number, counted from 1.
     """
     t = wp.tid()
-    a = points[triangles[t][0]] - view.eye
-    b = points[triangles[t][1]] - view.eye
-    c = points[triangles[t][2]] - view.eye
+    a = body.points[body.triangles[t][0]] - view.eye
+    b = body.points[body.triangles[t][1]] - view.eye
+    c = body.points[body.triangles[t][2]] - view.eye
     normal = wp.cross(b - a, c - a)
     volume = wp.dot(a, normal)
-    if volume == 0.0 or (closed[t] and volume > 0.0):
+    if volume == 0.0 or (body.closed[t] and volume > 0.0):
         return
     rows = nearest.shape[0]
     columns = nearest.shape[1]
@@ -73,14 +59,9 @@ def draw_triangles(
     highest = rows - 1
     if wp.min(depths) > 0.0:
         middle = -wp.dot(view.corner, view.down)
-        high = wp.dot(a, view.down) / depths[0]
-        low = high
-        at = wp.dot(b, view.down) / depths[1]
-        high = wp.min(high, at)
-        low = wp.max(low, at)
-        at = wp.dot(c, view.down) / depths[2]
-        high = wp.min(high, at)
-        low = wp.max(low, at)
+        downs = wp.cw_div(wp.vec3(wp.dot(a, view.down), wp.dot(b, view.down), wp.dot(c, view.down)), depths)
+        high = wp.min(downs)
+        low = wp.max(downs)
         # What is far outside is brought near first: as whole numbers it would be anything.
         last = float(rows)
         lowest = wp.max(int(wp.ceil(wp.clamp(4.0 * (high + middle) / pixel - 0.5, -1.0, last))), 0)
@@ -125,7 +106,7 @@ def draw_backdrop(
     row, column = wp.tid()
     mean = wp.vec3()
     for p in range(4):
-        way = view.corner + column_of(p, column) * view.across + row_of(4 * row + p) * view.down
+        way = view.corner + (float(column) + ASIDE[p]) * view.across + row_of(4 * row + p) * view.down
         t, uv = meets_ground(view, way)
         if t > 0.0:
             mean += 0.25 * texel(view.ground, uv[0], uv[1])

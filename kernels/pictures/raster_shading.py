@@ -4,14 +4,25 @@ import warp as wp
 
 from ..basis import kernel
 from .raster import ASIDE, row_of, shares_of
-from .raycast import in_bytes, within_one
-from .shading import Body, Surroundings, colour_of, height, light_on, meets_ground, nearest_texel
+from .shading import (
+    Body,
+    Surroundings,
+    colour_of,
+    height,
+    in_bytes,
+    light_on,
+    meets_ground,
+    mix,
+    nearest_texel,
+    within_one,
+)
 from .shadow import Seen, share_of_light
 
 ALL = wp.constant(0xFFFF)
 """All points of 2 x 2 pixels, as bits: 4 n to 4 n + 3 are those of pixel n, counted along rows."""
 Faces = wp.types.vector(16, int)
 Colours = wp.types.matrix((4, 3), wp.float32)
+Keys, Pixels = wp.array2d(dtype=wp.uint64), wp.array2d(dtype=wp.vec3ub)
 BESIDE = wp.constant(1.0)
 """So many texels of the shadow map further aside is looked at for 2 x 2 pixels, so that none of them is missed."""
 GLEAMS = wp.constant(0.01)
@@ -21,51 +32,54 @@ TURN = wp.constant(0.05)
 
 
 @wp.func
-def sharing(faces: wp.vec4i, p: int) -> int:
-    """Return which points of a pixel show the same as point p, as bits."""
-    found = int(0)
-    for q in range(4):
-        if faces[q] == faces[p]:
-            found += 1 << q
-    return found
+def faces_at(nearest: Keys, row: int, column: int, points: int) -> Faces:
+    """Return the triangles that the points of one pixel show (4), or of 2 x 2 pixels (16); -1 for none."""
+    faces = Faces(-2)
+    for q in range(16):
+        if q < points:
+            key = nearest[4 * (row + q / 8) + q % 4, column + q / 4 % 2]
+            faces[q] = int(key & wp.static(wp.uint64(0xFFFFFFFF))) - 1
+    return faces
 
 
 @wp.func
-def among(points: int, p: int) -> float:
-    """Return 1 if point p of a pixel is among some that are given as bits, else 0."""
-    return float((points >> p) & 1)
+def alike(faces: Faces, face: int):
+    """Return which points show a triangle, as bits, how many they are, and their middle in pixels."""
+    found = int(0)
+    for q in range(16):
+        if faces[q] == face:
+            found += 1 << q
+    if found == ALL:
+        return found, 16.0, 1.0, 1.0
+    count = float(0.0)
+    x = float(0.0)
+    y = float(0.0)
+    for q in range(16):
+        one = float((found >> q) & 1)
+        count += one
+        x += one * (float(q / 4 % 2) + ASIDE[q % 4])
+        y += one * (float(q / 8) + row_of(q % 4))
+    return found, count, x / count, y / count
 
 
 @wp.func
 def number_of(points: int) -> float:
     """Return how many points of a pixel are among some that are given as bits."""
-    return among(points, 0) + among(points, 1) + among(points, 2) + among(points, 3)
+    return float((points & 1) + ((points >> 1) & 1) + ((points >> 2) & 1) + ((points >> 3) & 1))
 
 
 @wp.func
-def seen_triangle(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    face: int,
-    x: float,
-    y: float,
-    around: float,
-):
+def seen_triangle(body: Body, view: Surroundings, shadows: Seen, face: int, x: float, y: float, around: float):
     """Return what is seen of a triangle where it is at (x, y) in the picture.
 
     (brightness of its colour, highlights, share of the key light, its colour if it has no texture, place in its
     texture, how that changes per pixel across and down, height above the ground, and the least a pixel around, and
     how far its normal turns from a pixel to the next)
     """
-    i = triangles[face][0]
-    j = triangles[face][1]
-    k = triangles[face][2]
-    a = points[i] - view.eye
-    b = points[j] - view.eye
-    c = points[k] - view.eye
+    corners = body.triangles[face]
+    a = body.points[corners[0]] - view.eye
+    b = body.points[corners[1]] - view.eye
+    c = body.points[corners[2]] - view.eye
     normal = wp.cross(b - a, c - a)
     start, to_right, downwards = shares_of(view, a, b, c)
     shares = start + x * to_right + y * downwards
@@ -83,23 +97,23 @@ def seen_triangle(
     across = wp.vec2()
     down = wp.vec2()
     if body.textured == 1:
-        at = shares[0] * body.uv[i] + shares[1] * body.uv[j] + shares[2] * body.uv[k]
-        across = to_right[0] * body.uv[i] + to_right[1] * body.uv[j] + to_right[2] * body.uv[k]
-        down = downwards[0] * body.uv[i] + downwards[1] * body.uv[j] + downwards[2] * body.uv[k]
+        at = mix(shares, body.uv, corners)
+        across = mix(to_right, body.uv, corners)
+        down = mix(downwards, body.uv, corners)
     else:
-        colour = shares[0] * body.colours[i] + shares[1] * body.colours[j] + shares[2] * body.colours[k]
+        colour = mix(shares, body.colours, corners)
     ray = wp.normalize(view.corner + x * view.across + y * view.down)
-    upright = wp.normalize(shares[0] * body.normals[i] + shares[1] * body.normals[j] + shares[2] * body.normals[k])
-    turn = wp.length(to_right[0] * body.normals[i] + to_right[1] * body.normals[j] + to_right[2] * body.normals[k])
-    turn += wp.length(
-        downwards[0] * body.normals[i] + downwards[1] * body.normals[j] + downwards[2] * body.normals[k]
-    )
+    upright = wp.normalize(mix(shares, body.normals, corners))
+    turn = wp.length(mix(to_right, body.normals, corners))
+    turn += wp.length(mix(downwards, body.normals, corners))
     if wp.dot(a, normal) > 0.0:  # seen from its back
         upright = -upright
     above = float(0.0)
     least = float(0.0)
     if view.has_ground == 1:
-        heights = wp.vec3(height(view, points[i]), height(view, points[j]), height(view, points[k]))
+        heights = wp.vec3()
+        for k in range(3):
+            heights[k] = height(view, body.points[corners[k]])
         above = wp.dot(shares, heights)
         least = above - wp.abs(wp.dot(to_right, heights)) - wp.abs(wp.dot(downwards, heights))
     share = float(1.0)
@@ -116,33 +130,22 @@ def painted(body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y
     At (x, y) of the pixel the place in the texture is `at`, and it changes evenly from there.
     """
     colour = wp.vec3()
-    count = float(0.0)
     for p in range(4):
-        if among(covered, p) > 0.0:
+        if (covered >> p) & 1 == 1:
             colour += nearest_texel(body.texture, at + (ASIDE[p] - x) * across + (row_of(p) - y) * down)
-            count += 1.0
-    return colour / (255.0 * count)
+    return colour / (255.0 * number_of(covered))
 
 
 @wp.func
 def shade_pixel(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    row: int,
-    column: int,
-    nearest: wp.array2d(dtype=wp.uint64),
-    pixels: wp.array2d(dtype=wp.vec3ub),
+    body: Body, view: Surroundings, shadows: Seen, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
     """Lay what was drawn, and its shadow on the ground, over one pixel.
 
     A triangle is lit once, at the middle of the points that show it.
     """
-    faces = wp.vec4i()
+    faces = faces_at(nearest, row, column, 4)
     for q in range(4):
-        faces[q] = int(nearest[4 * row + q, column] & wp.static(wp.uint64(0xFFFFFFFF))) - 1
         if faces[q] >= 0:
             nearest[4 * row + q, column] = wp.static(wp.uint64(0))
     bare = float(0.0)
@@ -151,22 +154,13 @@ def shade_pixel(
     p = int(0)
     while left > 0:
         if (left >> p) & 1 == 1:
-            covered = sharing(faces, p)
+            covered, count, x, y = alike(faces, faces[p])
             left = left - covered
-            count = float(0.0)
-            x = float(0.0)
-            y = float(0.0)
-            for q in range(4):
-                count += among(covered, q)
-                x += among(covered, q) * ASIDE[q]
-                y += among(covered, q) * row_of(q)
             if faces[p] < 0:
                 bare += count
             else:
-                x = x / count
-                y = y / count
                 bright, glint, _share, colour, at, across, down, above, _least, _turn = seen_triangle(
-                    body, view, shadows, points, triangles, faces[p], float(column) + x, float(row) + y, 0.0
+                    body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
                 )
                 if body.textured == 1:
                     colour = painted(body, at, across, down, x, y, covered)
@@ -189,15 +183,7 @@ def shade_pixel(
 
 @wp.func
 def shade_square(
-    body: Body,
-    view: Surroundings,
-    shadows: Seen,
-    points: wp.array(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    row: int,
-    column: int,
-    nearest: wp.array2d(dtype=wp.uint64),
-    pixels: wp.array2d(dtype=wp.vec3ub),
+    body: Body, view: Surroundings, shadows: Seen, row: int, column: int, nearest: Keys, pixels: Pixels
 ) -> int:
     """Shade 2 x 2 pixels, each triangle lit once, and return 0; or return 4 where each pixel must be looked at.
 
@@ -206,41 +192,19 @@ def shade_square(
     """
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
         return 4
-    faces = Faces()
-    for n in range(4):
-        for p in range(4):
-            key = nearest[4 * (row + n / 2) + p, column + n % 2]
-            faces[4 * n + p] = int(key & wp.static(wp.uint64(0xFFFFFFFF))) - 1
+    faces = faces_at(nearest, row, column, 16)
     means = Colours()
     bare = int(0)
-    left = int(0xFFFF)
+    left = int(wp.static(ALL))
     point = int(0)
     while left > 0:
         if (left >> point) & 1 == 1:
-            face = faces[point]
-            covered = int(0)
-            for q in range(16):
-                if faces[q] == face:
-                    covered += 1 << q
+            covered, _count, x, y = alike(faces, faces[point])
             left = left - covered
-            # Thin tubes turn from pixel to pixel, and so may colours that tell values.
+            # Thin tubes turn from pixel to pixel, and so may colours that show values.
             if covered != ALL and body.textured == 0:
                 return 4
-            x = float(1.0)
-            y = float(1.0)
-            if covered != ALL:
-                count = float(0.0)
-                x = float(0.0)
-                y = float(0.0)
-                for n in range(4):
-                    for p in range(4):
-                        one = among(covered, 4 * n + p)
-                        count += one
-                        x += one * (float(n % 2) + ASIDE[p])
-                        y += one * (float(n / 2) + row_of(p))
-                x = x / count
-                y = y / count
-            if face < 0:
+            if faces[point] < 0:
                 bare = covered
                 bright = float(1.0)
                 if view.shadows == 1:
@@ -258,7 +222,7 @@ def shade_square(
                     means[n] += weight * colour_of(pixels[row + n / 2, column + n % 2])
             else:
                 bright, glint, share, colour, at, across, down, _above, least, turn = seen_triangle(
-                    body, view, shadows, points, triangles, face, float(column) + x, float(row) + y, BESIDE
+                    body, view, shadows, faces[point], float(column) + x, float(row) + y, BESIDE
                 )
                 if least < -view.below or (share > 0.0 and share < 1.0) or glint > GLEAMS or turn > TURN:
                     return 4
@@ -284,14 +248,12 @@ def shade(
     body: Body,
     view: Surroundings,
     shadows: Seen,
-    points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
-    triangles: wp.array(dtype=wp.vec3i),  # shape [triangle_count]
     first_row: int,
     first_column: int,
     columns: int,
     # In and out:
-    nearest: wp.array2d(dtype=wp.uint64),  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
-    pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
+    nearest: Keys,  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
+    pixels: Pixels,  # shape [height, width]
 ):
     """Lay what was drawn, and its shadow on the ground, over a picture of the ground in light.
 
@@ -300,7 +262,7 @@ def shade(
     row = first_row + 2 * wp.tid()
     for pair in range((columns + 1) / 2):
         column = first_column + 2 * pair
-        left = shade_square(body, view, shadows, points, triangles, row, column, nearest, pixels)
+        left = shade_square(body, view, shadows, row, column, nearest, pixels)
         for q in range(left):
             if row + q / 2 < pixels.shape[0] and column + q % 2 < pixels.shape[1]:
-                shade_pixel(body, view, shadows, points, triangles, row + q / 2, column + q % 2, nearest, pixels)
+                shade_pixel(body, view, shadows, row + q / 2, column + q % 2, nearest, pixels)

@@ -6,12 +6,13 @@ import warp as wp
 
 from ..basis import kernel
 from ..springs.lanes import sum_over_lanes
-from .shading import LOOKS, Body, Surroundings, seen, seen_body
+from .shading import LOOKS, Body, Surroundings, colour_of, in_bytes, seen, seen_body, within_one
 
 CONTRAST = wp.constant(0.08)
 """Differences between the neighbours of a pixel beyond which it is looked at more closely."""
 TILE = wp.constant(8)
 """Threads that follow each other draw squares of so many pixels: their rays go the same ways."""
+Six = wp.types.vector(6, wp.float32)
 
 
 @wp.func
@@ -21,22 +22,6 @@ def place(i: int, width: int):
     inside = i % (TILE * TILE)
     squares = (width + TILE - 1) / TILE
     return TILE * (square / squares) + inside / TILE, TILE * (square % squares) + inside % TILE
-
-
-@wp.func
-def within_one(colour: wp.vec3) -> wp.vec3:
-    """Return a colour that is no brighter than can be shown."""
-    return wp.min(colour, wp.vec3(1.0, 1.0, 1.0))
-
-
-@wp.func
-def in_bytes(colour: wp.vec3) -> wp.vec3ub:
-    """Return a colour in bytes."""
-    return wp.vec3ub(
-        wp.uint8(255.0 * wp.max(colour[0], 0.0) + 0.5),
-        wp.uint8(255.0 * wp.max(colour[1], 0.0) + 0.5),
-        wp.uint8(255.0 * wp.max(colour[2], 0.0) + 0.5),
-    )
 
 
 @kernel
@@ -56,12 +41,6 @@ def cast(
         colour, share = seen(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
         colour = within_one(colour)
         image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
-
-
-@wp.func
-def rgb(pixel: wp.vec4) -> wp.vec3:
-    """Return the colour of a pixel."""
-    return wp.vec3(pixel[0], pixel[1], pixel[2])
 
 
 @kernel
@@ -84,14 +63,13 @@ def choose(
     askew = image[wp.min(row + 1, image.shape[0] - 1), wp.min(column + 1, image.shape[1] - 1)]
     pixel = image.shape[1] * row + column
     # Among these neighbours are all four looks at the light.
-    most = wp.max(wp.max(wp.max(left[3], right[3]), wp.max(above[3], below[3])), wp.max(here[3], askew[3]))
-    least = wp.min(wp.min(wp.min(left[3], right[3]), wp.min(above[3], below[3])), wp.min(here[3], askew[3]))
-    if most > 0.5 and least < 0.5:
+    shares = Six(here[3], left[3], right[3], above[3], below[3], askew[3])
+    if wp.max(shares) > 0.5 and wp.min(shares) < 0.5:
         chosen[0, wp.atomic_add(count, 0, 1)] = pixel
-    elif wp.length(rgb(right) - rgb(left)) + wp.length(rgb(below) - rgb(above)) > CONTRAST:
+    elif wp.length(right[:3] - left[:3]) + wp.length(below[:3] - above[:3]) > CONTRAST:
         chosen[1, wp.atomic_add(count, 1, 1)] = pixel
     else:
-        pixels[row, column] = in_bytes(rgb(here))
+        pixels[row, column] = in_bytes(here[:3])
 
 
 @functools.cache
@@ -167,7 +145,4 @@ def lay_over(
             colour, _share = seen_body(body, view, hit, ray, 0, 0)
             mean += 0.25 * within_one(colour)
     if met > 0:
-        below = pixels[row, column]
-        share = 1.0 - 0.25 * float(met)
-        under = wp.vec3(float(below[0]), float(below[1]), float(below[2])) / 255.0
-        pixels[row, column] = in_bytes(mean + share * under)
+        pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * colour_of(pixels[row, column]))

@@ -1,5 +1,7 @@
 """What a ray sees: bodies and obstacles, lit and in shadow, the ground, and the background."""
 
+from typing import Any
+
 import warp as wp
 
 
@@ -7,72 +9,55 @@ import warp as wp
 class Body:
     """The triangles that are drawn."""
 
-    mesh: wp.uint64
+    mesh: wp.uint64  # what rays search, if rays are cast
     # Of vertices, each of shape [vertex_count]:
+    points: wp.array(dtype=wp.vec3)  # [m]
     normals: wp.array(dtype=wp.vec3)  # of unit length
     colours: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
+    # Of triangles, each of shape [triangle_count]:
+    triangles: wp.array(dtype=wp.vec3i)  # three vertices each
+    closed: wp.array(dtype=wp.bool)  # whether the back is never seen
+    gloss: wp.array(dtype=float)  # strength of highlights
+    first_shaded: int  # on triangles before this one no shadows fall
     texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
     textured: int  # 1 if the texture is what is seen, 0 if the colours are
-    gloss: wp.array(dtype=float)  # strength of highlights of each triangle, shape [triangle_count]
-    first_shaded: int  # on triangles before this one no shadows fall
 
 
 @wp.struct
 class Surroundings:
     """Camera, light and ground."""
 
-    eye: wp.vec3
-    """Where the camera is [m]."""
-    corner: wp.vec3
-    """Direction through the upper left corner of the picture."""
-    across: wp.vec3
-    """From the direction of one pixel to that of its right neighbour."""
-    down: wp.vec3
-    far: float
-    """Beyond this distance nothing is met [m]."""
-    light: wp.vec3
-    """Unit vector towards the middle of the key light."""
-    light_u: wp.vec3
-    """A point (a, b) of the key light, a disc of radius 1, is in the direction light + a light_u + b light_v."""
+    eye: wp.vec3  # where the camera is [m]
+    corner: wp.vec3  # direction through the upper left corner of the picture
+    across: wp.vec3  # from the direction of one pixel to that of its right neighbour
+    down: wp.vec3  # the same downwards
+    far: float  # beyond this distance nothing is met [m]
+    light: wp.vec3  # unit vector towards the middle of the key light
+    light_u: wp.vec3  # point (a, b) of the light, a disc of radius 1, is towards light + a light_u + b light_v
     light_v: wp.vec3
-    spots: wp.array(dtype=wp.vec2)
-    """Points of the key light: the first four for a look, those behind them for counting."""
-    towards_viewer: wp.vec3
-    """Unit vector against the direction of view: towards the second light."""
-    fill_from: wp.vec3
-    """Unit vector towards the light that fills what is turned away from the key light."""
-    background: wp.vec3
-    """Colour where nothing is met, in 0 … 1."""
+    spots: wp.array(dtype=wp.vec2)  # points of the key light: the first four for a look, the others for counting
+    towards_viewer: wp.vec3  # unit vector against the direction of view: towards the second light
+    fill_from: wp.vec3  # unit vector towards the light that fills what is turned away from the key light
+    background: wp.vec3  # colour where nothing is met, in 0 … 1
     # Strengths of what lights the body: from everywhere, from below, and of the three lights.
     ambient: float
     bounce: float
     key: float
     head: float
     fill: float
-    shininess: float
-    """Phong's exponent of highlights."""
-    gleam: float
-    """Cosine of an angle at which highlights are too weak to be seen: powers cost more than all else."""
-    shadows: int
-    """1 if there are shadows, else 0."""
-    shaded: float
-    """What is left of the key light on bodies in full shadow, 0 … 1."""
-    shadow: float
-    """What is left of the ground's colour in full shadow, 0 … 1."""
+    shininess: float  # Phong's exponent of highlights
+    gleam: float  # cosine of an angle at which highlights are too weak to be seen: powers cost more than all else
+    shadows: int  # 1 if there are shadows, else 0
+    shaded: float  # what is left of the key light on bodies in full shadow, 0 … 1
+    shadow: float  # what is left of the ground's colour in full shadow, 0 … 1
     has_ground: int
-    below: float
-    """What is further below the ground is not seen [m]."""
-    ground: wp.array2d(dtype=wp.vec3ub)
-    """Its texture, shape [height, width]."""
-    ground_centre: wp.vec3
-    """Its middle [m]."""
-    ground_normal: wp.vec3
-    """Unit vector upwards."""
-    ground_u: wp.vec3
-    """u = (p − centre)·ground_u + 1/2 is the texture coordinate of a point p of the ground [1/m]."""
-    ground_v: wp.vec3
-    """The same for v [1/m]."""
+    below: float  # what is further below the ground is not seen [m]
+    ground: wp.array2d(dtype=wp.vec3ub)  # its texture, shape [height, width]
+    ground_centre: wp.vec3  # its middle [m]
+    ground_normal: wp.vec3  # unit vector upwards
+    ground_u: wp.vec3  # u = (p − centre)·ground_u + 1/2 is the texture coordinate of a point p of the ground [1/m]
+    ground_v: wp.vec3  # the same for v [1/m]
 
 
 GAP = wp.constant(1.0e-4)
@@ -88,6 +73,25 @@ ALIKE = wp.constant(0.5)
 def colour_of(pixel: wp.vec3ub) -> wp.vec3:
     """Return a colour in 0 … 1."""
     return wp.vec3(float(pixel[0]), float(pixel[1]), float(pixel[2])) / 255.0
+
+
+@wp.func
+def within_one(colour: wp.vec3) -> wp.vec3:
+    """Return a colour that is no brighter than can be shown."""
+    return wp.min(colour, wp.vec3(1.0, 1.0, 1.0))
+
+
+@wp.func
+def in_bytes(colour: wp.vec3) -> wp.vec3ub:
+    """Return a colour in bytes."""
+    scaled = 255.0 * wp.max(colour, wp.vec3()) + wp.vec3(0.5, 0.5, 0.5)
+    return wp.vec3ub(wp.uint8(scaled[0]), wp.uint8(scaled[1]), wp.uint8(scaled[2]))
+
+
+@wp.func
+def mix(shares: wp.vec3, values: wp.array(dtype=Any), corners: wp.vec3i):
+    """Return the mixture of what the corners of a triangle have."""
+    return shares[0] * values[corners[0]] + shares[1] * values[corners[1]] + shares[2] * values[corners[2]]
 
 
 @wp.func
@@ -131,12 +135,6 @@ def light_seen(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, 
 
 
 @wp.func
-def lifted(spot: wp.vec3, corner: wp.vec3, normal: wp.vec3) -> wp.vec3:
-    """Return the way from a point up to the plane through a corner across its normal, if it is below that."""
-    return wp.max(wp.dot(corner - spot, normal), 0.0) * normal
-
-
-@wp.func
 def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
     """Return how much of a highlight is seen along a ray, where it is mirrored that way; 0 if less than 1e-4."""
     along = -wp.dot(mirrored, ray)
@@ -147,10 +145,9 @@ def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
 
 @wp.func
 def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float):
-    """Return what light makes of a surface that such a share of the key light reaches, seen along a ray.
+    """Return how bright a surface's colour is, and the highlights on it; see `msdwarp/pictures/light.py`.
 
-    That is how bright its colour is, and the highlights on it. `normal` is its normal on the side that is seen.
-    See `msdwarp/pictures/light.py`.
+    `normal` is that of the side that is seen along the ray; such a share of the key light `arrives` there.
     """
     diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
     diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
@@ -171,46 +168,36 @@ def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, ar
 
 
 @wp.func
-def lit(
-    view: Surroundings, colour: wp.vec3, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float
-) -> wp.vec3:
-    """Return how a surface of some colour looks in the light; see `light_on`."""
-    diffuse, glint = light_on(view, gloss, normal, ray, arrives)
-    return diffuse * colour + wp.vec3(glint, glint, glint)
-
-
-@wp.func
 def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
     """Return the colour of the body where the ray hit it, and the share of the key light that is seen from there.
 
     Phong's shading, both sides alike. Where triangles stand for a smooth surface, a ray towards the light starts
-    on that, as the normals tell it, since the triangles' own shadow would be jagged where the light grazes them
+    on that surface, since the triangles' own shadow would be jagged where the light grazes them
     (J. Hanika, "Hacking the shadow terminator", Ray Tracing Gems II, 2021).
     """
-    i = wp.mesh_get_index(body.mesh, 3 * hit.face)
-    j = wp.mesh_get_index(body.mesh, 3 * hit.face + 1)
-    k = wp.mesh_get_index(body.mesh, 3 * hit.face + 2)
-    w = 1.0 - hit.u - hit.v
-    normal = wp.normalize(hit.u * body.normals[i] + hit.v * body.normals[j] + w * body.normals[k])
+    corners = body.triangles[hit.face]
+    shares = wp.vec3(hit.u, hit.v, 1.0 - hit.u - hit.v)
     side = float(1.0)
     if wp.dot(hit.normal, ray) > 0.0:
         side = -1.0
-    normal = side * normal
-    colour = hit.u * body.colours[i] + hit.v * body.colours[j] + w * body.colours[k]
+    normal = side * wp.normalize(mix(shares, body.normals, corners))
+    colour = mix(shares, body.colours, corners)
     if body.textured == 1:
-        at = hit.u * body.uv[i] + hit.v * body.uv[j] + w * body.uv[k]
+        at = mix(shares, body.uv, corners)
         colour = texel(body.texture, at[0], at[1])
     share = ALIKE
     arrives = float(1.0)
     if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
         spot = view.eye + hit.t * ray
         start = spot + GAP * hit.t * normal
-        start += hit.u * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face), side * body.normals[i])
-        start += hit.v * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 1), side * body.normals[j])
-        start += w * lifted(spot, wp.mesh_get_point(body.mesh, 3 * hit.face + 2), side * body.normals[k])
+        for k in range(3):
+            # Up to the plane through each corner across its normal.
+            upwards = side * body.normals[corners[k]]
+            start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
         share = light_seen(body.mesh, view, start, first, count)
         arrives = share
-    return lit(view, colour, body.gloss[hit.face], normal, ray, arrives), share
+    bright, glint = light_on(view, body.gloss[hit.face], normal, ray, arrives)
+    return bright * colour + wp.vec3(glint, glint, glint), share
 
 
 @wp.func
@@ -235,9 +222,9 @@ def meets_ground(view: Surroundings, way: wp.vec3):
 
 @wp.func
 def seen(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
-    """Return what is seen at a point of the picture, given in pixels from its upper left corner.
+    """Return the colour at a point of the picture, in pixels from its upper left corner, and the light it gets.
 
-    That is its colour, and the share of `count` points of the key light, from `first` on, that is seen from there.
+    That is the share of `count` points of the key light, from `first` on, that is seen from there.
     """
     ray = wp.normalize(view.corner + column * view.across + row * view.down)
     colour = view.background

@@ -17,24 +17,25 @@ FIRST = 8
 
 
 @wp.struct
-class Lamp:
-    """The square across the light that a map covers."""
+class Seen:
+    """What the key light sees: a map of a square across it, and where to look at that."""
 
-    u: wp.vec3
+    u: wp.vec3  # unit vectors across and towards the light
     v: wp.vec3
     towards: wp.vec3
-    """Unit vectors across and towards the light."""
-    corner: wp.vec3
-    """The square's first corner along u and v [m], and what distances towards the light are counted from [m]."""
-    scale: float
-    """Texels per metre."""
+    corner: wp.vec3  # its first corner along u and v, and what distances towards the light are counted from [m]
+    scale: float  # texels per metre
+    depth: wp.array2d(dtype=float)  # how far towards the light the nearest surface is [m], shape [size, size]
+    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those beside them, shape [size / BLOCK] * 2
+    softness: float  # radius of the light over its distance
+    spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
 
 
 @wp.func
-def in_lamp(lamp: Lamp, point: wp.vec3) -> wp.vec3:
+def in_map(seen: Seen, point: wp.vec3) -> wp.vec3:
     """Return a point as (column, row, distance towards the light [m]); a texel's middle is at whole numbers."""
-    away = wp.vec3(wp.dot(point, lamp.u), wp.dot(point, lamp.v), wp.dot(point, lamp.towards)) - lamp.corner
-    return wp.vec3(lamp.scale * away[0] - 0.5, lamp.scale * away[1] - 0.5, away[2])
+    away = wp.vec3(wp.dot(point, seen.u), wp.dot(point, seen.v), wp.dot(point, seen.towards)) - seen.corner
+    return wp.vec3(seen.scale * away[0] - 0.5, seen.scale * away[1] - 0.5, away[2])
 
 
 @wp.func
@@ -65,16 +66,15 @@ def draw_depth(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
     closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never seen, shape [triangle_count]
-    lamp: Lamp,
     # In and out:
-    depth: wp.array2d(dtype=float),  # [m], shape [size, size]
+    seen: Seen,  # its depth
 ):
     """Draw every triangle where a texel's middle lies in it; what is nearest to the light counts."""
     t = wp.tid()
-    size = depth.shape[0]
-    a = in_lamp(lamp, points[triangles[t][0]])
-    ab = in_lamp(lamp, points[triangles[t][1]]) - a
-    ac = in_lamp(lamp, points[triangles[t][2]]) - a
+    size = seen.depth.shape[0]
+    a = in_map(seen, points[triangles[t][0]])
+    ab = in_map(seen, points[triangles[t][1]]) - a
+    ac = in_map(seen, points[triangles[t][2]]) - a
     area = ab[0] * ac[1] - ab[1] * ac[0]
     if area == 0.0 or (closed[t] and area < 0.0):
         return
@@ -99,7 +99,7 @@ def draw_depth(
         first = int(wp.ceil(wp.min(reach[0], float(size)) - 1.0e-3))
         last = int(wp.floor(wp.max(reach[1], -1.0) + 1.0e-3))
         for column in range(wp.max(first, 0), wp.min(last, size - 1) + 1):
-            wp.atomic_max(depth, row, column, near + float(column) * slope)
+            wp.atomic_max(seen.depth, row, column, near + float(column) * slope)
 
 
 @kernel
@@ -110,7 +110,7 @@ def nearest_in_blocks(
 ):
     """Find what is nearest to the light in each block of texels."""
     row, column = wp.tid()
-    largest = depth[wp.static(BLOCK) * row, wp.static(BLOCK) * column]
+    largest = float(-wp.inf)
     for i in range(wp.static(BLOCK)):
         for j in range(wp.static(BLOCK)):
             largest = wp.max(largest, depth[wp.static(BLOCK) * row + i, wp.static(BLOCK) * column + j])
@@ -125,33 +125,17 @@ def nearest_around(
 ):
     """Find what is nearest to the light in each block and those up to REACH blocks away."""
     row, column = wp.tid()
-    largest = nearest[row, column]
-    for i in range(wp.max(row - wp.static(REACH), 0), wp.min(row + wp.static(REACH + 1), nearest.shape[0])):
-        for j in range(
-            wp.max(column - wp.static(REACH), 0), wp.min(column + wp.static(REACH + 1), nearest.shape[1])
-        ):
+    last = nearest.shape[0] - 1
+    largest = float(-wp.inf)
+    for i in range(wp.max(row - wp.static(REACH), 0), wp.min(row + wp.static(REACH), last) + 1):
+        for j in range(wp.max(column - wp.static(REACH), 0), wp.min(column + wp.static(REACH), last) + 1):
             largest = wp.max(largest, nearest[i, j])
-    around[row, column] = wp.vec4(largest, largest, largest, largest)
-
-
-@wp.struct
-class Seen:
-    """What the key light sees, and where to look at that."""
-
-    lamp: Lamp
-    depth: wp.array2d(dtype=float)
-    """How far towards the light the nearest surface is [m], shape [size, size]."""
-    around: wp.array2d(dtype=wp.vec4)
-    """The same of blocks and those around them, shape [size / BLOCK, size / BLOCK]."""
-    softness: float
-    """Radius of the light over its distance."""
-    spots: wp.array(dtype=wp.vec2)
-    """Points of the light, a disc of radius 1; any some that follow each other are spread over it."""
+    around[row, column] = wp.vec4(largest)
 
 
 @wp.func
 def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
-    """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
+    """Return how far towards the light the nearest surface around a place of the map is, linear between blocks."""
     last = seen.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
@@ -166,10 +150,7 @@ def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
 
 @wp.func
 def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
-    """Return 1 if the texel that lies so many texels aside, inside the map, is above a plane, else 0.
-
-    `at` counts columns and rows from the texels' edges.
-    """
+    """Return 1 if the texel so far aside from a place, in texels, is above a plane through that, else 0."""
     if seen.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
         return 1
     return 0
@@ -179,24 +160,24 @@ def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
 def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
     """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
 
-    The texels that are looked at lie the wider apart the further above the spot something may hide the light, and
-    so many texels more than for one spot alone.
+    The texels that are looked at lie wider apart the higher above the spot something may hide the light. For what
+    lies `around` the spot they lie so many texels further out.
     """
-    at = in_lamp(seen.lamp, spot) + wp.vec3(0.5, 0.5, 0.0)
+    at = in_map(seen, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(seen.depth.shape[0])
     to_edge = wp.min(wp.min(at[0], at[1]), size - wp.max(at[0], at[1]))
     if to_edge < 1.0:
         return 1.0
     block = seen.around[int(at[1]) / wp.static(BLOCK), int(at[0]) / wp.static(BLOCK)]
-    texel = 1.0 / seen.lamp.scale
+    texel = 1.0 / seen.scale
     if block[0] - at[2] <= 0.3 * texel:
         return 1.0
     above = nearest_around_spot(seen, at) - at[2]
-    facing = wp.dot(normal, seen.lamp.towards)
+    facing = wp.dot(normal, seen.towards)
     if facing == 0.0:
         return 1.0
     # How the plane rises towards the light from one texel to the next. [m]
-    slope = -texel / facing * wp.vec2(wp.dot(normal, seen.lamp.u), wp.dot(normal, seen.lamp.v))
+    slope = -texel / facing * wp.vec2(wp.dot(normal, seen.u), wp.dot(normal, seen.v))
     slope = slope * wp.min(1.0, wp.static(STEEPEST) * texel / wp.max(wp.length(slope), 1.0e-6 * texel))
     # A texel holds the distance at its middle, half a texel aside.
     margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))

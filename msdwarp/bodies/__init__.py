@@ -4,18 +4,16 @@ from .cells import Bare, laid_bare
 from .connectivity import pieces
 from .contact_surfaces import TouchingSurfaces, contact_surfaces, mean_stiffness
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
-from .description import counted, headline
-from .facets import Facets, facets_of, run_back
+from .facets import Facets, directed_edges, facets_of, run_back
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
-from .frame import Frame
+from .frame import Frame, Series
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .numbering import places_along_curve, space_filling_order
-from .selection import selected
 from .space import AXES, in_space, rotated, rotation, rotations
 from .surface import Surface
 from .surface_splitting import Edges, broken_before
-from .system import System
-from .time_series import Series
+from .system import System, headline, particles_meant
+from .text import counted
 from .uniform import is_uniform, joined, stored, uniform, uniform_like
 
 __all__ = [
@@ -45,6 +43,7 @@ __all__ = [
     "broken_before",
     "contact_surfaces",
     "counted",
+    "directed_edges",
     "facets_of",
     "headline",
     "in_space",
@@ -52,13 +51,13 @@ __all__ = [
     "joined",
     "laid_bare",
     "mean_stiffness",
+    "particles_meant",
     "pieces",
     "places_along_curve",
     "rotated",
     "rotation",
     "rotations",
     "run_back",
-    "selected",
     "space_filling_order",
     "stored",
     "uniform",

@@ -16,16 +16,16 @@ _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2
 
 
 class Bare(NamedTuple):
-    """What of a torn solid is seen, and when."""
+    """The visible parts of a torn solid, and when they are visible."""
 
     parted_at: NDArray[np.float64]
-    """When each triangle of its surface goes with its cell [s], nan where none is near, shape [triangle_count]."""
+    """When each surface triangle disappears with its cell [s], nan if no cell is near, shape [triangle_count]."""
     triangles: NDArray[np.int32]
     """Particles of the triangles that are laid bare inside, shape [any, 3]."""
     since: NDArray[np.float64]
     """When each of them is laid bare [s], shape [any]."""
     until: NDArray[np.float64]
-    """When its own cell goes [s], inf where it stays, shape [any]."""
+    """When its own cell disappears [s], inf where it stays, shape [any]."""
 
 
 def cells_of(system: System) -> NDArray[np.int64]:
@@ -70,10 +70,10 @@ def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.floa
 
 
 def laid_bare(system: System) -> Bare:
-    """Return what is seen of lattice solids that tear as the system's `broken_at` says.
+    """Return what is seen of lattice solids that tear at the times `broken_at` of a system.
 
-    A cell is there until it parts: see `cells_parted_at`. Then its triangles of the surface go, and the faces that
-    it had in common with others are laid bare.
+    When a cell parts (see `cells_parted_at`), its triangles of the surface disappear, and the faces that it shares
+    with other cells are laid bare.
     """
     assert system.surface is not None
     corners = system.surface.particle[system.surface.triangles].astype(np.int64)

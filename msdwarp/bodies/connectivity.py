@@ -1,16 +1,16 @@
-"""Pieces: what hangs together by connections."""
+"""Pieces: the sets of particles that connections join."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK = 1 << 20  # connections that are looked at together: most of the later ones join what is joined already
+_BLOCK = 1 << 20  # connections in a step: most later ones join particles that are in one piece already
 
 
 def pieces(particle_count: int, connections: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the lowest particle of the piece that each is in, shape [particle_count].
+    """Return the lowest particle of each particle's piece, shape [particle_count].
 
-    Every particle points to the lowest that it is known to be joined with. Where connections lead from one such
-    lowest to another, the higher is made to point to the lower, and all that point to it follow.
+    Every particle points to the lowest known one of its piece. A connection between two pieces makes the higher of
+    their lowest particles point to the lower.
     """
     lowest = np.arange(particle_count, dtype=np.int32)
     for start in range(0, len(connections), _BLOCK):

@@ -1,4 +1,4 @@
-"""What of a system can touch: vertices, points and facets of its bodies, by the numbers of their particles."""
+"""Surfaces for contact: vertices, points and facets of the bodies of a system."""
 
 from typing import NamedTuple
 
@@ -6,29 +6,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, run_back
-from .surface import Surface
+from .facets import different_vertices, directed_edges, run_back
 from .system import System
 
-SAMPLES = 1
-"""Points on each edge of a surface, beside those at its ends."""
 FINE = 2.0
-"""Where a surface has more vertices for each particle that carries it, only these are points."""
+"""A surface with more vertices than this per particle that carries it has no points on its edges."""
 ROPE = 2.5
-"""What has no surface, and fewer connections than this a particle, is a rope; else a heap of spheres."""
+"""A body without surface and with fewer springs than this per particle is a rope; else it is a heap of spheres."""
 SPACING = 0.75
-"""The spacing of a lattice by the mean length of its connections, of which many are diagonals."""
+"""Spacing of a lattice over the mean length of its springs, many of which are diagonals."""
 SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
-"""Half the thickness of a sheet, and of a rope or a sphere, by its spacing."""
+"""Half the thickness of a sheet, and of a rope or a sphere, over its spacing."""
 
 
 class TouchingSurfaces(NamedTuple):
-    """The surfaces of all bodies of a system. What hangs together by connections is a body."""
+    """The surfaces of all bodies of a system. A body is a set of particles joined by springs."""
 
     particle: NDArray[np.int64]
     """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
-    """Their shares."""
+    """Their weights."""
     ends: NDArray[np.int32]
     """The two vertices that each point lies between, shape [point_count, 2]; twice the same in a vertex."""
     share: NDArray[np.float64]
@@ -44,23 +41,27 @@ class TouchingSurfaces(NamedTuple):
     sided: NDArray[np.bool_]
     """Whether each body is a sheet whose sides can be told apart: no two triangles run alike through an edge."""
     spacing: NDArray[np.float64]
-    """How far its particles are apart, by the mean length of its connections [m]; 0 of a single particle."""
+    """Distance of its particles, from the mean length of its springs [m]; 0 for a single particle."""
     radius: NDArray[np.float64]
     """Half its thickness [m]."""
     stiffness: NDArray[np.float64]
-    """Mean stiffness of its connections [N/m]; 0 where it has none."""
+    """Mean stiffness of its springs [N/m]; 0 where it has none."""
 
 
 def contact_surfaces(system: System) -> TouchingSurfaces:
-    """Return what of a system can touch."""
+    """Return the surfaces of a system for contact."""
     lowest = pieces(system.particle_count, system.connections)
     _, body_of = np.unique(lowest, return_inverse=True)
     bodies = int(body_of.max()) + 1
-    particle, weight, triangles = _vertices(system)
+    if system.surface is None:
+        particle, weight = np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1))
+        triangles = np.zeros((0, 3), dtype=np.int64)
+    else:
+        particle, weight, triangles = different_vertices(system.surface)
     body = body_of[particle[:, 0]]
     drawn = np.zeros(bodies, dtype=bool)
     drawn[body] = True
-    # What has no surface touches by its particles.
+    # Bodies without a surface touch with their particles.
     bare = np.flatnonzero(~drawn[body_of])
     first = len(particle)
     vertex_of = np.full(system.particle_count, -1)
@@ -81,22 +82,24 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     edges = np.concatenate([edges, segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
-    # A surface that is finer than what carries it has points enough at its vertices.
+    # The other surfaces have a point in the middle of each edge too.
     carried = np.bincount(body_of[np.unique(particle[weight != 0])], minlength=bodies)
     fine = np.bincount(body, minlength=bodies) > FINE * carried
     edges = edges[~fine[body[edges[:, 0]]]]
-    vertices = np.arange(len(particle))
-    shares = [(k + 1) / (SAMPLES + 1) for k in range(SAMPLES)]
-    ends = np.concatenate([np.stack([vertices, vertices], axis=1), *[edges] * SAMPLES])
-    share = np.concatenate([np.zeros(len(vertices)), *[np.full(len(edges), one) for one in shares]])
+    ends = np.concatenate([np.repeat(np.arange(len(particle))[:, None], 2, axis=1), edges])
+    share = np.repeat([0.0, 0.5], [len(particle), len(edges)])
 
-    # From lengths as they were made, so that a body that has moved, or yielded, touches as it did before.
+    # From original lengths, so that moving or yielding does not change the thickness.
     of_connections = body_of[pairs[:, 0]]
     near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
     near = slice(None) if near is None else near
     spacing = _means(system.original_length[near], of_connections[near], bodies) * np.where(rope, 1.0, SPACING)
-    closed = drawn & ~_open(triangles, body, bodies)
-    sided = drawn & ~closed & ~_turned_over(triangles, body, bodies)
+    runs = directed_edges(triangles)
+    closed = drawn.copy()
+    closed[body[runs[~run_back(runs, len(particle)), 0]]] = False
+    sided = drawn & ~closed
+    different, times = np.unique(runs, axis=0, return_counts=True)
+    sided[body[different[times > 1, 0]]] = False
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(
         particle,
@@ -117,54 +120,14 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 def mean_stiffness(
     system: System, body_of_particle: NDArray[np.integer], stiffness: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean stiffness of the connections of each body [N/m], if they have these; 0 where it has none.
-
-    Parameters
-    ----------
-    system
-        What they connect.
-    body_of_particle
-        The body of each particle, shape [particle_count].
-    stiffness
-        That of each connection [N/m], shape [connection_count].
-    """
+    """Return the mean stiffness of each body's springs [N/m], given that of each spring; 0 where it has none."""
     near = system.between_neighbours
     near = slice(None) if near is None else near
     of_connections = body_of_particle[system.connections[:, 0]]
     return _means(stiffness[near], of_connections[near], int(body_of_particle.max()) + 1)
 
 
-def _vertices(system: System) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different vertices of the surface as particles and weights, and its triangles by them."""
-    surface: Surface | None = system.surface
-    if surface is None:
-        return np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 3), dtype=np.int64)
-    return different_vertices(surface)
-
-
-def _open(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[np.bool_]:
-    """Return which bodies have an edge that is not run through once in either direction, shape [body_count]."""
-    found = np.zeros(bodies, dtype=bool)
-    if len(triangles):
-        runs = _runs(triangles)
-        found[body[runs[~run_back(runs, int(triangles.max()) + 1), 0]]] = True
-    return found
-
-
-def _turned_over(triangles: NDArray[np.int64], body: NDArray, bodies: int) -> NDArray[np.bool_]:
-    """Return which bodies have an edge that triangles run through in the same direction, shape [body_count]."""
-    found = np.zeros(bodies, dtype=bool)
-    runs, count = np.unique(_runs(triangles), axis=0, return_counts=True)
-    found[body[runs[count > 1, 0]]] = True
-    return found
-
-
-def _runs(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the directed edges of triangles, shape [3 triangle_count, 2]."""
-    return np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-
-
 def _means(values: NDArray[np.float64], of: NDArray, bodies: int) -> NDArray[np.float64]:
-    """Return the mean over what belongs to each body; 0 of nothing."""
+    """Return the mean of the values of each body; 0 where it has none."""
     count = np.bincount(of, minlength=bodies)
     return np.bincount(of, weights=values, minlength=bodies) / np.maximum(count, 1)

@@ -17,7 +17,7 @@ class Facets(NamedTuple):
     particle: NDArray[np.int64]
     """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
-    """Their shares, which sum to 1."""
+    """Their weights, which sum to 1."""
     corner: NDArray[np.int32]
     """The vertices of each triangle, shape [triangle_count, 3]."""
     closed: NDArray[np.bool_]
@@ -26,7 +26,7 @@ class Facets(NamedTuple):
     """Whether any vertex is no particle; else vertex number i is particle i."""
 
     def points(self, x: NDArray) -> NDArray[np.float64]:
-        """Return a quantity of the vertices, of that of the particles [particle_count, d]."""
+        """Return a quantity of the vertices from that of the particles, shape [particle_count, d]."""
         values = np.asarray(x, dtype=np.float64)
         return np.einsum("vk,vkd->vd", self.weight, values[self.particle]) if self.mixed else values
 
@@ -46,13 +46,13 @@ class Facets(NamedTuple):
         return self._replace(weight=most * size).spread(sums, count)
 
     def of(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return those whose particles all are chosen, a mask of shape [particle_count]."""
+        """Return the triangles whose particles are all in a mask of shape [particle_count]."""
         mine = (chosen[self.particle] | (self.weight == 0)).all(axis=1)[self.corner].all(axis=1)
         return self._replace(corner=self.corner[mine], closed=self.closed[mine])
 
 
 def facets_of(system: System) -> Facets:
-    """Return the triangles of a system's surface; none where it has none, or less than three coordinates."""
+    """Return the triangles of a system's surface; none without a surface, or with less than three coordinates."""
     if system.surface is None or system.dim < 3:
         none = np.zeros((0, 1))
         return Facets(none.astype(np.int64), none, np.zeros((0, 3), np.int32), np.zeros(0, bool), False)
@@ -61,7 +61,7 @@ def facets_of(system: System) -> Facets:
 
 @functools.lru_cache(maxsize=4)
 def _facets(surface: Surface, particle_count: int) -> Facets:
-    """Return the facets of a surface, which does not change."""
+    """Return the facets of a surface."""
     particle, weight, corner = different_vertices(surface)
     single = np.count_nonzero(weight, axis=1) == 1
     mixed = not single.all()
@@ -69,7 +69,12 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         own = particle[np.arange(len(particle)), np.argmax(np.abs(weight), axis=1)]
         corner, particle = own[corner], np.arange(particle_count)[:, None]
         weight = np.ones((particle_count, 1))
-    return Facets(particle, weight, corner.astype(np.int32), closed_parts(corner, len(particle)), mixed)
+    # A part is closed if each of its edges is run through once in either direction.
+    edges = directed_edges(corner)
+    part = pieces(len(particle), edges.astype(np.int32))
+    is_open = np.zeros(len(particle), dtype=bool)
+    is_open[part[edges[~run_back(edges, len(particle)), 0]]] = True
+    return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
 
 
 def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
@@ -87,17 +92,13 @@ def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.
     return different, weights, triangles[whole]
 
 
-def closed_parts(corner: NDArray[np.integer], vertex_count: int) -> NDArray[np.bool_]:
-    """Return whether each triangle is of a part whose edges all are run through once in either direction."""
-    runs = np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
-    part = pieces(vertex_count, runs.astype(np.int32))
-    is_open = np.zeros(vertex_count, dtype=bool)
-    is_open[part[runs[~run_back(runs, vertex_count), 0]]] = True
-    return ~is_open[part[corner[:, 0]]]
+def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the directed edges of triangles: first those from corners 0 to 1, then 1 to 2, then 2 to 0."""
+    return np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
 
 
 def run_back(runs: NDArray[np.integer], vertex_count: int) -> NDArray[np.bool_]:
-    """Return which directed edges are there once, and once in the other direction, shape [edge_count]."""
+    """Return which directed edges occur once, and once in the other direction, shape [edge_count]."""
     if not len(runs):
         return np.zeros(0, dtype=bool)
     whole = runs.astype(np.int64)

@@ -12,61 +12,44 @@ from .selection import check_no_mask
 from .surface import Surface
 from .uniform import is_uniform, stored
 
+
+def _from_0(meaning: str = "") -> checks.Limit:
+    return lambda values: values >= 0, f"at least 0{meaning}"
+
+
+_OF_CONNECTIONS: dict[str, tuple[float | None, tuple[checks.Limit, ...]]] = {
+    "rest_length": (None, (checks.FINITE, checks.NOT_TINY)),
+    "stiffness": (1000.0, (checks.FINITE, _from_0())),
+    "damping": (0.0, (checks.FINITE, _from_0())),
+    "yield_strain": (np.inf, (_from_0(" (inf never yields)"), checks.FINITE_OR_INF)),
+    "relaxation_time": (0.1, (checks.FINITE, _from_0())),
+    "largest_plastic_strain": (0.5, ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),)),
+    "original_length": (None, (checks.FINITE, checks.NOT_TINY)),
+    "break_strain": (np.inf, (_from_0(" (inf never breaks)"), checks.FINITE_OR_INF)),
+    "break_force": (np.inf, (_from_0(" (inf never breaks)"), checks.FINITE_OR_INF)),
+    "broken_at": (np.inf, (_from_0(" (inf is whole)"), checks.FINITE_OR_INF)),
+}
+"""Arrays of a system with an entry for each connection: their defaults, if any, and limits."""
+CONNECTION_FIELDS = tuple(_OF_CONNECTIONS)
+DEFAULTS = {name: default for name, (default, _) in _OF_CONNECTIONS.items() if default is not None}
+TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
+"""Those that files of before tearing lack; they are then as by default."""
+PARTICLE_FIELDS = ("position", "velocity", "mass")
+"""Arrays of a system with an entry for each particle."""
+_MASS: checks.Limit = (lambda mass: mass > 0, "above 0 (inf pins the particle)")
 LIMITS = {
     "position": (checks.FINITE,),
     "velocity": (checks.FINITE,),
-    "mass": (
-        (lambda mass: mass > 0, "above 0 (inf pins the particle)"),
-        checks.NOT_TINY,
-        checks.FINITE_OR_INF,
-    ),
-    "rest_length": (checks.FINITE, checks.NOT_TINY),
-    "stiffness": (checks.FINITE, (lambda stiffness: stiffness >= 0, "at least 0")),
-    "damping": (checks.FINITE, (lambda damping: damping >= 0, "at least 0")),
-    "yield_strain": ((lambda strain: strain >= 0, "at least 0 (inf never yields)"), checks.FINITE_OR_INF),
-    "relaxation_time": (checks.FINITE, (lambda time: time >= 0, "at least 0")),
-    "largest_plastic_strain": ((lambda strain: (strain >= 0) & (strain < 1), "at least 0 and below 1"),),
-    "break_strain": ((lambda strain: strain >= 0, "at least 0 (inf never breaks)"), checks.FINITE_OR_INF),
-    "break_force": ((lambda force: force >= 0, "at least 0 (inf never breaks)"), checks.FINITE_OR_INF),
-    "broken_at": ((lambda time: time >= 0, "at least 0 (inf is whole)"), checks.FINITE_OR_INF),
-}
-PARTICLE_FIELDS = ("position", "velocity", "mass")
-"""Arrays of a system with an entry for each particle."""
-CONNECTION_FIELDS = (
-    "rest_length",
-    "stiffness",
-    "damping",
-    "yield_strain",
-    "relaxation_time",
-    "largest_plastic_strain",
-    "original_length",
-    "break_strain",
-    "break_force",
-    "broken_at",
-)
-"""Arrays of a system with an entry for each connection."""
-TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
-"""Those of them that files of before tearing lack; they are then as by default."""
-DEFAULTS = {
-    "stiffness": 1000.0,
-    "damping": 0.0,
-    "yield_strain": np.inf,
-    "relaxation_time": 0.1,
-    "largest_plastic_strain": 0.5,
-    "break_strain": np.inf,
-    "break_force": np.inf,
-    "broken_at": np.inf,
-}
-"""What connections have where nothing is said."""
-LIMITS["original_length"] = LIMITS["rest_length"]
+    "mass": (_MASS, checks.NOT_TINY, checks.FINITE_OR_INF),
+} | {name: limits for name, (_, limits) in _OF_CONNECTIONS.items()}
 _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
 
 
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return all fields of a system: those given, checked and copied, and the others as they are known.
+    """Return all fields of a system: those given, checked and copied, and the other known ones.
 
-    Known fields are valid together, and nobody writes to their arrays: they are shared. Only what has to fit a
-    given field is checked anew; a uniform array fits any number of particles or connections.
+    Known fields are valid together, and shared. Only those that have to fit a given one are checked again; a
+    uniform array fits any number of particles or connections.
     """
     known = known or {}
     fields = {**known, **given}
@@ -80,8 +63,10 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     for name in PARTICLE_FIELDS[1:]:
         shape = fields["position"].shape if name == "velocity" else (particle_count,)
         fields[name] = numbers(name, fields[name], shape, valid=name not in new)
-    if new & {"velocity", "mass"}:
-        check_pinned_still(fields["velocity"], fields["mass"])
+    if new & {"velocity", "mass"} and np.isinf(stored(fields["mass"])).any():
+        still = np.isfinite(fields["mass"]) | (fields["velocity"] == 0).all(axis=1)
+        moves = np.broadcast_to(still[:, None], fields["velocity"].shape)
+        checks.every("velocity", fields["velocity"], moves, "0: it is pinned")
 
     if "connections" in new:
         fields["connections"] = pairs(fields["connections"], particle_count)
@@ -89,29 +74,21 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if new & {"break_strain", "break_force"}:
         check_bears_start(fields)
 
-    if not isinstance(fields["damper"], Damper):
-        was = checks.repr_short(fields["damper"])
-        raise ValueError(f"damper is {was}; it must be a law of damping, such as CoulombDamper()")
+    checks.instance("damper", fields["damper"], Damper, "CoulombDamper()")
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
     if "directions" in new:
-        fields["directions"] = _of_bodies(fields["directions"])
+        fields["directions"] = checks.sequence("directions", fields["directions"], Mapping, "{'x': slice(0, 4)}")
+        for k, body in enumerate(fields["directions"]):
+            for name, part in body.items():
+                checks.instance(f"a name in directions[{k}]", name, str, "'x'")
+                checks.instance(f"directions[{k}][{name!r}]", part, slice, "slice(0, 4)")
     if "groups" in new:
         groups = fields["groups"] or {}
         checks.instance("groups", groups, Mapping, "{'scoop': [0, 1]}")
         fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
     return fields
-
-
-def _of_bodies(directions: Any) -> tuple[Mapping[str, slice], ...]:
-    """Return the slices of each body's connections, by name."""
-    bodies = checks.sequence("directions", directions, Mapping, "{'x': slice(0, 4)}")
-    for k, body in enumerate(bodies):
-        for name, connections in body.items():
-            checks.instance(f"a name in directions[{k}]", name, str, "'x'")
-            checks.instance(f"directions[{k}][{name!r}]", connections, slice, "slice(0, 4)")
-    return bodies
 
 
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:
@@ -142,45 +119,28 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool 
     return values
 
 
-def longest(fields: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the length beyond which each connection of a system breaks [m]: it exerts break_force there at most.
-
-    Parameters
-    ----------
-    fields
-        Those of the system by name, of which rest_length, stiffness, break_strain and break_force are read.
-    """
-    rest, stiffness = fields["rest_length"], fields["stiffness"]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stretch = np.where(stiffness > 0, fields["break_force"] / stiffness, np.inf)
-    return np.minimum(rest * (1 + fields["break_strain"]), rest + stretch)
-
-
 def check_bears_start(fields: Mapping[str, Any]) -> None:
-    """Check that no connection that is whole is longer at the start than what it bears."""
-    if np.isinf(stored(fields["break_strain"])).all() and np.isinf(stored(fields["break_force"])).all():
+    """Check that no connection that is whole is longer at the start than where it breaks."""
+    strain, force = fields["break_strain"], fields["break_force"]
+    if np.isinf(stored(strain)).all() and np.isinf(stored(force)).all():
         return
-    length, most, rest = lengths(fields["position"], fields["connections"]), longest(fields), fields["rest_length"]
+    length, rest = lengths(fields["position"], fields["connections"]), fields["rest_length"]
+    stiffness = fields["stiffness"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stretch = np.where(stiffness > 0, force / stiffness, np.inf)
+    longest = np.minimum(rest * (1 + strain), rest + stretch)
     # Lengths of what was placed unstrained are those of the rest but for rounding.
-    bears = np.isfinite(fields["broken_at"]) | (length <= most * (1 + 8 * np.finfo(np.float64).eps))
+    bears = np.isfinite(fields["broken_at"]) | (length <= longest * (1 + 8 * np.finfo(np.float64).eps))
     if not bears.all():
         c = int(np.argmin(bears))
-        name = "break_strain" if most[c] == rest[c] * (1 + fields["break_strain"][c]) else "break_force"
-        least = (
-            length[c] / rest[c] - 1 if name == "break_strain" else fields["stiffness"][c] * (length[c] - rest[c])
-        )
+        if longest[c] == rest[c] * (1 + strain[c]):
+            name, least = "break_strain", length[c] / rest[c] - 1
+        else:
+            name, least = "break_force", stiffness[c] * (length[c] - rest[c])
         raise ValueError(
             f"{name}[{c}] is {fields[name][c]:.6g}; it must be at least {least:.6g}, with which the connection "
             "starts (or broken_at says that it is broken)"
         )
-
-
-def check_pinned_still(velocity: NDArray[np.float64], mass: NDArray[np.float64]) -> None:
-    """Check that pinned particles do not move."""
-    pinned = np.isinf(mass)
-    if pinned.any():
-        still = ~pinned | (velocity == 0).all(axis=1)
-        checks.every("velocity", velocity, np.broadcast_to(still[:, None], velocity.shape), "0: it is pinned")
 
 
 def positions(value: ArrayLike) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
-"""Frame: what a run hands out, a file stores and a picture shows."""
+"""What a simulation returns: the state at one time, and the readings of a probe over time."""
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 
@@ -14,3 +15,12 @@ class Frame(NamedTuple):
     """Particle positions [m], shape [particle_count, d]."""
     velocity: NDArray
     """Particle velocities [m/s], shape [particle_count, d]."""
+
+
+class Series(NamedTuple):
+    """The readings of one probe, by frame or by substep."""
+
+    times: NDArray[np.float64]
+    """When frames, or substeps, ended [s], shape [reading_count]."""
+    values: NDArray[np.float64]
+    """The readings in SI units, shape [reading_count, d]; of strain two columns, mean and largest."""

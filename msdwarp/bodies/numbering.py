@@ -1,21 +1,20 @@
-"""Numbering: which numbers particles have, and so how near neighbours lie in memory."""
+"""Numbering: systems with other numbers of their particles, and two systems as one."""
 
-from typing import TYPE_CHECKING, Any
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
-from .surface import Surface
-from .uniform import is_uniform
+from .uniform import is_uniform, joined
 
-if TYPE_CHECKING:
-    from .system import System
-
-SECOND = "second neighbours"
-"""The direction that connections to second neighbours are in where particles have been numbered anew."""
-BITS = 62
+_SECOND = "second neighbours"
+"""The direction of connections to second neighbours in a system that has been renumbered."""
+_BITS = 62
 """Bits of a place along the curve, shared by the coordinates."""
 
 
@@ -46,7 +45,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
         )
     if len(x) == 0:
         return np.zeros(0, dtype=np.int64)
-    return np.argsort(places_along_curve(x, min(BITS // x.shape[1], 31)), kind="stable")
+    return np.argsort(places_along_curve(x, min(_BITS // x.shape[1], 31)), kind="stable")
 
 
 def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.int64]:
@@ -63,31 +62,68 @@ def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.in
     return place
 
 
-def renumbered(system: "System", order: ArrayLike | None) -> dict[str, Any]:
+def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
+    """Return which of `count` connections do not join second neighbours; None if none does."""
+    named = [(name, part) for body in directions for name, part in body.items()]
+    second = [part for name, part in named if re.fullmatch(f"([+-]?2[xyz])+|{_SECOND}", name)]
+    found = np.ones(count, dtype=bool)
+    for part in second:
+        found[part] = False
+    return found if second else None
+
+
+def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, Any]:
     """Return the fields of a system whose particle k was number order[k]; see `System.renumbered`."""
-    n = system.particle_count
-    chosen = space_filling_order(system.position) if order is None else np.asarray(order)
+    n = len(fields["position"])
+    chosen = space_filling_order(fields["position"]) if order is None else np.asarray(order)
     if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not np.array_equal(np.sort(chosen), np.arange(n)):
         raise ValueError(f"order is {checks.repr_short(order)}; it must have each number from 0 to {n - 1} once")
     number = np.empty(n, dtype=np.int32)
     number[chosen] = np.arange(n, dtype=np.int32)
-    connections = number[system.connections]
+    connections = number[fields["connections"]]
     ends = np.sort(connections, axis=1)
-    near = system.between_neighbours
+    near = between_neighbours(fields["directions"], len(ends))
     second = np.zeros(len(ends), dtype=bool) if near is None else ~near
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
-    fields: dict[str, Any] = {"connections": connections[of_connections], "damper": system.damper}
+    result: dict[str, Any] = {"connections": connections[of_connections], "damper": fields["damper"]}
     if near is not None:  # they are of other lengths, and far softer
-        fields["directions"] = ({SECOND: slice(int(near.sum()), len(ends))},)
+        result["directions"] = ({_SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
         for name in names:
-            values = getattr(system, name)
-            fields[name] = values if is_uniform(values) else values[where]
-    if system.original_length is system.rest_length:
-        fields["original_length"] = fields["rest_length"]
-    surface = system.surface
-    if surface is not None:
-        kept = {name: getattr(surface, name) for name in ("weights", "uv", "triangles", "normal_of")}
-        fields["surface"] = Surface(particle=number[surface.particle], **kept)
-    fields["groups"] = {name: np.sort(number[group]) for name, group in system.groups.items()}
-    return fields
+            values = fields[name]
+            result[name] = values if is_uniform(values) else values[where]
+    if fields["original_length"] is fields["rest_length"]:
+        result["original_length"] = result["rest_length"]
+    if (surface := fields["surface"]) is not None:
+        result["surface"] = replace(surface, particle=number[surface.particle])
+    result["groups"] = {name: np.sort(number[group]) for name, group in fields["groups"].items()}
+    return result
+
+
+def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of two systems as one, with the particles and connections of `other` behind.
+
+    Raises ValueError if they have another number of coordinates, or other laws of damping.
+    """
+    n, c = len(one["position"]), len(one["connections"])
+    dims = [each["position"].shape[1] for each in (one, other)]
+    if dims[0] != dims[1]:
+        raise ValueError(f"cannot add a system of {dims[1]} coordinates to one of {dims[0]}")
+    if one["damper"] != other["damper"] and one["damping"].any() and other["damping"].any():
+        raise ValueError(f"cannot add a system damped by {other['damper']} to one damped by {one['damper']}")
+    result = {name: joined(one[name], other[name]) for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)}
+    if all(each["original_length"] is each["rest_length"] for each in (one, other)):
+        result["original_length"] = result["rest_length"]
+    groups = dict(one["groups"])
+    for name, particles in other["groups"].items():
+        groups[name] = np.concatenate([groups.get(name, particles[:0]), particles + np.int32(n)])
+    shifted = tuple(
+        {name: slice(part.start + c, part.stop + c) for name, part in body.items()} for body in other["directions"]
+    )
+    return result | {
+        "connections": np.concatenate([one["connections"], other["connections"] + np.int32(n)]),
+        "damper": (one if one["damping"].any() else other)["damper"],
+        "surface": one["surface"] if other["surface"] is None else other["surface"].behind(one["surface"], n),
+        "directions": one["directions"] + shifted,
+        "groups": groups,
+    }

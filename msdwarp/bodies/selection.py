@@ -1,4 +1,4 @@
-"""Selection: which particles are meant by indices, a slice or a mask."""
+"""Selection of particles by indices, a slice or a mask."""
 
 from typing import Any
 
@@ -7,32 +7,23 @@ from numpy.typing import NDArray
 
 
 def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
-    """Return which of `count` particles are meant, shape [count].
+    """Return which of `count` particles indices, a slice or a mask mean, shape [count].
 
-    Parameters
-    ----------
-    name
-        What the argument is called.
-    selection
-        Indices, a slice, or a mask of shape [count].
-    count
-        Number of particles.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these, an index is out of range, or whole numbers look like a mask.
+    Raises ValueError that names the argument if it is none of these, an index is out of range, or whole
+    numbers look like a mask.
     """
     chosen = np.zeros(count, dtype=bool)
+    wrong = f"{name} does not index {count} particles: "
+    allowed = "it must be indices, a slice or a mask of booleans"
     # None, True and False would index all: a new axis is put before the particles.
     if selection is None or isinstance(selection, bool | np.bool_ | str):
-        raise ValueError(_does_not(name, count, f"it is {selection!r}"))
+        raise ValueError(wrong + f"it is {selection!r}; {allowed}")
     try:
         where = selection if isinstance(selection, slice) else np.asarray(selection)
-        if isinstance(where, slice) or where.size:  # nobody is a list of no type
+        if isinstance(where, slice) or where.size:  # an empty list selects none
             chosen[where] = True
     except (IndexError, TypeError, ValueError) as error:
-        raise ValueError(_does_not(name, count, str(error))) from error
+        raise ValueError(wrong + f"{error}; {allowed}") from error
     if isinstance(where, np.ndarray):
         check_no_mask(name, where, count)
     return chosen
@@ -49,7 +40,3 @@ def check_no_mask(name: str, where: NDArray, count: int) -> None:
             f"{name} holds 0 and 1 for each of {count} particles, which as indices are the first two: "
             "a mask must be of booleans, such as mask == 1"
         )
-
-
-def _does_not(name: str, count: int, why: str) -> str:
-    return f"{name} does not index {count} particles: {why}; it must be indices, a slice or a mask of booleans"

@@ -13,26 +13,18 @@ AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
 
 
 def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
-    """Return the matrix of a turn by `angle` [rad]; in three dimensions by Rodrigues' formula."""
+    """Return the matrix of a turn by `angle` [rad], in three dimensions about an axis."""
     cosine, sine = np.cos(angle), np.sin(angle)
     if dim == 2:
         return np.array([[cosine, -sine], [sine, cosine]])
     if dim == 1:
         raise ValueError("a one-dimensional system cannot be rotated")
     checks.broadcast("axis", axis, (3,))
-    u = checks.direction("axis", axis)
-    cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
-    return cosine * np.eye(3) + sine * cross + (1 - cosine) * np.outer(u, u)
+    return _about(np.array([checks.direction("axis", axis)]), np.array([cosine]), np.array([sine]))[0]
 
 
 def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
-    """Return the matrix of a rotation vector [rad], or in two dimensions of an angle.
-
-    Raises
-    ------
-    ValueError
-        If it has another shape or is not finite.
-    """
+    """Return the matrix of a rotation vector [rad], or in two dimensions of an angle; raise ValueError if none."""
     if dim == 1:
         raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
     if dim == 2:
@@ -42,36 +34,33 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
 
 
 def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the matrices of many turns [rad], shape [count, d, d], bit for bit those of each by itself.
+    """Return the matrices of many turns, shape [count, d, d], bit for bit those of each by itself.
 
-    Products are summed term by term: a library for matrices does it in another order for one than for many.
-
-    Parameters
-    ----------
-    turns
-        Finite rotation vectors, shape [count, 3], or in two dimensions angles, shape [count, 1].
-    dim
-        Number of coordinates, 2 or 3.
-
-    Raises
-    ------
-    ValueError
-        If there is one coordinate, where nothing turns.
+    Turns are rotation vectors [rad], shape [count, 3], or in two dimensions angles, shape [count, 1]. Raises
+    ValueError in one dimension, where nothing turns.
     """
+    if dim == 1:
+        raise ValueError("in one dimension nothing turns")
     if dim == 2:
         cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
         return np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
-    if dim == 1:
-        raise ValueError("in one dimension nothing turns")
     angle = np.array([math.hypot(*turn) for turn in turns])  # squares nothing too large or too small for it
     u = np.ldexp(turns, -np.frexp(np.abs(turns).max(axis=1, keepdims=True))[1])
     x, y, z = u.T
     length = np.sqrt(x * x + y * y + z * z)
     x, y, z = u.T / np.where(length > 0, length, 1.0)  # of no turn there is no axis, and its sine is 0
+    return _about(np.stack([x, y, z], axis=-1), np.cos(angle), np.sin(angle))
+
+
+def _about(axis: NDArray[np.float64], cosine: NDArray, sine: NDArray) -> NDArray[np.float64]:
+    """Return the matrices of turns about unit vectors, shape [count, 3, 3], by Rodrigues' formula.
+
+    Products are summed term by term: a library for matrices does it in another order for one than for many.
+    """
+    x, y, z = axis.T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    axis = np.stack([x, y, z], axis=-1)
-    cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
+    cosine, sine = cosine[:, None, None], sine[:, None, None]
     return cosine * np.eye(3) + sine * cross + (1 - cosine) * (axis[:, :, None] * axis[:, None, :])
 
 

@@ -1,6 +1,6 @@
 """Surface: the triangles that are drawn, and how they are carried by the particles."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,28 +57,20 @@ class Surface:
         weights: ArrayLike | None = None,
         normal_of: ArrayLike | None = None,
     ) -> None:
-        given = np.asarray(particle)
-        if given.ndim not in (1, 2) or given.shape[1:] == (0,) or given.dtype.kind not in "iu":
-            raise ValueError(
-                f"particle has shape {given.shape} and type {given.dtype}; "
-                "it must hold whole numbers in the shape (vertex_count,) or (vertex_count, k)"
-            )
-        own = given.astype(np.int32)
-        own.flags.writeable = False
+        own = _whole("particle", particle, "(vertex_count,) or (vertex_count, k)")
         object.__setattr__(self, "particle", own)
         object.__setattr__(self, "weights", _shares(weights, own.shape))
         object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
         object.__setattr__(self, "triangles", checks.indices("triangles", triangles, 3, len(own)))
-        object.__setattr__(self, "normal_of", _normals(normal_of, len(own)))
+        object.__setattr__(self, "normal_of", None)
+        if normal_of is not None:
+            of = _whole("normal_of", normal_of, f"({len(own)},)", own.shape[:1])
+            checks.within("normal_of", of, checks.index_below(len(own)))
+            checks.every("normal_of", of, of[of] == of, "a vertex that takes its own normal")
+            object.__setattr__(self, "normal_of", of)
 
     def points(self, position: ArrayLike) -> NDArray[np.float64]:
-        """Return the positions of the vertices [m], shape [vertex_count, d].
-
-        Parameters
-        ----------
-        position
-            Particle positions [m], shape [particle_count, d].
-        """
+        """Return the positions of the vertices [m], shape [vertex_count, d], for particles at `position` [m]."""
         x = np.asarray(position, dtype=np.float64)
         if x.ndim != 2:
             raise ValueError(f"position has shape {x.shape}; it must be (particle_count, d)")
@@ -89,30 +81,23 @@ class Surface:
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
         """Return both surfaces as one, with this one's particle numbers shifted by a count."""
-        own = Surface(
-            particle=self.particle + np.int32(particles),
-            weights=self.weights,
-            uv=self.uv,
-            triangles=self.triangles,
-            normal_of=self.normal_of,
-        )
+        own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:
             return own
+        both, vertices = (first, own), len(first.particle)
         weights = normal_of = None
-        particle = [first.particle, own.particle]
-        if first.weights is not None or own.weights is not None:
-            width = max(first._mixture[0].shape[1], own._mixture[0].shape[1])
-            particle, weights = zip(*(_widened(*each._mixture, width) for each in (first, own)), strict=True)
-        vertices = len(first.particle)
-        if first.normal_of is not None or own.normal_of is not None:
-            normal_of = [each._normals_of for each in (first, own)]
-            normal_of[1] = normal_of[1] + np.int32(vertices)
+        particle = [each.particle for each in both]
+        if any(each.weights is not None for each in both):
+            width = max(each._mixture[0].shape[1] for each in both)
+            particle, weights = zip(*(_widened(*each._mixture, width) for each in both), strict=True)
+        if any(each.normal_of is not None for each in both):
+            normal_of = np.concatenate([first._normals_of, own._normals_of + np.int32(vertices)])
         return Surface(
             particle=np.concatenate(particle),
             weights=None if weights is None else np.concatenate(weights),
             uv=np.concatenate([first.uv, own.uv]),
             triangles=np.concatenate([first.triangles, own.triangles + np.int32(vertices)]),
-            normal_of=None if normal_of is None else np.concatenate(normal_of),
+            normal_of=normal_of,
         )
 
     @property
@@ -146,20 +131,17 @@ def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.flo
     return shares
 
 
-def _normals(normal_of: ArrayLike | None, vertices: int) -> NDArray[np.int32] | None:
-    """Return the vertex whose normal each vertex takes as a read-only array."""
-    if normal_of is None:
-        return None
-    given = np.asarray(normal_of)
-    if given.shape != (vertices,) or given.dtype.kind not in "iu":
+def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | None = None) -> NDArray[np.int32]:
+    """Return whole numbers as a new read-only array of one or two axes, or of a shape."""
+    given = np.asarray(value)
+    fits = given.shape == shape if shape else given.ndim in (1, 2) and given.shape[1:] != (0,)
+    if not fits or given.dtype.kind not in "iu":
         raise ValueError(
-            f"normal_of has shape {given.shape} and type {given.dtype}; "
-            f"it must hold whole numbers in the shape ({vertices},)"
+            f"{name} has shape {given.shape} and type {given.dtype}; "
+            f"it must hold whole numbers in the shape {allowed}"
         )
-    checks.within("normal_of", given, checks.index_below(vertices))
     own = given.astype(np.int32)
     own.flags.writeable = False
-    checks.every("normal_of", own, own[own] == own, "a vertex that takes its own normal")
     return own
 
 

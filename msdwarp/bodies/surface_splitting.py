@@ -7,24 +7,15 @@ from .system import System
 
 
 class Edges:
-    """The connections along the edges of a surface's triangles.
+    """The connections along the edges of the triangles of a system's surface.
 
-    A vertex that is a mixture of particles lies on no connection: a surface that is carried by a body inside it
-    parts nowhere.
-
-    Parameters
-    ----------
-    system
-        What has the surface, and the connections.
+    A vertex that is a mixture of particles lies on no connection, so that such a surface parts nowhere.
     """
 
     def __init__(self, system: System) -> None:
         surface = system.surface
-        self._of: NDArray[np.int64] = np.empty((0, 3), dtype=np.int64)
-        if surface is None:
-            return
-        self._of = np.full((len(surface.triangles), 3), -1)
-        if surface.weights is not None or not system.connection_count:
+        self._of: NDArray[np.int64] = np.full((0 if surface is None else len(surface.triangles), 3), -1)
+        if surface is None or surface.weights is not None or not system.connection_count:
             return
         corners = surface.particle[surface.triangles]
         self._of = connection_between(system, np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1))
@@ -32,13 +23,8 @@ class Edges:
     def parted_at(self, broken_at: NDArray) -> NDArray:
         """Return when each triangle parted, inf where none has, shape [triangle_count].
 
-        It does when its corners are no longer joined by what is whole: as the second of its three edges breaks, or
-        the first where one of them has no connection.
-
-        Parameters
-        ----------
-        broken_at
-            When each connection broke [s], inf where it is whole, shape [connection_count].
+        A triangle parts when its corners are no longer joined: as the second of its three edges breaks, or the
+        first where one of them has no connection. `broken_at` is as in `System`.
         """
         absent = self._of < 0
         times = np.sort(np.where(absent, -np.inf, np.append(broken_at, np.inf)[self._of]), axis=1)
@@ -50,12 +36,7 @@ class Edges:
 def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
     """Return which connection joins each pair of particles, -1 where none does.
 
-    Parameters
-    ----------
-    system
-        What has the connections, at least one.
-    pairs
-        Numbers of particles, shape [..., 2]; the result's is [...].
+    The system has one connection at least. The shape of `pairs` is [..., 2], that of the result [...].
     """
     n = system.particle_count
     joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
@@ -66,10 +47,10 @@ def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:
-    """Return what is broken in a frame that is recorded at `time` [s]: what broke before it, or from the start.
+    """Return which connections are broken in a frame at `time` [s]: those that broke before, or at the start.
 
-    What breaks as a frame is recorded does so in the substep behind it. Both are compared as float32, in which
-    devices and files have them.
+    One that breaks at the frame's time does so in the following substep. Times are compared as float32, as devices
+    and files have them.
     """
     when = np.asarray(broken_at, dtype=np.float32)
     return (when < np.float32(time)) | (when <= 0)

@@ -1,6 +1,5 @@
 """System: what is simulated, as NumPy arrays on the host."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -9,15 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .concatenate import both
 from .dampers import LINEAR, Damper
-from .description import description
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
-from .numbering import SECOND, renumbered
+from .numbering import between_neighbours, concatenated, renumbered
 from .selection import selected
 from .space import rotation_matrix
 from .surface import Surface
+from .text import counted, span
 from .uniform import stored, uniform
+
+_NAMED = 4
+"""Groups that the text of a system names; of more it gives the number."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -120,34 +121,13 @@ class System:
         directions: tuple[Mapping[str, slice], ...] = ({},),
         groups: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        given = {
-            "position": position,
-            "velocity": velocity,
-            "mass": mass,
-            "connections": connections,
-            "rest_length": rest_length,
-            "stiffness": stiffness,
-            "damping": damping,
-            "damper": damper,
-            "yield_strain": yield_strain,
-            "relaxation_time": relaxation_time,
-            "largest_plastic_strain": largest_plastic_strain,
-            "original_length": original_length,
-            "break_strain": break_strain,
-            "break_force": break_force,
-            "broken_at": broken_at,
-            "surface": surface,
-            "directions": directions,
-            "groups": groups,
-        }
+        given = {name: value for name, value in locals().items() if name != "self"}
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
 
     @classmethod
     def trusted(cls, **fields: Any) -> Self:
-        """Return a system from valid fields: nothing is checked, copied or broadcast.
-
-        For large bodies, where checking and copying could take longer than creating the arrays.
+        """Return a system from valid fields, without checking, copying or broadcasting them.
 
         Parameters
         ----------
@@ -157,20 +137,36 @@ class System:
             of the class.
         """
         system = cls.__new__(cls)
-        count = len(fields["connections"])
-        missing: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
-        missing |= {"velocity": np.broadcast_to(0.0, fields["position"].shape)}
-        missing |= {"mass": uniform(1.0, len(fields["position"]))}
-        missing |= {"original_length": fields["rest_length"], "damper": LINEAR, "surface": None}
-        missing |= {"directions": ({},), "groups": {}}
-        for name, value in (missing | fields).items():
+        position, count = fields["position"], len(fields["connections"])
+        defaults: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
+        defaults |= {"velocity": np.broadcast_to(0.0, position.shape), "mass": uniform(1.0, len(position))}
+        defaults |= {"original_length": fields["rest_length"], "damper": LINEAR}
+        defaults |= {"surface": None, "directions": ({},), "groups": {}}
+        for name, value in (defaults | fields).items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(system, name, value)
         return system
 
     def __repr__(self) -> str:
-        return description(self)
+        low, high = self.position.min(axis=0), self.position.max(axis=0)
+        extent = " × ".join(f"{edge:.4g}" for edge in high - low)
+        corner = ", ".join(f"{edge:.4g}" for edge in low)
+        pinned, broken = (int(np.count_nonzero(some)) for some in (self.pinned, self.broken))
+        masses = [f"mass {self.mass[~self.pinned].sum():.4g} kg"] if pinned < self.particle_count else []
+        masses += [f"{counted(pinned, 'particle')} pinned"] if pinned else []
+        lines = [headline(self), f"extent {extent} m, lowest corner ({corner}) m", ", ".join(masses)]
+        if self.connection_count:
+            law = " N s/m" if self.damper == LINEAR else f" by {self.damper!r}"
+            springs = f"stiffness {span(self.stiffness)} N/m, damping {span(self.damping)}{law}"
+            springs += f", yields beyond a strain of {span(self.yield_strain)}" if self.yields else ""
+            tears = f", {counted(broken, 'connection')} broken" if broken else ", tears"
+            lines.append(springs + (tears if self.tears else ""))
+        if self.groups:
+            groups = [f"{name} ({len(particles)})" for name, particles in list(self.groups.items())[:_NAMED]]
+            more = f" and {len(self.groups) - _NAMED} more" if len(self.groups) > _NAMED else ""
+            lines.append(f"groups: {', '.join(groups)}{more}")
+        return "\n  ".join(lines)
 
     @property
     def particle_count(self) -> int:
@@ -189,18 +185,7 @@ class System:
         Second neighbours have directions such as "2x". These connections are compressed in a flat sheet: see
         `msdwarp.shapes.bending`.
         """
-        second = [
-            part
-            for body in self.directions
-            for name, part in body.items()
-            if re.fullmatch(f"([+-]?2[xyz])+|{SECOND}", name)
-        ]
-        if not second:
-            return None
-        found = np.ones(self.connection_count, dtype=bool)
-        for part in second:
-            found[part] = False
-        return found
+        return between_neighbours(self.directions, self.connection_count)
 
     @property
     def dim(self) -> int:
@@ -246,12 +231,7 @@ class System:
     def direction(self, name: str, body: int = 0) -> slice:
         """Return the slice of a body's connections in one lattice direction, such as "x" or "x+y".
 
-        Raises
-        ------
-        KeyError
-            If the body has no direction of that name; the message lists its directions.
-        ValueError
-            If there is no such body.
+        Raises ValueError if there is no such body, and KeyError that lists its directions if this is none of them.
         """
         checks.one_of("body", body, range(-len(self.directions), len(self.directions)))
         if name not in self.directions[body]:
@@ -263,14 +243,7 @@ class System:
         """Return this system with some fields changed; the others are shared.
 
         New fields are checked, together with the fields that must match them. A new rest length also replaces the
-        original one, unless that is given.
-
-        Raises
-        ------
-        TypeError
-            If a system has no such field.
-        ValueError
-            As the class does.
+        original one, unless that is given. Raises ValueError as the class does, and TypeError for an unknown name.
         """
         known = vars(self)
         for name in changes:
@@ -288,6 +261,8 @@ class System:
     def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
         """Return this system, with its velocities, rotated by `angle` [rad] about an axis.
 
+        Raises ValueError if the system is one-dimensional, or the axis is zero.
+
         Parameters
         ----------
         angle
@@ -296,11 +271,6 @@ class System:
             Direction of the axis in three dimensions, any length, shape [3]; unused in two.
         about
             A point on the axis [m], shape [d]; by default the centre of mass.
-
-        Raises
-        ------
-        ValueError
-            If the system is one-dimensional, or the axis is zero.
         """
         checks.between("angle", angle, -checks.LARGEST, checks.LARGEST)
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
@@ -310,16 +280,8 @@ class System:
     def spin(self, angular_velocity: ArrayLike) -> Self:
         """Return this system with a rotation about its centre of mass added to its velocities.
 
-        Parameters
-        ----------
-        angular_velocity
-            Angular velocity [rad/s], shape [3] in three dimensions, a scalar in two. Pinned particles
-            stay still.
-
-        Raises
-        ------
-        ValueError
-            If the system is one-dimensional.
+        The angular velocity [rad/s] has shape [3] in three dimensions, and is a scalar in two. Pinned particles
+        stay still. Raises ValueError if the system is one-dimensional.
         """
         arm = self.position - self.centre_of_mass
         if self.dim == 3:
@@ -341,17 +303,10 @@ class System:
         return self.replace(velocity=np.where(pinned[:, None], 0.0, velocity) if pinned.any() else velocity)
 
     def pin(self, selection: Any) -> Self:
-        """Return this system with the selected particles pinned in place.
+        """Return this system with particles pinned.
 
-        Parameters
-        ----------
-        selection
-            Indices, a slice, or a mask of booleans, shape [particle_count].
-
-        Raises
-        ------
-        ValueError
-            If the selection is invalid, or an index is out of range.
+        The selection is indices, a slice, or a mask of booleans, shape [particle_count]. Raises ValueError if it
+        is invalid, or an index is out of range.
         """
         chosen = selected("selection", selection, self.particle_count)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
@@ -371,12 +326,9 @@ class System:
         return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
 
     def group(self, name: str, argument: str = "group") -> NDArray[np.bool_]:
-        """Return the mask of the particles in a group, shape [particle_count]; `argument` is who names it.
+        """Return the mask of the particles in a group, shape [particle_count].
 
-        Raises
-        ------
-        ValueError
-            If there is no group of that name; the message lists the groups.
+        Raises ValueError that names the `argument` and lists the groups if there is no group of that name.
         """
         checks.one_of(argument, name, self.groups)
         mine = np.zeros(self.particle_count, dtype=bool)
@@ -390,10 +342,26 @@ class System:
         a lattice: it loses its directions, which make it fast. Particle `order[k]` becomes number k; by default
         the order is `space_filling_order(position)`. Raises ValueError if `order` is not a permutation.
         """
-        return self.trusted(**renumbered(self, order))
+        return self.trusted(**renumbered(vars(self), order))
 
     def __add__(self, other: "System") -> Self:
         """Return one system that holds both, with the particles and connections of `other` behind."""
         if not isinstance(other, System):
             return NotImplemented
-        return self.trusted(**both(self, other))
+        return self.trusted(**concatenated(vars(self), vars(other)))
+
+
+def headline(system: System) -> str:
+    """Return in a line how large a system is."""
+    particles = f"{counted(system.particle_count, 'particle')} in {counted(system.dim, 'dimension')}"
+    return f"System of {particles}, {counted(system.connection_count, 'connection')}"
+
+
+def particles_meant(name: str, which: Any, system: System) -> NDArray[np.bool_]:
+    """Return the particles that a group's name, indices, a mask, or None for all mean, shape [particle_count].
+
+    Raises ValueError that names the argument if there is no such group, or an index is out of range.
+    """
+    if which is None:
+        return np.ones(system.particle_count, dtype=bool)
+    return system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)

@@ -1,7 +1,7 @@
 """Uniform arrays: one number, or one row, stored once and seen many times (a view whose first stride is 0).
 
-A constant that is the same everywhere costs one number of memory, on the host and on the device. Whoever makes,
-joins or reads arrays of a system does it by these functions, so that what is uniform stays so.
+So a constant that is the same everywhere takes one number of memory, on the host and on the device. These
+functions create, join and read arrays of a system, and keep uniform ones uniform.
 """
 
 import numpy as np
@@ -25,12 +25,12 @@ def stored(values: NDArray) -> NDArray:
 
 
 def uniform_like(values: NDArray, like: NDArray) -> NDArray:
-    """Return `values`, computed entry by entry from `like`, stored once where `like` is."""
+    """Return `values`, which were computed entry by entry from `like`, as uniform if `like` is."""
     return uniform(values[0], len(values)) if is_uniform(like) else values
 
 
 def joined(a: NDArray, b: NDArray) -> NDArray:
-    """Return both arrays, one behind the other; uniform where both are, with the same entry."""
+    """Return two arrays concatenated: a uniform one if both are, with the same entry."""
     views = a.strides[:1] == b.strides[:1] == (0,)  # of one entry, too: two of the same are uniform
     if views and len(a) and len(b) and np.array_equal(a[0], b[0]):
         return uniform(a[0], len(a) + len(b))

@@ -3,6 +3,6 @@
 The only importer of cyclopts and rich, which wait until signals are heard.
 """
 
-from .start import main, scene_main
+from .process import main, scene_main
 
 __all__ = ["main", "scene_main"]

@@ -1,53 +1,29 @@
 """The `msdwarp` command, and what a scene script runs when it is started by itself.
 
-What a command does is imported once it is known that it will be done: Warp takes longer to import than help does.
+What a command needs is imported once it is certain to run: Warp takes longer to import than help takes.
 """
 
 import ast
-import inspect
-import sys
-from collections.abc import Callable
-from functools import partial, wraps
+from collections.abc import Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from .. import scenes
-from .file_commands import (
-    export_command,
-    info_command,
-    plot_command,
-    render_command,
-    rerun_command,
-    resume_command,
-    view_command,
-)
-from .integer_flags import with_wholes
-from .options import Options
-from .other_options import FitOptions, TuneOptions, ViewOptions
-from .process import finish, start_warp, understood
+from . import file_commands
+from .options import FitOptions, Options, TuneOptions, ViewOptions
+from .process import start_warp
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
-from .scene_flags import flags_app
+from .scene_flags import flags_app, new_app
 from .signals import at_once
 
-app = App(
-    name="msdwarp",
-    suppress_keyboard_interrupt=False,
+app = new_app(
+    "msdwarp",
     help="Simulate elastic bodies as particles joined by springs and dampers, on the GPU or the CPU.",
 )
-
-
-def main() -> NoReturn:
-    """Run the `msdwarp` command."""
-    finish(lambda: understood(app, sys.argv[1:]))
-
-
-def scene_main(build: Build) -> NoReturn:
-    """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
-    origin = origin_of(build)
-    scene_app = partial(_scene_app, origin, f"{origin.name}.py", Options, _run_scene)
-    finish(lambda: understood(scene_app(), sys.argv[1:]))
 
 
 @app.command(name="list")
@@ -63,39 +39,26 @@ def list_scenes() -> None:
         print(f"{name:12} {summary}")
 
 
-def _exact(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command whose flags for whole numbers take no others."""
-
-    @wraps(command)
-    def exact(*arguments: Any, **named: Any) -> Any:
-        return command(*arguments, **named)
-
-    signature = inspect.signature(command)
-    known = [one.replace(annotation=with_wholes(one.annotation)) for one in signature.parameters.values()]
-    exact.__signature__ = signature.replace(parameters=known)  # type: ignore[attr-defined]
-    exact.__annotations__ = {one.name: one.annotation for one in known}
-    return exact
-
-
-for _name, _command in (
-    ("info", info_command),
-    ("render", render_command),
-    ("plot", plot_command),
-    ("export", export_command),
-    ("resume", resume_command),
-    ("rerun", rerun_command),
-):
-    app.command(_exact(_command), name=_name)
+for _name in ("info", "render", "plot", "export", "resume", "rerun"):
+    app.command(getattr(file_commands, _name), name=_name)
 app.register_install_completion_command(
     help="Set up tab completion of commands, flags and scene names in your shell."
 )
 
-
-Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
+_A_WORD = Parameter(allow_leading_hyphen=True, show_choices=False)
+Words = Annotated[str, _A_WORD, Parameter(help="The scene's parameters, and the flags of this command.")]
 if TYPE_CHECKING:
-    Name = str
+    AnyName = str
 else:  # a scene's name, which a shell completes, or anything else
-    Name = Annotated[Literal[tuple(scene_names())] | str, Parameter(allow_leading_hyphen=True, show_choices=False)]
+    AnyName = Annotated[Literal[tuple(scene_names())] | str, _A_WORD]
+Name = Annotated[AnyName, Parameter(help="A name from `msdwarp list`, or the path of a scene script.")]
+_SHOWN = "A name from `msdwarp list`, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder."
+Shown = Annotated[AnyName, Parameter(help=_SHOWN)]
+_MEASURED = (
+    "A CSV file of tracked points with columns time, id, x, y, z; or of probe readings, as in a run's probes.csv; "
+    "or a trajectory."
+)
+Measured = Annotated[str, _A_WORD, Parameter(help=_MEASURED)]
 
 
 @app.command(help_flags=())
@@ -103,87 +66,38 @@ def run(scene: Name, /, *flags: Words) -> None:
     """Simulate a scene and draw it.
 
     `msdwarp run SCENE --help` shows the flags of a scene.
-
-    Parameters
-    ----------
-    scene
-        A name from `msdwarp list`, or the path of a scene script.
-    flags
-        The scene's parameters, and the flags of every run.
     """
-    _with_scene("run", scene, flags, Options, _run_scene)
+    _with_scene("run", scene, flags, Options)
 
 
-def _run_scene(origin: Origin, options: Options) -> None:
-    with at_once():
-        from .run import run_scene
-    run_scene(origin, origin.scene(), options)
-
-
-@app.command(name="tune", help_flags=())
-def tune_command(scene: Name, /, *flags: Words) -> None:
+@app.command(help_flags=())
+def tune(scene: Name, /, *flags: Words) -> None:
     """Find the fastest method, precision and step that keep a scene's error below a tolerance.
 
     `msdwarp tune SCENE --help` shows the flags. `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
-
-    Parameters
-    ----------
-    scene
-        A name from `msdwarp list`, or the path of a scene script.
-    flags
-        The scene's parameters, and the flags of every tuning.
     """
-    _with_scene("tune", scene, flags, TuneOptions, _tune_scene)
+    _with_scene("tune", scene, flags, TuneOptions)
 
 
-def _tune_scene(origin: Origin, options: TuneOptions) -> None:
-    with at_once():
-        from .tune import tune_scene
-    tune_scene(origin, origin.scene(), options)
-
-
-@app.command(name="fit", help_flags=())
-def fit_command(scene: Name, measured: Words = "--help", /, *flags: Words) -> None:
+@app.command(help_flags=())
+def fit(scene: Name, measured: Measured = "--help", /, *flags: Words) -> None:
     """Fit parameters of a scene to a measured motion.
 
     `msdwarp fit SCENE --help` shows the flags.
-
-    Parameters
-    ----------
-    scene
-        A name from `msdwarp list`, or the path of a scene script.
-    measured
-        A CSV file of tracked points with columns time, id, x, y, z; or of probe readings, as in a run's
-        probes.csv; or a trajectory.
-    flags
-        The scene's parameters, and the flags of every fit.
     """
     if measured.startswith("-"):
         flags = (measured, *flags)
         if not {"--help", "-h"} & set(flags):
             raise ValueError("measured is missing; `msdwarp fit SCENE MEASURED` takes a CSV file or a trajectory")
-    _with_scene("fit", scene, flags, FitOptions, partial(_fit_scene, measured))
+    _with_scene("fit", scene, flags, FitOptions, measured)
 
 
-def _fit_scene(measured: str, origin: Origin, options: FitOptions) -> None:
-    with at_once():
-        from .fit import fit_scene
-    fit_scene(measured, origin, origin.scene(), options)
-
-
-@app.command(name="sweep", help_flags=())
-def sweep_command(scene: Name, /, *flags: Words) -> None:
+@app.command(help_flags=())
+def sweep(scene: Name, /, *flags: Words) -> None:
     """Simulate a scene for many values of its parameters.
 
     A flag takes a list (--damping 1,2,5) or a range (--seed 0:100, --mass 1:3:5, --stiffness 1e3:1e5:log:20).
     `msdwarp sweep SCENE --help` shows the flags. Give the same command again to continue an interrupted sweep.
-
-    Parameters
-    ----------
-    scene
-        A name from `msdwarp list`, or the path of a scene script.
-    flags
-        The scene's parameters, the flags of every run, and those of every sweep.
     """
     if scene in ("--help", "-h"):
         app.help_print(["sweep"])
@@ -194,46 +108,41 @@ def sweep_command(scene: Name, /, *flags: Words) -> None:
     sweep_scene(origin, f"msdwarp sweep {scene}", flags)
 
 
-@app.command(name="view", help_flags=())
-def view(scene: Name, /, *flags: Words) -> None:
+@app.command(help_flags=())
+def view(scene: Shown, /, *flags: Words) -> None:
     """Show a scene live in a window or a browser, or play a trajectory.
 
     `msdwarp view SCENE --help` shows the flags of a scene. Press h in the view for the list of keys.
-
-    Parameters
-    ----------
-    scene
-        A name from `msdwarp list`, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder.
-    flags
-        The scene's parameters, and the flags of every view.
     """
     path = Path(scene)
     if scene not in scene_names() and (path.is_dir() or path.suffix == ".vtkhdf"):
-        play = App(name=f"msdwarp view {scene}", version_flags=(), suppress_keyboard_interrupt=False)
-        play.default(partial(view_command, path))
-        understood(play, flags)
-        return
-    _with_scene("view", scene, flags, ViewOptions, _view_scene)
+        play = new_app(f"msdwarp view {scene}", version_flags=())
+        play.default(partial(file_commands.view, path))
+        play(flags)
+    else:
+        _with_scene("view", scene, flags, ViewOptions)
 
 
-def _view_scene(origin: Origin, options: ViewOptions) -> None:
-    with at_once():
-        from .view import view_scene
-    view_scene(origin, origin.scene(), options)
+def run_script(build: Build, flags: Sequence[str]) -> None:
+    """Run the scene that the `build` of a script makes."""
+    origin = origin_of(build)
+    _act("run", flags_app(origin, f"{origin.name}.py", Options)(flags))
 
 
-def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, action: Any) -> None:
+def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, *given: Any) -> None:
+    """Run a command on a scene, or show its help."""
     if scene in ("--help", "-h"):
         app.help_print([command])
         return
-    understood(_scene_app(find_scene(scene), f"msdwarp {command} {scene}", options_type, action), flags)
+    _act(command, flags_app(find_scene(scene), f"msdwarp {command} {scene}", options_type)(flags), *given)
 
 
-def _scene_app(origin: Origin, command: str, options_type: type, action: Any) -> App:
-    """Return the command that builds a scene by its flags, and does something with it."""
-
-    def act(chosen: Origin, options: Any) -> None:
-        start_warp(options.verbose)
-        action(chosen, options)
-
-    return flags_app(origin, command, options_type, act)
+def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
+    """Call `run_scene` of `run.py`, and so on, with a scene and options; with None help was shown instead."""
+    if chosen is None:
+        return
+    origin, options = chosen
+    start_warp(options.verbose)
+    with at_once():
+        action = getattr(import_module(f".{command}", __package__), f"{command}_scene")
+    action(*given, origin, origin.scene(), options)

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from ..pictures import ColourScale, Renderer, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
-from .process import stop_asked_for
+from .process import stop_requests
 from .results import overlay_path
 from .signals import Interrupted, word
 
@@ -40,114 +40,90 @@ def draw(
     Parameters
     ----------
     scene
-        What it is of; its system is the trajectory's.
+        Its scene; the system must be the trajectory's.
     trajectory
         The frames.
     folder, name
-        Where pictures go, and what the film is called.
+        Folder of the pictures, and name of the film.
     pictures
         What is drawn.
     progress
-        Where it is shown how far it is.
+        Where progress is shown.
     shown
-        The numbers of the frames that are drawn; by default all.
+        Numbers of the frames that are drawn; by default all.
     fps
-        Pictures per second of the film; by default as many as frames of a second.
+        Pictures per second of the film; by default the trajectory's frames per second.
     device
-        Where it was simulated just now, and is drawn by the ray caster; None where that is left open.
+        Device of the simulation, on which the ray caster draws; None to choose one.
 
     Raises
     ------
     Interrupted
-        If a signal asks to end: between two pictures, and never while VTK is imported, which would crash.
+        If a signal asks to stop: between two pictures, and never while VTK is imported, which would crash.
     """
-    with stop_asked_for(progress.console) as asked:
-        what = scene, trajectory, folder, name, pictures, progress, asked
-        return _draw(*what, shown=shown, fps=fps, device=device)
+    with stop_requests(progress.console) as requests:
+        began = time.perf_counter()
+        shown = range(len(trajectory)) if shown is None else shown
+        fps, count = trajectory.fps if fps is None else fps, len(shown)
+        scene = replace(scene, look=pictures.turned(scene.look))
+        if scene.system.tears:
+            scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
+        if pictures.colour == "strain" or (pictures.colour is None and scene.look.strain):
+            scene = replace(
+                scene, look=replace(scene.look, full_strain=_full_strain(scene, trajectory, pictures, shown))
+            )
+        colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
+        size = parse_resolution(pictures.resolution)
+        seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
+        forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
+        how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
+        renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
+        _end_if(requests)
+        positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
+        if not pictures.frames == pictures.video == "none":
+
+            def images() -> Iterator[NDArray]:
+                for k in progress.track(shown, count, description="drawing"):
+                    _end_if(requests)
+                    force = None if forces is None else forces[k]
+                    yield renderer.image(positions[k], times[k], values and values(k), force)
+
+            formats = {"frames": pictures.frames, "video": pictures.video}
+            path = write_film(images(), count, folder, name=name, fps=fps, **formats)
+            drawn.append(f"{count} frame{'s' if count > 1 else ''}")
+            if pictures.frames == "png":
+                others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
+                results.append(f"{folder / 'frame_0000.png'}{others}")
+            if path is not None:
+                results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+        if pictures.overlay is not None:
+            chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
+            path = overlay_path(folder, name)
+            all_values = None if values is None else np.array([values(k) for k in chosen])
+            _end_if(requests)
+            Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
+            drawn.append(f"an overlay of {len(chosen)} poses")
+            results.append(str(path))
+        seconds = time.perf_counter() - began
+        return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
 
 
-def _draw(
-    scene: Scene,
-    trajectory: Trajectory,
-    folder: Path,
-    name: str,
-    pictures: Pictures,
-    progress: Progress,
-    asked: list[int],
-    *,
-    shown: Sequence[int] | None,
-    fps: float | None,
-    device: str | None,
-) -> str:
-    """Draw, until a signal asks to end."""
-    began = time.perf_counter()
-    shown = range(len(trajectory)) if shown is None else shown
-    fps, count = trajectory.fps if fps is None else fps, len(shown)
-    scene = replace(scene, look=pictures.turned(scene.look))
-    if scene.system.tears:
-        scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
-    if pictures.colour == "strain" or (pictures.colour is None and scene.look.strain):
-        scene = replace(
-            scene, look=replace(scene.look, full_strain=_full_strain(scene, trajectory, pictures, shown))
-        )
-    colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
-    size = parse_resolution(pictures.resolution)
-    seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
-    forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
-    how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
-    renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
-    _end_if(asked)
-    positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
-    if not pictures.frames == pictures.video == "none":
-        drawing = progress.track(shown, count, description="drawing")
-        images = (
-            renderer.image(positions[k], times[k], values and values(k), None if forces is None else forces[k])
-            for k in _until(asked, drawing)
-        )
-        formats = {"frames": pictures.frames, "video": pictures.video}
-        path = write_film(images, count, folder, name=name, fps=fps, **formats)
-        drawn.append(f"{count} frame{'s' if count > 1 else ''}")
-        if pictures.frames == "png":
-            others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
-            results.append(f"{folder / 'frame_0000.png'}{others}")
-        if path is not None:
-            results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    if pictures.overlay is not None:
-        chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
-        path = overlay_path(folder, name)
-        all_values = None if values is None else np.array([values(k) for k in chosen])
-        _end_if(asked)
-        Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
-        drawn.append(f"an overlay of {len(chosen)} poses")
-        results.append(str(path))
-    seconds = time.perf_counter() - began
-    return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
-
-
-def _end_if(asked: list[int]) -> None:
-    """Raise Interrupted if a signal has asked to end."""
-    if asked:
-        raise Interrupted(f"{word(asked[0])} while drawing", asked[0])
-
-
-def _until(asked: list[int], drawing: Iterable[int]) -> Iterator[int]:
-    """Pass numbers of frames on, until a signal asks to end."""
-    for k in drawing:
-        _end_if(asked)
-        yield k
+def _end_if(requests: list[int]) -> None:
+    """Raise Interrupted if a signal asks to stop."""
+    if requests:
+        raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
 
 def _colouring(
     scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
 ) -> tuple[str | ColourScale | None, Values | None]:
-    """Return how a body is coloured, and what gives the values of its particles in frame k, if any are shown.
+    """Return the colouring of a body, and the function of the particles' values in frame k, if they are shown.
 
-    The scale ends where, of the frames shown in the one in which they are largest, all but a hundredth of the
-    particles are below.
+    The scale ends at the 99th percentile of the values in the frame where that is largest.
     """
-    if colour not in _SHOWN:
+    if colour not in _QUANTITIES:
         return colour, None
-    label, values_of = _SHOWN[colour]
+    label, values_of = _QUANTITIES[colour]
 
     def values(k: int) -> NDArray[np.float64]:
         return values_of(scene, trajectory, k)
@@ -157,9 +133,9 @@ def _colouring(
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
-    """Return the strain at the ends of the scale: what was asked for, or what all but a hundredth are below.
+    """Return the strain at the ends of the scale: the one given, or the 99th percentile of all springs and frames.
 
-    A hundredth of all connections in all frames shown, of which some are looked at where they are many.
+    Of many springs and frames only a part is evaluated.
     """
     if (given := pictures.full_strain or scene.look.full_strain) is not None:
         return given
@@ -171,7 +147,7 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
         position = trajectory.positions[k].astype(np.float64)
         length = np.linalg.norm(np.diff(position[pairs], axis=1)[:, 0], axis=1)
         strain = np.abs(length / rest_length - 1)
-        # What is broken is not drawn.
+        # Broken springs are not drawn.
         sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
     return _rounded_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
 
@@ -179,8 +155,8 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
     """Return the contact forces in the frames, and the force of the longest arrow [N].
 
-    A tenth of the forces on particles that touch is above it in half of the frames: by the force of an impact,
-    which lasts a moment, all others would be too short to be seen.
+    It is the median over the frames of the 90th percentile: beside the force of a short impact all other arrows
+    would be too short to be seen.
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
@@ -202,16 +178,16 @@ def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float6
     return particle_energies(system_in(trajectory, k, scene.schedule))
 
 
-_SHOWN: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
+_QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
     "velocity": ("speed [m/s]", _speeds),
     "energy": ("energy of a particle and half its connections [J]", _energies),
     "contact": ("contact force on a particle [N]", _contact_forces),
 }
-"""What can be shown of particles, by name: what it is called, and its values in a frame."""
+"""Quantities of particles that colours can show, by name: the label, and the values in a frame."""
 
 
 def _rounded_up(value: float) -> float:
-    """Return a number of one or two digits that is not less; 1 where nothing is above 0."""
+    """Return a value rounded up to one or two digits; 1 if it is not above 0."""
     if value <= 0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))

@@ -3,41 +3,46 @@
 Each imports what it needs when it is called, so that help and errors of the command line need not wait for it.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from .options import Pictures
-from .other_options import ViewOptions
+from ..disk import TRAJECTORY, writable_folder
+from .error_messages import printable
+from .options import Flag, Pictures, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
-from .script_signatures import UNTOLD, Script
+from .script_signatures import UNTRUSTED, Script
 from .signals import at_once
 
-VIEW = ViewOptions()
-PICTURES = Pictures()
-Flag = Annotated[bool, Parameter(negative=())]
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..files import Trajectory
+    from ..world import Change, Scene
+
+File = Annotated[Path, Parameter(help="A trajectory (*.vtkhdf) or a run's folder.")]
+DeviceBefore = Annotated[str | None, Parameter(help="Device to simulate on. Default: the one used before.")]
+PICTURES, VIEW = Pictures(), ViewOptions()
+_MOST_FPS = 60.0
+"""Pictures a second beyond which a film that is played faster skips frames."""
 
 
-def info_command(file: Path, /) -> None:
-    """Describe a trajectory: its contents, and the run that made it.
-
-    Parameters
-    ----------
-    file
-        A trajectory (*.vtkhdf) or a run's folder.
-    """
+def info(file: File, /) -> None:
+    """Describe a trajectory: its contents, and the run that made it."""
     with at_once():
         from ..files import Trajectory
-        from .info import told
-        from .of_files import trajectory_in
-    with Trajectory(trajectory_in(file)) as trajectory:
-        print(told(trajectory), end="")
+        from .info import description
+    with Trajectory(_trajectory_in(file)) as trajectory:
+        print(description(trajectory), end="")
 
 
-def export_command(
-    file: Path,
+def export(
+    file: File,
     /,
     *,
     to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
@@ -49,8 +54,6 @@ def export_command(
 
     Parameters
     ----------
-    file
-        A trajectory (*.vtkhdf) or a run's folder.
     to
         File format. npz holds positions, velocities and times; the others hold the surface that is drawn.
     frame
@@ -62,8 +65,7 @@ def export_command(
     """
     with at_once():
         from ..files import Trajectory, export
-        from .of_files import trajectory_in
-    path = trajectory_in(file)
+    path = _trajectory_in(file)
     with Trajectory(path) as trajectory:
         frames = slice(None) if frame is None else frame
         paths = export(trajectory, out or path.with_suffix(f".{to}"), to, frames, force=force)
@@ -71,8 +73,8 @@ def export_command(
     print(f"wrote {paths[0]}{more}")
 
 
-def render_command(
-    file: Path,
+def render(
+    file: File,
     /,
     *,
     pictures: Pictures = PICTURES,
@@ -81,10 +83,10 @@ def render_command(
     every: int = 1,
     speed: float = 1.0,
     out: Path | None = None,
-    script: Script = UNTOLD,
+    script: Script = UNTRUSTED,
     force: Flag = False,
-    quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
-    verbose: Flag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Draw a trajectory: images, a film, or several poses in one picture.
 
@@ -92,8 +94,6 @@ def render_command(
 
     Parameters
     ----------
-    file
-        A trajectory (*.vtkhdf) or a run's folder.
     first
         First frame to draw, counted from 0; negative numbers count from the end.
     last
@@ -107,72 +107,60 @@ def render_command(
         Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
         Overwrite existing pictures.
-    quiet_
-        Print errors only.
-    verbose
-        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     with at_once():
         from rich.console import Console
 
-        from .. import disk
         from ..files import Trajectory
         from .draw import draw
-        from .of_files import scene_of, shown_of, trajectory_in
-    talk = Console(stderr=True, quiet=quiet_)
-    path = trajectory_in(file)
+    talk = Console(stderr=True, quiet=quiet)
+    path = _trajectory_in(file)
     with Trajectory(path) as trajectory:
-        shown, fps = shown_of(trajectory, first, last, every, speed)
+        shown, fps = frames_shown(trajectory, first, last, every, speed)
         pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
-        name, scene = scene_of(trajectory, talk, script)
+        name, scene = _scene_of(trajectory, talk, script)
         folder = out or (path.parent / "render" if force else free_folder(path.parent / "render"))
         there = pictures_in(folder, name)
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
-        disk.writable_folder("out", folder, folder)
+        writable_folder("out", folder, folder)
         for picture in there:  # none of an earlier, longer film is left
             picture.unlink()
         with progress_on(talk) as progress:
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
-    if not quiet_:
+    if not quiet:
         print(line)
 
 
-def view_command(file: Path, *, options: ViewOptions = VIEW, script: Script = UNTOLD) -> None:
+def view(file: File, *, options: ViewOptions = VIEW, script: Script = UNTRUSTED) -> None:
     """Play a trajectory in a window or a browser.
 
     Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
-
-    Parameters
-    ----------
-    file
-        A trajectory (*.vtkhdf) or a run's folder.
     """
     start_warp(options.verbose)
     with at_once():
         from rich.console import Console
 
         from ..files import Trajectory
-        from .of_files import scene_of, trajectory_in
         from .view import view_trajectory
-    with Trajectory(trajectory_in(file)) as trajectory:
-        name, scene = scene_of(trajectory, Console(stderr=True), script)
+    with Trajectory(_trajectory_in(file)) as trajectory:
+        name, scene = _scene_of(trajectory, Console(stderr=True), script)
         view_trajectory(trajectory, scene, name, options)
 
 
-def plot_command(
+def plot(
     file: Path,
     /,
     *,
     out: Path | None = None,
     gravity: float | None = None,
     show: str | None = None,
-    script: Script = UNTOLD,
+    script: Script = UNTRUSTED,
     force: Flag = False,
-    verbose: Flag = False,
+    verbose: Verbose = False,
 ) -> None:
     """Plot energies, momentum and heights of a trajectory against time, or the results of a sweep.
 
@@ -188,26 +176,23 @@ def plot_command(
         Of a sweep: plot this result only, such as elastic_J.
     force
         Overwrite an existing file.
-    verbose
-        Print Warp's messages too.
     """
     start_warp(verbose)
     with at_once():
         from .. import checks
         from ..files import Trajectory
         from ..studies import RESULTS, plot_history, plot_sweep, write_history
-        from .of_files import schedule_of, trajectory_in
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
         print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
         return
     if show is not None:
         raise ValueError(f"show is {show!r}; it is for the results of a sweep, and {file} is none")
-    path = trajectory_in(file)
+    path = _trajectory_in(file)
     with Trajectory(path) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")
-        schedule = schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
+        schedule = _schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
         target = out or path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
@@ -215,16 +200,16 @@ def plot_command(
         print(f"wrote {write(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
 
 
-def resume_command(
+def resume(
     folder: Path,
     /,
     *,
     duration: float | None = None,
-    device: str | None = None,
-    script: Script = UNTOLD,
+    device: DeviceBefore = None,
+    script: Script = UNTRUSTED,
     force: Flag = False,
-    quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
-    verbose: Flag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Continue an interrupted run to its end, and draw it.
 
@@ -237,33 +222,27 @@ def resume_command(
         The run's folder, or its restart.h5.
     duration
         Total simulated time [s]. Default: that of the run. A larger value extends a finished run.
-    device
-        Device to simulate on. Default: the one used before.
     force
         Overwrite existing pictures.
-    quiet_
-        Print errors only.
-    verbose
-        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     with at_once():
-        from .resume import resume_run
+        from .stored_runs import resume_run
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
-    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet_, script=script)
+    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet, script=script)
 
 
-def rerun_command(
-    file: Path,
+def rerun(
+    file: File,
     /,
     *,
-    device: str | None = None,
+    device: DeviceBefore = None,
     out: Path | None = None,
-    script: Script = UNTOLD,
-    quiet_: Annotated[bool, Parameter(name="--quiet", negative=())] = False,
-    verbose: Flag = False,
+    script: Script = UNTRUSTED,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Repeat the run that made a trajectory, and compare the results.
 
@@ -271,24 +250,84 @@ def rerun_command(
 
     Parameters
     ----------
-    file
-        A trajectory (*.vtkhdf) or a run's folder.
-    device
-        Device to simulate on. Default: the one used before.
     out
         Folder to keep the new result in. Default: it is not kept.
-    quiet_
-        Print errors only.
-    verbose
-        Print messages from Warp and VTK too.
     """
     start_warp(verbose)
     with at_once():
-        from .of_files import trajectory_in
-        from .rerun import rerun
-    path = trajectory_in(file)
-    differences = rerun(path, device=device, out=out, quiet=quiet_, script=script)
+        from .stored_runs import rerun
+    path = _trajectory_in(file)
+    differences = rerun(path, device=device, out=out, quiet=quiet, script=script)
     if differences is not None:
         raise ValueError(f"{path} was not made again: {differences}")
-    if not quiet_:
+    if not quiet:
         print(f"{path} was made again: the same to the last bit")
+
+
+def _trajectory_in(file: Path) -> Path:
+    """Return the path of a trajectory, given by itself or by its run's folder; raise unless HDF5 can read it."""
+    from ..files import probe
+
+    if file.is_dir() and not (file / TRAJECTORY).exists():
+        raise FileNotFoundError(f"file is {file}, a folder without {TRAJECTORY}; it must be the folder of a run")
+    if not file.exists():
+        raise FileNotFoundError(f"file is {file}, which does not exist; it must be a trajectory or a run's folder")
+    path = file / TRAJECTORY if file.is_dir() else file
+    probe(path)
+    return path
+
+
+def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
+    """Return the numbers of the frames to draw, and how many of them the film shows in a second."""
+    from .. import checks
+
+    count = len(trajectory)
+    if not count:
+        raise ValueError(f"{trajectory.path} has no frames to draw")
+    for name, k in (("first", first), ("last", last)):
+        if not -count <= k < count:
+            raise ValueError(
+                f"{name} is {k}; the run has {count} frames, and it must be from {-count} to {count - 1}"
+            )
+    shown = range(first % count, last % count + 1, checks.count("every", every, 1))
+    if not shown:
+        raise ValueError(f"last is {last}; it must not be before first, which is {first}")
+    usual = trajectory.fps / every
+    fps = usual * checks.between("speed", speed, 0.01, 100)
+    step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
+    return shown[::step], fps / step
+
+
+def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:
+    """Return the name and scene of a trajectory; without obstacles if neither file nor script has them."""
+    from ..world import Scene, known_until, scene_from_stored
+    from .provenance import built_again
+
+    system, stored = trajectory.system, trajectory.scene
+    kept = None if stored is None or script.requested else scene_from_stored(system, *stored)
+    name = Path(str(trajectory.attributes.get("scene", ""))).stem
+    name = name if kept is not None and name and name.isprintable() else trajectory.path.stem
+    if kept is not None and trajectory.times[-1] < known_until(kept) + 1e-9:
+        return name, kept
+    try:
+        origin, scene = built_again(trajectory.attributes, script)
+        if scene.system.position.shape != system.position.shape:
+            raise ValueError(f"scene {origin.place!r} has another system now")
+    except Exception as error:  # the script may raise anything
+        without = "drawn without obstacles, in a plain look"
+        if kept is not None:
+            without = f"drawn with moving obstacles that stand still from {known_until(kept):.4g} s on"
+        talk.print(f"{without}: {printable(str(error))}", soft_wrap=True, highlight=False, markup=False)
+        return name, Scene(system=system) if kept is None else kept
+    return origin.name, replace(scene, system=system)
+
+
+def _schedule_of(trajectory: "Trajectory", script: Script) -> "Sequence[Change]":
+    """Return the changes of a run by its file, or by the scene's script if an early version wrote the file."""
+    from ..world import scene_from_stored
+    from .provenance import built_again
+
+    stored = trajectory.scene
+    if stored is None or script.requested:
+        return built_again(trajectory.attributes, script)[1].schedule
+    return scene_from_stored(trajectory.system, *stored).schedule

@@ -10,25 +10,20 @@ from .. import checks
 from ..integrators import METHODS
 from ..studies import FitResult, fit
 from ..world import Scene
-from .other_options import FitOptions
-from .process import telling
+from .options import FitOptions
+from .process import status_on
 from .scene_files import Origin
 
 
 def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) -> None:
-    """Print the parameters with which a scene moves as a file says it was measured.
+    """Print the parameters with which a scene moves as measured.
 
-    Raises
-    ------
-    ValueError
-        If an option is out of range, or the file does not belong to the scene.
-    OSError
-        If there is no such file.
+    Raise ValueError if an option is out of range or the file is of another scene, and OSError if there is no file.
     """
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
     talk = Console(stderr=True, quiet=options.quiet)
-    with warnings.catch_warnings(record=True) as doubts, telling(talk, "fitting") as tell:
+    with warnings.catch_warnings(record=True) as caught, status_on(talk, "fitting") as report:
         warnings.simplefilter("always", checks.FitWarning)
         found = fit(
             scene,
@@ -44,21 +39,21 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
             integrator=METHODS[options.integrator],
             precision=options.precision,
             device=options.device,
-            report=tell,
+            report=report,
         )
     if options.quiet:
         for name, value in found.values.items():
             print(f"{name} {value:.8g}")
     else:
         _print(origin.name, found)
-    for one in doubts:
+    for one in caught:
         Console(stderr=True, soft_wrap=True).print(f"note: {one.message}", markup=False, highlight=False)
     if options.plot is not None:
         found.plot(options.plot)
 
 
 def _print(name: str, found: FitResult) -> None:
-    """Print a table of the values, and what is left over."""
+    """Print a table of the values, and the residuals."""
     table = Table(title=f"{name}: {found.runs} worlds of {found.substeps} substeps a frame")
     for heading in ("parameter", "value", "standard deviation", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "standard deviation") else "left")
@@ -72,18 +67,18 @@ def _print(name: str, found: FitResult) -> None:
 
 
 def _starts(text: str) -> dict[str, float | None]:
-    """Return what "stiffness=500,damping" says."""
+    """Return the starting values in "stiffness=500,damping"."""
     starts: dict[str, float | None] = {}
     for word in text.split(","):
-        name, says, value = word.strip().partition("=")
+        name, given, value = word.strip().partition("=")
         if name in starts:
             raise ValueError(f"parameters is {text!r}; each must be named once")
-        starts[name] = _number("parameters", text, value) if says else None
+        starts[name] = _number("parameters", text, value) if given else None
     return starts
 
 
 def _bounds(text: str) -> dict[str, tuple[float, float]]:
-    """Return what "stiffness=100:2000" says."""
+    """Return the bounds in "stiffness=100:2000"."""
     bounds = {}
     for word in filter(None, text.split(",")):
         name, _, both = word.strip().partition("=")

@@ -1,4 +1,4 @@
-"""What `msdwarp info` says of a trajectory: what it is, how it was simulated, and what made it."""
+"""What `msdwarp info` prints: what a trajectory is, how it was simulated, and what made it."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 from ..bodies import counted
 from ..files import Trajectory
+from .error_messages import printable
 from .options import Options
-from .printable import printable
+from .provenance import flattened
 from .results import RESTART
 
 Lines = Iterator[tuple[str, str]]
 
 
-def told(trajectory: Trajectory) -> str:
-    """Return all that is known of a trajectory, in groups of lines with words and units."""
+def description(trajectory: Trajectory) -> str:
+    """Return what is known of a trajectory, in groups of lines with words and units."""
     path, about = trajectory.path, trajectory.attributes
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
@@ -27,17 +28,16 @@ def told(trajectory: Trajectory) -> str:
         ("How it was simulated", _how(about, trajectory.substeps)),
         ("Made by", _by(about)),
     ]
-    rest = about.keys() - _TOLD
-    groups.append(("Beside that", ((name, _words(about[name])) for name in about if name in rest)))
+    groups.append(("Beside that", ((name, _words(about[name])) for name in about if name not in _KNOWN)))
     for title, lines in groups:
         try:
-            said = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
+            shown = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
         except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
             raise ValueError(f"{path} says of itself what no run writes: {error}") from error
-        text += f"\n{title}\n{said}" if said else ""
+        text += f"\n{title}\n{shown}" if shown else ""
     if path.with_name(RESTART).exists():
-        going_on = f"msdwarp resume {shlex.quote(str(path.parent))}"
-        text += f"\n{path.with_name(RESTART)}: `{going_on}` goes on from it\n"
+        command = f"msdwarp resume {shlex.quote(str(path.parent))}"
+        text += f"\n{path.with_name(RESTART)}: `{command}` goes on from it\n"
     return text
 
 
@@ -92,8 +92,9 @@ def _how(about: Mapping[str, Any], counts: NDArray[np.int32] | None) -> Lines:
     if "schedule" in about:
         changes = about["schedule"]
         yield "schedule", f"{counted(changes, 'change')} of parameters on the way" if changes else "no changes"
-    given, usual = _flat(options), _flat(Options().as_stored())
-    other = {name: value for name, value in given.items() if name not in _TOLD and value != usual.get(name)}
+    usual = flattened(Options().as_stored())
+    given = flattened(options).items()
+    other = {name: value for name, value in given if name not in _KNOWN and value != usual.get(name)}
     if other:
         yield "flags", " ".join(_flag(name, value) for name, value in other.items())
 
@@ -112,28 +113,12 @@ def _by(about: Mapping[str, Any]) -> Lines:
         yield "digest", f"{about['digest']}, equal for scenes with the same bodies and forces"
 
 
-_TOLD = {
-    *(
-        "scene",
-        "parameters",
-        "integrator",
-        "precision",
-        "substeps",
-        "force_algorithm",
-        "device",
-        "device_name",
-        "gravity",
-    ),
-    *("loads", "gravity_of_time", "schedule", "options", "command", "versions", "commit", "digest", "script"),
-}
-"""What a run stores, and one of the groups tells."""
-
-
-def _flat(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options with those of the pictures among them."""
-    return {
-        name: value for name, value in {**options, **options.get("pictures", {})}.items() if name != "pictures"
-    }
+_KNOWN = (
+    *("scene", "parameters", "integrator", "precision", "substeps", "force_algorithm", "device", "device_name"),
+    *("gravity", "gravity_of_time", "loads", "schedule", "options", "command", "versions", "commit", "digest"),
+    "script",
+)
+"""Attributes that a run stores and the groups show."""
 
 
 def _flag(name: str, value: Any) -> str:
@@ -145,7 +130,7 @@ def _flag(name: str, value: Any) -> str:
 
 
 def _words(value: Any) -> str:
-    """Return a value of JSON as it is read best."""
+    """Return a JSON value in readable form."""
     if isinstance(value, dict):
         return ", ".join(f"{name} {_words(one)}" for name, one in value.items() if one is not None)
     return " ".join(map(_words, value)) if isinstance(value, list) else str(value)

@@ -1,72 +1,73 @@
-"""Options: the flags of every run, whatever its scene."""
+"""Options: the flags of the commands that take a scene, whatever the scene."""
 
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .integer_flags import Whole, WholeOrAuto
 from .results import overlay_path
 
-if TYPE_CHECKING:  # `--help` needs none of it, and so imports neither Warp nor NumPy
+if TYPE_CHECKING:  # `--help` needs neither Warp nor NumPy
     from ..world import Look
 
+# Flags that several commands have, with what they show in help.
+Flag = Annotated[bool, Parameter(negative=())]
+Device = Annotated[
+    str | None,
+    Parameter(help="Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none."),
+]
+PrecisionName = Literal["float32", "float32-compensated", "float64"]
+Precision = Annotated[PrecisionName | None, Parameter(help="Floating-point precision. Default: float32.")]
+ForceAlgorithmName = Literal["auto", "scatter", "gather", "stencil"]
 MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
 ]
-PrecisionName = Literal["float32", "float32-compensated", "float64"]
-ForceAlgorithmName = Literal["auto", "scatter", "gather", "stencil"]
+Method = Annotated[MethodName | None, Parameter(help="Time-stepping method. Default: symplectic-euler.")]
+IntOrAuto = int | Literal["auto"]
+Substeps = Annotated[
+    IntOrAuto,
+    Parameter(help="Integrator steps per frame; auto picks them from the scene's stability limit."),
+]
+Fps = Annotated[float, Parameter(help="Frames per second of simulated time.")]
+RendererName = Literal["auto", "raster", "raycast", "opengl"]
+Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
+Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
+FrameFormat = Literal["png", "none"]
+FilmFormat = Literal["webp", "mp4", "gif", "none"]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """What to draw.
+    """What to draw."""
 
-    Parameters
-    ----------
-    frames
-        Image format of the frames; none writes no images.
-    video
-        Film format; none writes no film. mp4 needs `pip install 'msdwarp[video]'`.
-    overlay
-        Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time.
-    resolution
-        Width and height of the pictures in pixels.
-    azimuth
-        Camera angle around the vertical, counter-clockwise from +x [degrees]. Default: set by the scene.
-    elevation
-        Camera angle above the horizon [degrees]. Default: set by the scene.
-    zoom
-        Zoom factor; 1 fits everything.
-    colour
-        What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
-        the velocity, energy or contact force of particles. Default: set by the scene.
-    full_strain
-        Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run.
-    arrows
-        Draw contact forces as arrows, in front of the bodies.
-    renderer
-        Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if
-        the simulation runs on a GPU, else opengl if it is found, else raster.
-    """
-
-    frames: Literal["png", "none"] = "png"
-    video: Literal["webp", "mp4", "gif", "none"] = "webp"
-    overlay: Whole | None = None
+    frames: FrameFormat = "png"
+    """Image format of the frames; none writes no images."""
+    video: FilmFormat = "webp"
+    """Film format; none writes no film. mp4 needs `pip install 'msdwarp[video]'`."""
+    overlay: int | None = None
+    """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
     resolution: str = "1280x720"
+    """Width and height of the pictures in pixels."""
     colour: Literal["texture", "strain", "velocity", "energy", "contact"] | None = None
+    """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
+    the velocity, energy or contact force of particles. Default: set by the scene."""
     full_strain: float | None = None
-    arrows: Annotated[bool, Parameter(negative=())] = False
+    """Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run."""
+    arrows: Flag = False
+    """Draw contact forces as arrows, in front of the bodies."""
     azimuth: float | None = None
+    """Camera angle around the vertical, counter-clockwise from +x [degrees]. Default: set by the scene."""
     elevation: float | None = None
+    """Camera angle above the horizon [degrees]. Default: set by the scene."""
     zoom: float = 1.0
-    renderer: Literal["auto", "raster", "raycast", "opengl"] = "auto"
+    """Zoom factor; 1 fits everything."""
+    renderer: RendererName = "auto"
+    """Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if the
+    simulation runs on a GPU, else opengl if it is found, else raster."""
 
     @property
     def any(self) -> bool:
@@ -79,19 +80,21 @@ class Pictures:
         return self.arrows or self.colour == "contact"
 
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
-        """Tell whether all that is to be drawn of so many frames has been."""
+        """Return whether a folder has all pictures of so many frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
         return all(path.exists() for path in wanted)
 
-    def turned(self, look: "Look") -> "Look":
-        """Return a look from where the camera is to stand."""
-        return replace(look, **self._turned())
-
-    def _turned(self) -> dict[str, Any]:
+    @property
+    def camera_angles(self) -> dict[str, Any]:
+        """The camera angles that are given, by name."""
         angles = {"azimuth": self.azimuth, "elevation": self.elevation}
         return {name: angle for name, angle in angles.items() if angle is not None}
+
+    def turned(self, look: "Look") -> "Look":
+        """Return a look with these camera angles."""
+        return replace(look, **self.camera_angles)
 
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
@@ -106,7 +109,7 @@ class Pictures:
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
-        Look(**self._turned())  # which checks the angles
+        Look(**self.camera_angles)  # checks them
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
@@ -127,82 +130,51 @@ def parse_resolution(text: str) -> tuple[int, int]:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The flags of every run, whatever the scene.
+    """The flags of every run, whatever the scene."""
 
-    Parameters
-    ----------
-    device
-        Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none.
-    precision
-        Floating-point precision. Default: float32.
-    force_algorithm
-        How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil
-        repeat a run bit for bit; scatter does not.
-    threads
-        Threads of the CPU that share the work; this affects speed only. auto: one for each core, fewer for small
-        bodies.
-    integrator
-        Time-stepping method. Default: symplectic-euler.
-    substeps
-        Integrator steps per frame; auto picks them from the scene's stability limit.
-    allow_unstable
-        Accept a step beyond the stability limit.
-    tolerance
-        Pick integrator, precision and substeps so that the error stays below this fraction of the body's size
-        (see `msdwarp tune`).
-    duration
-        Simulated time [s]. Default: set by the scene.
-    fps
-        Frames per second of simulated time.
-    out
-        Folder for the results. Default: out/SCENE, or out/SCENE-2 ... if that exists.
-    trajectory
-        How to store frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, slower), or
-        none.
-    every
-        Keep and draw only every Nth frame.
-    strain
-        Store the strain of every connection. In a lattice this makes the file about three times as large.
-    contact_forces
-        Store the contact force on every particle. --arrows and --colour contact store it too.
-    restart
-        Write restart.h5 every N seconds of computing, and at the end; `msdwarp resume` continues from it. 0 writes
-        none.
-    log
-        Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name
-        such as energy.csv goes into the run's folder; ./energy.csv goes into the current one.
-    force
-        Overwrite earlier results in --out and --log.
-    quiet
-        Print errors only.
-    verbose
-        Print messages from Warp and VTK too.
-    """
-
-    device: str | None = None
-    precision: PrecisionName | None = None
+    device: Device = None
+    precision: Precision = None
     force_algorithm: ForceAlgorithmName = "auto"
-    threads: WholeOrAuto = "auto"
-    integrator: MethodName | None = None
-    substeps: WholeOrAuto = "auto"
-    allow_unstable: Annotated[bool, Parameter(negative=())] = False
+    """How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil repeat
+    a run bit for bit; scatter does not."""
+    threads: IntOrAuto = "auto"
+    """Threads of the CPU that share the work; this affects speed only. auto: one for each core, fewer for small
+    bodies."""
+    integrator: Method = None
+    substeps: Substeps = "auto"
+    allow_unstable: Flag = False
+    """Accept a step beyond the stability limit."""
     tolerance: float | None = None
+    """Pick integrator, precision and substeps so that the error stays below this fraction of the body's size (see
+    `msdwarp tune`)."""
     duration: float | None = None
-    fps: float = 60.0
+    """Simulated time [s]. Default: set by the scene."""
+    fps: Fps = 60.0
     out: Path | None = None
+    """Folder for the results. Default: out/SCENE, or out/SCENE-2 ... if that exists."""
     pictures: Pictures = field(default_factory=Pictures)
     trajectory: Literal["plain", "compressed", "none"] = "plain"
-    every: Whole = 1
+    """How to store frames in trajectory.vtkhdf, which ParaView opens: plain, compressed (smaller, slower), or
+    none."""
+    every: int = 1
+    """Keep and draw only every Nth frame."""
     strain: bool = True
-    contact_forces: Annotated[bool, Parameter(negative=())] = False
+    """Store the strain of every connection. In a lattice this makes the file about three times as large."""
+    contact_forces: Flag = False
+    """Store the contact force on every particle. --arrows and --colour contact store it too."""
     restart: float = 60.0
+    """Write restart.h5 every N seconds of computing, and at the end; `msdwarp resume` continues from it. 0 writes
+    none."""
     log: str | None = None
-    force: Annotated[bool, Parameter(negative=())] = False
-    quiet: Annotated[bool, Parameter(negative=())] = False
-    verbose: Annotated[bool, Parameter(negative=())] = False
+    """Write energies, momentum and strain of every frame to this CSV file, and a plot beside it. A bare name such
+    as energy.csv goes into the run's folder; ./energy.csv goes into the current one."""
+    force: Flag = False
+    """Overwrite earlier results in --out and --log."""
+    quiet: Quiet = False
+    verbose: Verbose = False
 
     def check(self, last: int) -> None:
-        """Raise ValueError unless a run up to frame `last` can be kept and drawn as they say."""
+        """Raise ValueError unless a run up to frame `last` can be kept and drawn with these options."""
         from .. import checks
 
         checks.non_negative("restart", self.restart)
@@ -210,7 +182,7 @@ class Options:
 
     @property
     def sums_contact(self) -> bool:
-        """Whether contact forces are to be kept, or shown."""
+        """Whether contact forces are to be kept or shown."""
         return self.contact_forces or self.pictures.of_contact
 
     @property
@@ -219,52 +191,130 @@ class Options:
         return self.log is not None and not os.path.dirname(self.log)
 
     def log_path(self, folder: Path | None) -> Path | None:
-        """Return the file of the log of a run in a folder, if there is one."""
+        """Return the path of the log of a run in a folder, None if there is no log."""
         if self.log is None:
             return None
         return folder / self.log if self.logs_in_folder and folder is not None else Path(self.log)
 
     def as_stored(self) -> dict[str, Any]:
-        """Return them as JSON has them."""
+        """Return them as JSON data."""
         log = self.log
         if log is not None and not self.logs_in_folder:
-            log = str(Path(log).absolute())  # for whoever goes on from another folder
+            log = str(Path(log).absolute())  # the run may be resumed from another folder
         return asdict(self) | {"out": self.out and str(self.out), "log": log}
 
-    @classmethod
-    def stored(cls, values: Mapping[str, Any], **changes: Any) -> "Options":
-        """Return what `as_stored` gave, with changes; raise ValueError where a later version, or none, stored it.
 
-        What an earlier version did not know is as it is by default: so it was then.
-        """
-        from .. import checks
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """The flags of every view, whatever the scene."""
 
-        values = dict(checks.mapping("the run's options", values))
-        if "route" in values:  # its name in version 0.1
-            values["force_algorithm"] = values.pop("route")
-        pictures = checks.mapping("the run's pictures", values.get("pictures", {}))
-        unknown = (values.keys() - _names(cls)) | (pictures.keys() - _names(Pictures))
-        if unknown:
-            raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
-        own = {name: value for name, value in {**values, **changes}.items() if name != "pictures"}
-        for kind, given in ((cls, own), (Pictures, pictures)):
-            hints = get_type_hints(kind)
-            for name, value in given.items():
-                if not _fits(value, hints[name]):
-                    raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
-        out = {"out": values.get("out") and Path(values["out"])}
-        return cls(**{**values, **out, "pictures": Pictures(**pictures), **changes})
+    browser: Flag = False
+    """Show it in a browser, even if there is a display."""
+    window: Flag = False
+    """Show it in a window, even if no display is found."""
+    host: str = "127.0.0.1"
+    """Address to serve the page at. With the default only this machine can open it."""
+    port: int | None = None
+    """Port of the page. Default: 8080, or the next free one."""
+    allow_origin: Annotated[tuple[str, ...], Parameter(negative=())] = ()
+    """Origins of other pages that may control this one, such as https://lab.example; may be repeated."""
+    paused: Flag = False
+    """Start paused, at the first frame."""
+    device: Device = None
+    precision: Precision = None
+    force_algorithm: ForceAlgorithmName = "auto"
+    """How forces are summed; this affects speed only. auto picks the fastest."""
+    integrator: Method = None
+    substeps: Substeps = "auto"
+    fps: Fps = 60.0
+    renderer: RendererName = "auto"
+    """Renderer of snapshots and films: raster, raycast, opengl, or auto. See `msdwarp run`."""
+    verbose: Verbose = False
+
+    @property
+    def of_run(self) -> Options:
+        """The options of a run with the same simulation."""
+        shared = ("device", "precision", "force_algorithm", "integrator", "substeps", "fps")
+        return Options(**{name: getattr(self, name) for name in shared})
 
 
-def _fits(value: Any, kind: Any) -> bool:
-    """Tell whether a value of JSON is one of a type that an option has."""
-    if get_origin(kind) in (Union, UnionType):
-        return any(_fits(value, one) for one in get_args(kind))
-    if get_origin(kind) is Literal:
-        return any(type(value) is type(one) and value == one for one in get_args(kind))
-    kinds = {float: (int, float), Path: str}.get(kind, kind)
-    return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TuneOptions:
+    """The flags of every tuning, whatever the scene."""
+
+    tolerance: float = 1e-3
+    """Largest allowed error, as a fraction of the body's size."""
+    horizon: float = 1.0
+    """Simulated time after which errors are measured [s]."""
+    device: Device = None
+    verbose: Verbose = False
 
 
-def _names(options: type) -> set[str]:
-    return {one.name for one in fields(options)}
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """The flags of every fit, whatever the scene."""
+
+    parameters: str = "stiffness,damping"
+    """Parameters to fit, separated by commas: stiffness, damping, rest_length, mass, friction, gravity. The search
+    starts from the scene's values, or from those given: stiffness=500,damping."""
+    bounds: str = ""
+    """Bounds of parameters: stiffness=100:2000,damping=0.1:5. Default: from 1/10 to 10 times the start."""
+    noise: float | None = None
+    """Standard deviation of the measurement noise, in the unit of the data."""
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
+    """Loss function. All but linear give large residuals less weight, and need --noise."""
+    horizon: Literal["growing", "whole"] = "growing"
+    """growing fits a short time first, then longer ones; whole fits the whole time at once."""
+    starts: int = 1
+    """Number of starting points of the search."""
+    substeps: IntOrAuto = "auto"
+    """Integrator steps per frame; auto picks a number that is stable within the bounds, and more in the end if the
+    values depend on it."""
+    fps: float | None = None
+    """Frames per second of simulated time. Default: those of the file."""
+    integrator: MethodName = "leapfrog-extrapolated"
+    """Time-stepping method. Default: leapfrog-extrapolated."""
+    precision: PrecisionName = "float64"
+    """Floating-point precision."""
+    device: Device = None
+    plot: Path | None = None
+    """Plot the residuals to this file, such as residuals.png."""
+    quiet: Flag = False
+    """Print the values only."""
+    verbose: Verbose = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Undrawn(Pictures):
+    """What to draw of each point: nothing by default."""
+
+    frames: FrameFormat = "none"
+    video: FilmFormat = "none"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(Options):
+    """The flags of every sweep, whatever the scene."""
+
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
+    """Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep."""
+    pictures: Pictures = field(default_factory=Undrawn)
+    jobs: int | Literal["auto", "ensemble"] = "auto"
+    """Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
+    points that differ only in numbers such as stiffness are simulated together in one process (with --keep
+    summary)."""
+    keep: Literal["run", "summary"] = "run"
+    """What to keep of each point: the whole run, as `msdwarp run` does, or only a summary."""
+
+    def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
+        """Return the options of the run of a point in a folder."""
+        options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
+        options = replace(options, out=folder, quiet=True, force=False)
+        if not keeps_files:
+            options = replace(options, trajectory="none", pictures=Undrawn(), restart=0.0, log=None)
+        return options

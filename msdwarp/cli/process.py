@@ -1,131 +1,156 @@
-"""The process: a quiet start, exit codes, how far it is."""
+"""The process of the command: its streams, signals and exit codes, and how far it is.
+
+Little is imported here: `main` and `scene_main` handle signals before they import anything large.
+"""
 
 import os
+import shutil
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from cyclopts import App, CycloptsError
-
-from .. import quiet
-from .printable import printable, printable_lines
-from .signals import ALL, Interrupted, Terminated, ask, at_once, heard, noted
-from .usage_errors import usage_errors
-from .user_tracebacks import told_by_line
+from .. import runtime
+from . import signals
+from .signals import Interrupted, Terminated, at_once, heard, noted
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+LEAST_COLUMNS = 40
+"""Below this Rich shows no help, and at 1 it never ends."""
+
+
+def main() -> NoReturn:
+    """Run the `msdwarp` command."""
+    with at_once():
+        _set_up()
+        from .app import app
+    if heard("SIGINT"):  # undo what `import msdwarp` did for the command
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    _run(lambda: app(sys.argv[1:]))
+
+
+def scene_main(build: Callable[..., Any]) -> NoReturn:
+    """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
+    with at_once():
+        _set_up()
+        from .app import run_script
+    _run(lambda: run_script(build, sys.argv[1:]))
+
+
+def _run(command: Callable[[], Any]) -> NoReturn:
+    """Run a command to the end of the process; a signal while it prints its last line ends it at once."""
+    sys.unraisablehook = signals.lost
+    try:
+        finish(command)
+    except KeyboardInterrupt:
+        signals.leave(signal.SIGINT)
+    except Terminated as termination:
+        signals.leave(termination.args[0])
+    finally:
+        signals.ignore()
+
 
 def finish(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit: with 0, or with one line that says what was wrong and 1.
+    """Run a command and exit: with 0, or with 1 and a line that says what was wrong.
 
-    Flags that are not understood end as all errors do, so that there is one code to look for: `rerun` has always
-    said by it that a result differs.
+    Unknown flags exit with 1 as all errors do.
     """
-    for number in heard(*ALL):
-        signal.signal(number, ask)
-    warnings.formatwarning = _in_a_line
+    from .error_messages import message_of, printable, printable_lines
+
+    for number in heard(*signals.ALL):
+        signal.signal(number, signals.ask)
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {printable(str(message))}\n"
+    code = 0
     try:
         command()
-    except BrokenPipeError:  # whoever read the output has read enough
+    except BrokenPipeError:  # the reader of the output has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except MemoryError as error:
-        _fail(f"out of memory: {error}")
-    except CycloptsError as error:
-        _fail(usage_errors(error))
+        code = 1
     except Interrupted as interruption:
         print(printable_lines(str(interruption)), file=sys.stderr)
-        sys.exit(interruption.code)
+        code = interruption.code
     except Exception as error:
-        said = told_by_line(error)
-        if said is None and not _explains_itself(error):
-            raise  # a mistake of ours, which its traceback explains
-        _fail(said or str(error))
+        text = message_of(error)
+        if text is None:
+            raise
+        print(f"error: {printable_lines(text)}", file=sys.stderr)
+        code = 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        code = 130
     except Terminated as termination:
         print("terminated", file=sys.stderr)
-        sys.exit(128 + termination.args[0])
-    sys.exit(0)
+        code = 128 + termination.args[0]
+    sys.exit(code)
 
 
-def _in_a_line(message: Warning | str, *where: Any) -> str:
-    """Return a warning as the command says it: where in our sources it was given tells nobody anything."""
-    return f"warning: {printable(str(message))}\n"
-
-
-def _explains_itself(error: Exception) -> bool:
-    """Tell whether an error is what was asked for, not a mistake of ours."""
-    if isinstance(error, ValueError | OSError):
-        return True
-    from ..simulation import SimulationDiverged
-
-    return isinstance(error, SimulationDiverged)
-
-
-def _fail(said: str) -> NoReturn:
-    """Exit with what was wrong, which may be in words of a file or of a path."""
-    print(f"error: {printable_lines(said)}", file=sys.stderr)
-    sys.exit(1)
-
-
-def understood(app: App, words: Sequence[str]) -> None:
-    """Run the command that some words of the command line say; raise CycloptsError where they say none."""
-    app(list(words), result_action="return_value", exit_on_error=False, print_error=False)
+def _set_up() -> None:
+    """Prepare the standard streams."""
+    # Open closed ones on the null device: else the next file would get such a number, and what a C library writes
+    # to standard error would go into a trajectory.
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+    for stream in (sys.stdout, sys.stderr):
+        # A unit or a name that the terminal's encoding lacks must not end a run that went well.
+        if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="backslashreplace")
+    columns = os.environ.get("COLUMNS", "")
+    if (int(columns) if columns.isdecimal() else shutil.get_terminal_size().columns) < LEAST_COLUMNS:
+        os.environ["COLUMNS"] = str(LEAST_COLUMNS)
 
 
 @contextmanager
-def stop_asked_for(talk: "Console") -> Iterator[list[int]]:
-    """Give a list in which Ctrl-C, SIGTERM and SIGHUP leave their number; a second one acts as it always does.
+def stop_requests(talk: "Console") -> Iterator[list[int]]:
+    """Yield a list to which the first signal that asks to stop is added, announced on a terminal.
 
-    What was not acted upon meanwhile is acted upon at the end.
+    A second signal acts as usual; so does the first, at the end, if nothing was done about it.
     """
 
-    def said() -> None:
+    def announce() -> None:
         if talk.is_terminal:
             talk.print("stopping after this frame; press again to stop at once")
 
-    with noted(said) as asked:
-        yield asked
+    with noted(announce) as requested:
+        yield requested
 
 
 def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
-    """Return bars that show how far something is, on a terminal; the pace of the last `over` seconds counts."""
+    """Return progress bars, shown on a terminal only; the speed is that of the last `over` seconds."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    columns = [TextColumn(c) if isinstance(c, str) else c for c in columns]
-    return Progress(
-        *columns, console=console, transient=True, speed_estimate_period=over, disable=not console.is_terminal
-    )
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    shown = console.is_terminal
+    return Progress(*columns, console=console, transient=True, speed_estimate_period=over, disable=not shown)
 
 
 @contextmanager
-def telling(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
-    """Give a function that shows in a line how far something is: the last one on a terminal, else each."""
+def status_on(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function that shows a line of progress: the last one on a terminal, else each."""
     with console.status(what) as status:
 
-        def tell(line: str) -> None:
+        def show(line: str) -> None:
             if console.is_terminal:
                 status.update(f"{what}: {line}")
             else:
                 console.print(f"{what}: {line}", markup=False, highlight=False, soft_wrap=True)
 
-        yield tell
+        yield show
 
 
 def start_warp(verbose: bool) -> None:
-    """Start Warp, and let it speak if `verbose`."""
+    """Start Warp, with its messages if `verbose`."""
     with at_once():
         import warp  # noqa: F401
     if verbose:
-        quiet.verbose()
-    with noted(lambda: None):  # not at once: standard error is turned aside meanwhile, and the word would be lost
-        quiet.start_warp()
+        runtime.verbose()
+    with noted(lambda: None):  # not at once: standard error is redirected meanwhile, and the word would be lost
+        runtime.start_warp()

@@ -1,19 +1,20 @@
-"""What made a run, as text that a file can hold, and the scene built again from that text."""
+"""What made a run, as text that a file can hold, and the scene and options restored from that text."""
 
 import hashlib
 import inspect
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from enum import Enum, EnumType
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
@@ -30,17 +31,16 @@ from ..world import (
     sampled,
     with_potential,
 )
+from .options import Options, Pictures
 from .scene_files import Origin
-from .script_signatures import UNTOLD, Script, script_as_stored
+from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
 def about(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return what made a run, as JSON has it: the scene, how it is built again, and by what program."""
-    defaults = inspect.signature(origin.build).parameters.items()
-    parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
+    """Return what made a run as JSON data: the scene, how to build it again, and the program."""
     return {
         "scene": origin.place,
-        "parameters": json.loads(json.dumps({**parameters, **origin.parameters}, default=as_json)),
+        "parameters": parameters_of(origin),
         "gravity": np.asarray(with_potential(scene.gravity)).tolist(),
         **({"gravity_of_time": gravity_in_words(scene.gravity)} if callable(scene.gravity) else {}),
         **({"loads": [repr(one) for one in scene.loads]} if scene.loads else {}),
@@ -52,15 +52,17 @@ def about(origin: Origin, scene: Scene) -> dict[str, Any]:
     } | script_as_stored(origin.place, origin.script)
 
 
-def built_again(attributes: Mapping[str, Any], script: Script = UNTOLD) -> tuple[Origin, Scene]:
-    """Return the scene that a file's attributes say it came from, built again.
+def parameters_of(origin: Origin) -> dict[str, Any]:
+    """Return all parameters of a scene, with defaults, as JSON data."""
+    defaults = inspect.signature(origin.build).parameters.items()
+    parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
+    return as_json({**parameters, **origin.parameters})
 
-    Its script is run, if it came from one and that may be run.
 
-    Raises
-    ------
-    ValueError
-        If they do not say so, or it cannot be built, or the script may not be run.
+def built_again(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
+    """Return the scene that a file's attributes name, built again; its script is run if it may.
+
+    Raise ValueError if they do not name it, it cannot be built, or the script may not run.
     """
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
@@ -75,7 +77,7 @@ def built_again(attributes: Mapping[str, Any], script: Script = UNTOLD) -> tuple
 
 
 def _as_declared(value: Any, annotation: Any) -> Any:
-    """Return a value that JSON held as what it is declared to be, with its paths, tuples and Enum members."""
+    """Return a value from JSON as its annotation declares it, with paths, tuples and Enum members."""
     if get_origin(annotation) is Annotated:
         return _as_declared(value, get_args(annotation)[0])
     for kind in get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,):
@@ -93,16 +95,57 @@ def _as_declared(value: Any, annotation: Any) -> Any:
 
 
 def as_json(value: Any) -> Any:
-    """Return what stands for a value that JSON cannot hold."""
-    if isinstance(value, set | frozenset):
-        return sorted(value)
-    return value.name if isinstance(value, Enum) else str(value)
+    """Return a value as JSON data: sets as sorted lists, Enum members by name, other objects as text."""
+
+    def default(one: Any) -> Any:
+        if isinstance(one, set | frozenset):
+            return sorted(one)
+        return one.name if isinstance(one, Enum) else str(one)
+
+    return json.loads(json.dumps(value, default=default))
+
+
+def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
+    """Return options from the data of `Options.as_stored`, with changes; what the data lack has its default.
+
+    Raise ValueError for data of a later version, and for data that no run stores.
+    """
+    values = dict(checks.mapping("the run's options", values))
+    if "route" in values:  # its name in version 0.1
+        values["force_algorithm"] = values.pop("route")
+    values |= changes
+    pictures = checks.mapping("the run's pictures", values.pop("pictures", {}))
+    own, drawn = get_type_hints(Options), get_type_hints(Pictures)
+    if unknown := (values.keys() - own.keys()) | (pictures.keys() - drawn.keys()):
+        raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
+    for hints, given in ((own, values), (drawn, pictures)):
+        for name, value in given.items():
+            if not _fits(value, hints[name]):
+                raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
+    out = values.pop("out", None)
+    return Options(**values, out=out and Path(out), pictures=Pictures(**pictures))
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Return whether a JSON value is of the type of an option."""
+    if get_origin(kind) in (Union, UnionType):
+        return any(_fits(value, one) for one in get_args(kind))
+    if get_origin(kind) is Literal:
+        return any(type(value) is type(one) and value == one for one in get_args(kind))
+    kinds = {float: (int, float), Path: str}.get(kind, kind)
+    return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
+
+
+def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return stored options with those of the pictures among them."""
+    flat = {**options, **options.get("pictures", {})}
+    return {name: value for name, value in flat.items() if name != "pictures"}
 
 
 def digest(scene: Scene) -> str:
-    """Return a short text that two scenes share if the same moves in them in the same surroundings.
+    """Return a short text, equal for scenes with the same bodies and surroundings.
 
-    Functions are in it by some of their values: where a collider is now and then, what a change makes of a start.
+    Functions count by some of their values: a collider's pose at some times, a change applied to the start.
     """
     found = hashlib.sha256()
     for part in _parts(scene):
@@ -111,8 +154,9 @@ def digest(scene: Scene) -> str:
 
 
 def _parts(scene: Scene) -> Iterator[bytes]:
-    # What no scene had before connections could break is left out where they cannot: digests stay what they were.
+    # The fields of fracture are left out where no spring can break: digests of earlier versions stay the same.
     absent = () if scene.system.tears else TEARING_FIELDS
+    times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
     for field in (field for field in fields(System) if field.name not in absent):
         values = getattr(scene.system, field.name)
         if isinstance(values, np.ndarray):
@@ -121,46 +165,47 @@ def _parts(scene: Scene) -> Iterator[bytes]:
     constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
     yield repr((scene.system.damper, constant)).encode()
     if callable(scene.gravity):
-        yield gravity_at(scene.gravity, np.linspace(0.0, scene.duration, 9), scene.system.dim).tobytes()
+        yield gravity_at(scene.gravity, times, dim).tobytes()
     for collider in scene.colliders:
         held = {field.name: getattr(collider, field.name) for field in fields(collider) if field.name != "motion"}
         yield repr((type(collider).__name__, held)).encode()
-        for time in np.linspace(0.0, scene.duration, 9) if collider.motion is not None else ():
-            for part in collider.pose(float(time), scene.system.dim):
-                yield np.asarray(part, dtype=float).tobytes()
+        if collider.motion is not None:
+            yield from _poses(lambda time, of=collider: of.pose(time, dim), times)
     for one in scene.loads:
         if isinstance(one, PrescribedMotion):
             drive = one.bound(scene.system)
             yield np.concatenate([drive.held, drive.centre]).tobytes()
-            for time in np.linspace(0.0, scene.duration, 9):
-                for part in drive.pose(float(time)):
-                    yield np.asarray(part, dtype=float).tobytes()
+            yield from _poses(drive.pose, times)
         elif isinstance(one, Actuator):
             chosen = one.connections(scene.system)
             yield chosen.tobytes() + one.delays(scene.system, chosen).tobytes()
-            yield one.at(np.linspace(0.0, scene.duration, 9)).tobytes()
+            yield one.at(times).tobytes()
         else:
-            yield from _of_load(one, scene)
+            yield from _of_load(one, scene, times)
     for change in scene.schedule:
         yield repr((change.time, change.set_rest_shape, sorted(change.parameters))).encode()
         if change.unpin is not None:
             yield repr(("release", np.asarray(change.unpin).tolist())).encode()
         if change.gravity is not None:
-            yield gravity_at(
-                change.gravity, np.linspace(change.time, scene.duration, 9), scene.system.dim
-            ).tobytes()
+            yield gravity_at(change.gravity, np.linspace(change.time, scene.duration, 9), dim).tobytes()
         changed = change.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 
 
+def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[bytes]:
+    """Yield a body's pose at some times."""
+    for time in times:
+        for part in pose(float(time)):
+            yield np.asarray(part, dtype=float).tobytes()
+
+
 _FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
-"""What had other names in version 0.1: the digests of scenes keep those, so that its files are known again."""
+"""The names of version 0.1: digests keep them, so that its files still match."""
 
 
-def _of_load(load: Load, scene: Scene) -> Iterator[bytes]:
-    """Yield what a load is by value: functions of time by some of their values, those of place by their source."""
-    times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
+def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
+    """Yield a load by value: functions of time by some of their values, functions of place by their source."""
     kind = type(load).__name__
     yield _FIRST_NAMES.get(kind, kind).encode()
     yield load.particles(scene.system).tobytes()
@@ -176,9 +221,7 @@ def _of_load(load: Load, scene: Scene) -> Iterator[bytes]:
             continue
         if isinstance(value, Collider):
             yield repr(value).encode()
-            for time in times:
-                for part in value.pose(float(time), dim):
-                    yield np.asarray(part, dtype=float).tobytes()
+            yield from _poses(lambda time, of=value: of.pose(time, scene.system.dim), times)
         elif is_device_function(value):
             yield str(value.adj.source).encode()
         elif callable(value):
@@ -192,12 +235,12 @@ def _of_load(load: Load, scene: Scene) -> Iterator[bytes]:
 def _version(package: str) -> str | None:
     try:
         return version(package)
-    except PackageNotFoundError:  # run from its sources alone
+    except PackageNotFoundError:  # run from sources
         return None
 
 
 def commit() -> str | None:
-    """Return the commit of the working copy that this is, with a + where it was changed since; None if none."""
+    """Return the commit of this working copy, with a + if it has changes; None if it is not one."""
     folder = Path(__file__).parent
 
     def git(*words: str) -> str:
@@ -205,7 +248,7 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        if not git("ls-files", "--", Path(__file__).name):  # a copy that happens to lie within another project
+        if not git("ls-files", "--", Path(__file__).name):  # a copy within another project
             return None
         return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):

@@ -12,23 +12,11 @@ RESTART = "restart.h5"
 PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 
-def result_folder(name: str, out: Path | None, force: bool) -> Path:
-    """Create and return the folder for results.
-
-    Raises
-    ------
-    FileExistsError
-        If `out` is given, holds something, and `force` is False.
-    OSError
-        If it cannot be created or written to.
-    """
-    folder = wanted_folder(name, out, force)
-    disk.writable_folder("out", folder, folder)
-    return folder
-
-
 def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Path] = ()) -> Path:
-    """Return the folder for results, which need not be there yet; raise FileExistsError as `result_folder`."""
+    """Return the folder for results, which need not exist.
+
+    Raise FileExistsError if `out` is given and not empty, and `force` is False.
+    """
     folder = out
     if folder is None:
         folder = Path("out") / name if force else free_folder(Path("out") / name, taken)
@@ -38,7 +26,7 @@ def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Pa
 
 
 def remove_results(folder: Path, name: str) -> None:
-    """Remove what an earlier run of this name has left in a folder."""
+    """Remove an earlier run's results from a folder."""
     unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
     written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
     for path in (*pictures_in(folder, name), *written, *unfinished):
@@ -51,7 +39,7 @@ def check_names(name: str, out: Path) -> None:
     try:
         most = os.pathconf(there, "PC_NAME_MAX")
     except (AttributeError, OSError, ValueError):
-        most = 255  # where the system does not tell: what most take
+        most = 255  # what most systems take
     longest = len(os.fsencode(f".{name}.unfinished.webp"))
     if longest > most:
         length = len(os.fsencode(name))
@@ -63,12 +51,10 @@ def check_names(name: str, out: Path) -> None:
 
 @contextmanager
 def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
-    """Give the folder for results, there and locked; where none is named, the first that no other run has.
+    """Create and lock the folder for results; by default the first that no other run uses.
 
-    Raises
-    ------
-    FileExistsError, ValueError, OSError
-        If `out` is given, and holds something without `force`, or is another run's, or cannot be written to.
+    Raise FileExistsError, ValueError or OSError if `out` is given and is not empty without `force`, is in use by
+    another run, or cannot be written to.
     """
     taken: set[Path] = set()
     while True:
@@ -83,7 +69,7 @@ def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
                 taken.add(folder)
                 continue
             if out is None and not force and _holds_something(folder):
-                continue  # of a run that began and ended meanwhile
+                continue  # another run began and ended meanwhile
             yield folder
             return
 
@@ -93,7 +79,7 @@ def _holds_something(folder: Path) -> bool:
 
 
 def free_folder(wanted: Path, taken: Collection[Path] = ()) -> Path:
-    """Return a folder that is not there or empty: the one wanted, or one with the next free number behind."""
+    """Return a folder that is missing or empty: the one wanted, or one with the next free number appended."""
     folder, k = wanted, 2
     while folder in taken or (folder.exists() and (not folder.is_dir() or _holds_something(folder))):
         folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1

@@ -10,39 +10,47 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
+from ..disk import TRAJECTORY
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, cheapest, tune
-from ..world import Scene, Stored, scene_as_stored
+from ..studies import EnergyLog, GrowingTable, cheapest, tune
+from ..world import FRAME, SUBSTEP, Scene, Stored, probe_columns, probes_by, scene_as_stored
 from .draw import draw
 from .options import Options
-from .probe_tables import ProbeTables, described, told_last
-from .process import progress_on, stop_asked_for, telling
+from .process import progress_on, status_on, stop_requests
 from .provenance import about
-from .results import RESTART, TRAJECTORY, check_names, overlay_path, own_folder, remove_results, wanted_folder
+from .results import (
+    PROBES,
+    PROBES_BY_SUBSTEP,
+    RESTART,
+    check_names,
+    overlay_path,
+    own_folder,
+    remove_results,
+    wanted_folder,
+)
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
-"""Times at which it is kept where moving obstacles are: over the scene's duration, and in frames at most."""
-MOST_CHANGES_SAID = 6
-"""More changes of the number of substeps are summed up."""
+"""Times at which poses of moving obstacles are stored: over the scene's duration, and at most in frames."""
+MOST_CHANGES_SHOWN = 6
+"""More changes of the number of substeps are summarised."""
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
-    """Simulate a scene, keep its frames, draw them, and say what was done; return the simulation at its end.
+    """Simulate a scene, keep its frames, draw them, and print a summary; return the simulation at its end.
 
     Raises
     ------
     ValueError, OSError
         If an option is out of range or `out` cannot be used: before anything is written.
     SimulationDiverged, Interrupted
-        If the simulation ends early; what there is until then is kept.
+        If the simulation ends early; the frames until then are kept.
     """
     talk = Console(stderr=True, quiet=options.quiet)
     options = replace(options, duration=scene.duration if options.duration is None else options.duration)
@@ -52,10 +60,10 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
         check_names(origin.name, options.out or Path())
-    with at_once():  # kernels are compiled, which takes its time
+    with at_once():  # compiles kernels, which takes a while
         simulation = simulation_by(scene, options)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder or bool(scene.probes)
-    # What is wrong with the log or the folder is said before anything is made.
+    # A wrong log or folder is reported before anything is made.
     tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
     log = _log(options, tentative, origin.name)
     made_by = {}
@@ -66,7 +74,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
         folder = None
         if wanted:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
-            if folder != tentative:  # which another run has taken meanwhile
+            if folder != tentative:  # another run has taken that one meanwhile
                 log = _log(options, folder, origin.name)
             if options.force:
                 remove_results(folder, origin.name)
@@ -75,7 +83,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
-    """Return the log that is asked for, whose plot must not have the name of another picture of the run."""
+    """Return the requested log; raise if its plot would replace another picture, or its folder is missing."""
     path = options.log_path(folder)
     if path is None:
         return None
@@ -85,7 +93,7 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         raise FileNotFoundError(
             f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
         )
-    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is free, or forced
+    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is empty, or forced
 
 
 def last_frame(options: Options) -> int:
@@ -94,24 +102,21 @@ def last_frame(options: Options) -> int:
     return frame_count(options.duration, options.fps)
 
 
+def method_of(options: Options) -> dict[str, Any]:
+    """Return the arguments of a simulation that some options set."""
+    names = ("fps", "substeps", "allow_unstable", "device", "force_algorithm")
+    method = {"integrator": METHODS[options.integrator or DEFAULT], "precision": options.precision or "float32"}
+    return method | {name: getattr(options, name) for name in names}
+
+
 def simulation_by(scene: Scene, options: Options) -> Simulation:
-    """Return the simulation of a scene that options ask for."""
-    return Simulation.from_scene(
-        scene,
-        integrator=METHODS[options.integrator or DEFAULT],
-        fps=options.fps,
-        substeps=options.substeps,
-        allow_unstable=options.allow_unstable,
-        device=options.device,
-        precision=options.precision or "float32",
-        force_algorithm=options.force_algorithm,
-        threads=options.threads,
-        contact_forces=options.sums_contact,
-    )
+    """Return the simulation of a scene with some options."""
+    more: Any = {"threads": options.threads, "contact_forces": options.sums_contact}
+    return Simulation.from_scene(scene, **method_of(options), **more)
 
 
 def used(simulation: Simulation, options: Options) -> dict[str, Any]:
-    """Return how it is simulated, and the options that said so or left it open, as JSON has it."""
+    """Return how a scene is simulated, and the options, as JSON data."""
     model = simulation.model
     return {
         "integrator": options.integrator or DEFAULT,
@@ -125,14 +130,14 @@ def used(simulation: Simulation, options: Options) -> dict[str, Any]:
 
 
 def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
-    """Return the options with the cheapest method under their tolerance."""
+    """Return the options with the cheapest method within their tolerance."""
     assert options.tolerance is not None
     if options.integrator or options.precision or options.substeps != "auto":
         raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
     if options.fps != 60.0:
         raise ValueError(f"fps is {options.fps:g}; with a tolerance it must be 60")
-    with telling(talk, "tuning") as tell:
-        found, _ = tune(scene, options.tolerance, device=options.device, report=tell)
+    with status_on(talk, "tuning") as report:
+        found, _ = tune(scene, options.tolerance, device=options.device, report=report)
     best: Any = cheapest(found, options.tolerance)
     talk.print(f"tuned: {best.method} keeps the error to {best.error:.1e} of the body's size", highlight=False)
     return replace(options, integrator=best.method, precision=best.precision, substeps=best.substeps)
@@ -140,67 +145,71 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
 
 @dataclass
 class Run:
-    """A simulation, and where its frames go."""
+    """A simulation, and where its results go."""
 
     scene: Scene
     options: Options
     simulation: Simulation
     folder: Path | None
-    """Where results go; None where frames are neither kept nor drawn."""
+    """Folder of the results; None if frames are neither kept nor drawn."""
     name: str
-    """What the film is called."""
+    """Name of the film."""
     made_by: dict[str, Any]
-    """What made the run."""
+    """Attributes of the trajectory."""
     log: EnergyLog | None
     talk: Console
-    """Where it is shown how far it is."""
+    """Where progress is shown."""
 
     def __post_init__(self) -> None:
-        """See what is to be kept."""
+        """Find out what is to be kept."""
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
-        self._tables = None
-        if self.scene.probes and self.folder is not None:
-            self._tables = ProbeTables(self.folder, self.scene.probes, self.simulation)
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
+        self._tables: dict[str, GrowingTable] = {}
+        for every, name in ((FRAME, PROBES), (SUBSTEP, PROBES_BY_SUBSTEP)):
+            if self.folder is not None and (probes := probes_by(every, self.scene.probes)):
+                head = ["time_s", *probe_columns(probes, self.scene.system.dim)]
+                path, until = self.folder / name, self.simulation.time
+                self._tables[every] = GrowingTable(path, head, until=until, word="the file of probes")
 
     def to(self, last: int, *, behind: int = 0) -> None:
-        """Simulate up to frame `last`, keep the frames behind the first `behind`, draw all, and say so.
+        """Simulate up to frame `last`, keep the frames after the first `behind`, draw all, and print a summary.
 
         Raises
         ------
         SimulationDiverged, Interrupted, OSError
-            If it ends early; what was kept until then is whole, and unless it was interrupted it is drawn.
+            If it ends early; the frames until then are kept, and drawn unless it was interrupted.
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
             progress = stack.enter_context(progress_on(self.talk))
-            # Frames that are only drawn wait on disk too until all are known, so that one camera can see them all.
+            # Frames that are only drawn are also stored until all are known, so that one camera can see them all.
             kept_in = self.folder if self._keeps else None
             path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
                 # Signals are noted from before the files are opened until they are closed and the log is plotted:
-                # what is imported for that may not stand an exception meanwhile.
-                with stop_asked_for(self.talk) as asked:
+                # an exception may break what is imported for that.
+                with stop_requests(self.talk) as requests:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
                         writer = files.enter_context(self._writer(path, last, behind)) if self._writes else None
-                        if self._tables is not None:
-                            files.enter_context(self._tables)
-                        self._simulate(last, behind, writer, log, progress, asked)
-                    if asked:
-                        raise Interrupted(self._farewell(asked[0], last), asked[0])
+                        for table in self._tables.values():
+                            files.enter_context(table)
+                        self._simulate(last, behind, writer, log, progress, requests)
+                    if requests:
+                        raise self._interruption(requests[0], last)
             except SimulationDiverged as error:
-                trouble = error  # told once what there is has been drawn
+                trouble = error  # raised after drawing
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
             if trouble is None and self.scene.observe:
                 _, *now = self.simulation.frame()
-                lines += [f"{name}: {_said(told)}" for name, told in self.scene.observed(*now).items()]
+                for name, values in self.scene.observed(*now).items():
+                    lines.append(f"{name}: {np.array2string(values, precision=4, threshold=20, separator=', ')}")
             if self._keeps:
                 lines.append(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
-            if self._tables is not None:
-                lines.append(f"wrote {' and '.join(map(str, self._tables.paths))}")
+            if self._tables:
+                lines.append(f"wrote {' and '.join(str(table.path) for table in self._tables.values())}")
             if self.log is not None:
                 lines.append(f"wrote {self.log.path} and {self.log.plot_path.name}")
             if self.folder is not None and self.options.pictures.any:
@@ -227,13 +236,15 @@ class Run:
             strain=self._strain,
             contact_forces=self.options.sums_contact,
             attributes=self.made_by,
-            readings=described(self.scene.probes, self.scene.system.dim),
+            readings={
+                name: (one.every, one.columns(self.scene.system.dim)) for name, one in self.scene.probes.items()
+            },
             scene=None if behind else self._scene_as_stored(last),
             behind=behind,
         )
 
     def _scene_as_stored(self, last: int) -> Stored:
-        """Return the scene by value, with moving obstacles where they are in the frames and over the whole run."""
+        """Return the scene by value, with moving obstacles' poses in the frames and over the scene's duration."""
         frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / self.options.fps
         return scene_as_stored(self.scene, [*frames, *np.linspace(0, self.scene.duration, _POSES)])
 
@@ -244,43 +255,40 @@ class Run:
         writer: TrajectoryWriter | None,
         log: EnergyLog | None,
         progress: Progress,
-        asked: list[int],
+        requests: list[int],
     ) -> None:
-        """Simulate frame by frame, until a signal asks to end."""
+        """Simulate frame by frame, until a signal asks to stop."""
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()
         for k in progress.track(range(behind, last + 1), description="simulating"):
             if k:
-                self._step(writer)
+                try:
+                    simulation.step()
+                except SimulationDiverged:
+                    self._save(writer)  # of the frame before
+                    raise
             if writer is not None:
-                rows = told_last(simulation) if k else {}
+                readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
+                rows = {every: values for every, values in readings.items() if values.size}
                 writer.write_pending(readback.take() if writer.wants_next() else None, rows)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
-            if self._tables is not None and k:
-                self._tables.write()
-            if asked:
+            for every, table in self._tables.items() if k else ():
+                for numbers in simulation.readings.last(every):
+                    table.write_line(numbers)
+            if requests:
                 self._save(writer)
-                raise Interrupted(self._farewell(asked[0], last), asked[0])
+                raise self._interruption(requests[0], last)
             if k == behind or time.monotonic() - saved > self.options.restart:
                 self._save(writer)
                 saved = time.monotonic()
         self._save(writer)
 
-    def _step(self, writer: TrajectoryWriter | None) -> None:
-        """Advance by a frame; if that fails, the simulation is at the frame before."""
-        try:
-            self.simulation.step()
-        except SimulationDiverged:
-            self._save(writer)
-            raise
-
     def _save(self, writer: TrajectoryWriter | None) -> None:
         """Write the restart file, once the frames up to the present one are on the disk.
 
-        Where a run that goes on differs from what was there, it waits until there are as many frames as before:
-        should it fail, the run ends.
+        While a continued run replaces frames by others, it waits until there are as many as before.
         """
         if writer is None or self.folder is None or not self._keeps or not self.options.restart:
             return
@@ -290,28 +298,24 @@ class Run:
         arrays, numbers = self.simulation.checkpoint()
         write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
 
-    def _farewell(self, number: int, last: int) -> str:
-        """Say where the run has ended, and how it goes on."""
-        said = f"{word(number)} at {self.simulation.time:.4g} s"
-        return self._continued(f"{said}, after frame {self.simulation.frame_index} of {last}")
+    def _interruption(self, number: int, last: int) -> Interrupted:
+        """Return the error for a signal between two frames."""
+        simulation = self.simulation
+        where = f"{word(number)} at {simulation.time:.4g} s, after frame {simulation.frame_index} of {last}"
+        return Interrupted(self._continued(where), number)
 
-    def _continued(self, said: str) -> str:
-        """Say how a run that has ended goes on, if it can."""
+    def _continued(self, message: str) -> str:
+        """Return a message with the command that continues the run, if it can be continued."""
         if self._keeps and self.options.restart:
-            return f"{said}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
-        return said
+            return f"{message}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
+        return message
 
 
-def _said(told: NDArray) -> str:
-    """Return a few numbers as text."""
-    return np.array2string(told, precision=4, threshold=20, separator=", ")
-
-
-def _over_time(chosen: Sequence[tuple[float, int]]) -> str:
-    """Say when how many substeps a frame took: each time where these are few, else the first and the range."""
-    if len(chosen) <= MOST_CHANGES_SAID:
-        return ", ".join(f"{count} from {time:.4g} s on" for time, count in chosen)
-    counts = [count for _, count in chosen]
+def _over_time(history: Sequence[tuple[float, int]]) -> str:
+    """Return the numbers of substeps over time: each if there are few, else a summary."""
+    if len(history) <= MOST_CHANGES_SHOWN:
+        return ", ".join(f"{count} from {time:.4g} s on" for time, count in history)
+    counts = [count for _, count in history]
     return (
         f"{counts[0]} at the start, {counts[-1]} at the end, changed {len(counts) - 1} times, "
         f"between {min(counts)} and {max(counts)}"
@@ -319,7 +323,7 @@ def _over_time(chosen: Sequence[tuple[float, int]]) -> str:
 
 
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
-    """Say what was simulated, with which steps and why, and how fast."""
+    """Yield lines: what was simulated, with which steps and why, and how fast."""
     system = simulation.system
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by "

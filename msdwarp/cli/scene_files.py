@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import scenes
+from .error_messages import remember_script
 from .signals import at_once
-from .user_tracebacks import remember
 
 if TYPE_CHECKING:
     from ..world import Scene
@@ -24,19 +24,18 @@ class Origin(NamedTuple):
     """Where a scene comes from."""
 
     name: str
-    """What its results are called."""
+    """The name of its results."""
     place: str
     """A name that `msdwarp list` shows, or the absolute path of a script."""
     build: Build
-    """Builds it."""
     parameters: Mapping[str, Any]
-    """What it was built with; what is not among them is as `build` has it."""
+    """Arguments of `build`; others have its defaults."""
     script: str | None = None
     """The SHA-256 of its script as it was run; None for a scene that comes with msdwarp."""
 
     def scene(self) -> "Scene":
         """Return the scene; raise ValueError if `build` returns something else."""
-        with at_once():  # what it imports, PyVista for one, may not stand an exception meanwhile
+        with at_once():  # an exception may break what it imports, such as PyVista
             from ..world import Scene
 
             scene = self.build(**self.parameters)
@@ -53,30 +52,26 @@ def scene_names() -> list[str]:
 def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin:
     """Return a scene, given by name or by the path of its script, with no parameters.
 
-    Before a script is run `check` is called with the SHA-256 of the very bytes that will be, and may raise.
-
-    Raises
-    ------
-    ValueError
-        If there is no such scene, or its script has no `build`.
+    Before a script is run, `check` is called with the SHA-256 of the bytes that will be run, and may raise. Raise
+    ValueError if there is no such scene, or its script has no `build`.
     """
     path, digest = Path(scene), None
     if scene in scene_names():
         with at_once():
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
-        source = path.read_bytes()  # once: what runs is what the digest is of, and no compiled file beside it
+        source = path.read_bytes()  # once: exactly these bytes are checked and run, and no compiled file
         digest = hashlib.sha256(source).hexdigest()
         if check is not None:
             check(digest)
-        remember(path)
-        # Not by its own name: a scene called numpy.py or msdwarp.py would take the place of the module.
+        remember_script(path)
+        # Not by its own name: a scene called numpy.py or msdwarp.py would replace that module.
         spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
         name, module = path.stem, importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # where dataclasses, among others, look their module up
+        sys.modules[spec.name] = module  # dataclasses look their module up there
         folder = str(path.parent.resolve())
-        if folder not in sys.path:  # for what it imports from beside it, behind the modules that all import
+        if folder not in sys.path:  # for the modules beside it, after all others
             sys.path.append(folder)
         try:
             with at_once():
@@ -103,6 +98,6 @@ def origin_of(build: Build) -> Origin:
     path = Path(inspect.getfile(build)).resolve()
     own = path.parent in {Path(folder).resolve() for folder in scenes.__path__}
     if not own:
-        remember(path)
+        remember_script(path)
     digest = None if own else hashlib.sha256(path.read_bytes()).hexdigest()
     return Origin(path.stem, path.stem if own else str(path), build, {}, digest)

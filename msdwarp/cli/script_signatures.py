@@ -1,8 +1,7 @@
-"""Trust: which scripts run because a file names them, and which only if they are allowed to.
+"""Trust: which scripts run because a file names them, and which only with permission.
 
-A file says what it likes, and may come from anyone. So a script that it names runs by itself only where a seal
-says that this user ran that script, as it is now and lying there: the seal is made with a key that only this user
-has.
+A file may come from anyone. So a script that it names runs without permission only if the file has a seal, made
+with a key that only this user has, which shows that this user ran that script, at that path and as it is now.
 """
 
 import hashlib
@@ -22,26 +21,20 @@ from .scene_files import Origin, find_scene
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Script:
-    """Which script may be run.
-
-    Parameters
-    ----------
-    scene
-        Use this scene (a name or a script's path) instead of the one that the file names.
-    trust
-        Run the script that the file names, even if it has changed, was moved, or was never run here.
-    """
+    """Which script may be run."""
 
     scene: str | None = None
+    """Use this scene (a name or a script's path) instead of the one that the file names."""
     trust: Annotated[bool, Parameter(negative=())] = False
+    """Run the script that the file names, even if it has changed, was moved, or was never run here."""
 
     @property
     def requested(self) -> bool:
-        """Whether a script is wanted even where none is needed."""
+        """Whether a script is to run even where none is needed."""
         return self.trust or self.scene is not None
 
     def found(self, place: str, attributes: Mapping[str, Any]) -> Origin:
-        """Return the scene to build, by a name or a script's path; raise ValueError where that may not be run."""
+        """Return the scene to build, by name or path; raise ValueError if its script may not run."""
         if self.scene is not None or self.trust:
             return find_scene(self.scene or place)
 
@@ -55,17 +48,17 @@ class Script:
         return find_scene(place, check)
 
 
-UNTOLD = Script()
-"""Nothing was said of scripts: one that a file names runs only where this user ran it."""
+UNTRUSTED = Script()
+"""No permission: a script that a file names runs only if this user ran it."""
 
 
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
-    """Return what a file keeps of a script of this SHA-256: nothing of a scene that comes with msdwarp."""
+    """Return what a file stores of a script with this SHA-256: nothing for a scene that comes with msdwarp."""
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}
 
 
 def _distrust(place: str, digest: str, stored: Any) -> str | None:
-    """Return why a script of this SHA-256 may not run by itself; None if it may."""
+    """Return why a script with this SHA-256 may not run without permission; None if it may."""
     if not isinstance(stored, Mapping) or not isinstance(stored.get("sha256"), str):
         return "the file does not say what was in it"
     if not Path(place).is_absolute():
@@ -80,13 +73,13 @@ def _distrust(place: str, digest: str, stored: Any) -> str | None:
 
 
 def _seal(place: str, digest: str) -> str | None:
-    """Return what only this user can make of a script's path and digest; None where no key can be kept."""
+    """Return this user's seal of a script's path and digest; None if no key can be kept."""
     key = _key()
     return None if key is None else hmac.new(key, f"{digest} {place}".encode(), hashlib.sha256).hexdigest()
 
 
 def _key() -> bytes | None:
-    """Return this user's key, made when it is first needed; None where there is no place for it."""
+    """Return this user's key, made when it is first needed; None if there is no place for it."""
     try:
         state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
         path = Path(state) / "msdwarp" / "key"
@@ -96,12 +89,12 @@ def _key() -> bytes | None:
             beside.touch(mode=0o600)
             try:
                 beside.write_bytes(secrets.token_bytes(32))
-                os.link(beside, path)  # whole, and of one process alone
+                os.link(beside, path)  # complete, and by one process only
             except FileExistsError:
                 pass
             finally:
                 beside.unlink()
         key = path.read_bytes()
-    except (OSError, RuntimeError):  # a home that is not there or not ours
+    except (OSError, RuntimeError):  # no home folder, or not ours
         return None
     return key if len(key) == 32 else None

@@ -1,9 +1,8 @@
-"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a word, wherever it is.
+"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a word, at any moment.
 
-Where nothing is begun, as while modules are imported, they end it at once. An exception there may come out as
-another one, or not at all, or with a crash: what is written in C has its own ways to fail half imported.
-Where something is begun they are noted, and acted upon between two frames. Everywhere else they raise an
-exception, but for what is imported late and for h5py, which are let come to their end.
+While modules are imported, and nothing has begun, they end the process at once: in a half imported C module an
+exception may turn into another one, vanish, or crash. During a run they are noted, and end it between two frames.
+Everywhere else they raise an exception, except within late imports and h5py, which are completed first.
 """
 
 import _thread
@@ -18,48 +17,42 @@ from typing import Any, NoReturn
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
-"""Seconds until a signal that came at a bad moment is heard again."""
+"""Seconds after which a signal that came at a bad moment is sent again."""
 _IN_H5PY = os.path.join("h5py", "_hl", "")
 
 
 class Terminated(BaseException):
-    """SIGTERM or a lost terminal: raised where the program is, so that files are closed and others removed."""
+    """SIGTERM or a lost terminal, raised so that files are closed and unfinished ones removed."""
 
 
 class Interrupted(RuntimeError):
-    """A signal asked the command to end, and it has ended between two frames."""
+    """A signal has ended the command between two frames."""
 
     def __init__(self, message: str, number: int) -> None:
         super().__init__(message)
-        self.number = number
-        self.code = 128 + number
-        """What the process should exit with."""
+        self.number, self.code = number, 128 + number
 
 
 def word(number: int) -> str:
-    """Return what happened by a signal."""
+    """Return what a signal did."""
     return "interrupted" if number == signal.SIGINT else "terminated"
 
 
 def heard(*names: str) -> list[int]:
-    """Return those of some signals that this system has and that are not ignored, as nohup ignores SIGHUP."""
+    """Return the numbers of signals that this system has and that are not ignored, as nohup ignores SIGHUP."""
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     return [number for number in numbers if signal.getsignal(number) not in (signal.SIG_IGN, None)]
 
 
 def leave(number: int, _: Any = None) -> NoReturn:
-    """End the process at once, with the word."""
+    """End the process at once, with a word."""
     with contextlib.suppress(OSError):
         os.write(2, f"{word(number)}\n".encode())
     os._exit(128 + number)
 
 
 def ask(number: int, frame: FrameType | None = None) -> None:
-    """End the command by an exception, so that what it has begun is closed and what is half written removed.
-
-    What is being imported, PyVista for one, may not stand an exception, nor may what h5py's C code calls back: the
-    signal is heard again a little later.
-    """
+    """Raise an exception that ends the command, or have the signal sent again within an import or h5py."""
     if _is_fragile(frame):
         _hear_again(number)
         return
@@ -67,7 +60,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 
 
 def lost(found: "sys.UnraisableHookArgs") -> None:
-    """Hear a signal again whose exception was raised where Python lets none out, as in a `__del__`: its hook."""
+    """Send a signal again whose exception Python ignored, as in a `__del__`: a hook for unraisable exceptions."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
         _hear_again(found.exc_value.args[0] if found.exc_value.args else signal.SIGINT)
     else:
@@ -75,8 +68,8 @@ def lost(found: "sys.UnraisableHookArgs") -> None:
 
 
 def _hear_again(number: int) -> None:
-    """Have a signal come again to this thread, which hears them, a little later."""
-    if hasattr(signal, "pthread_kill"):  # which wakes it too, where it waits for something
+    """Send a signal to this thread again, a little later."""
+    if hasattr(signal, "pthread_kill"):  # it also wakes a waiting thread
         later = threading.Timer(_A_LITTLE, signal.pthread_kill, (threading.get_ident(), number))
     else:
         later = threading.Timer(_A_LITTLE, _thread.interrupt_main, (number,))
@@ -85,7 +78,7 @@ def _hear_again(number: int) -> None:
 
 
 def _is_fragile(frame: FrameType | None) -> bool:
-    """Tell whether Python's machinery of imports, or h5py, is among what a frame was called by."""
+    """Return whether a frame was called from an import or from h5py."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib") or _IN_H5PY in frame.f_code.co_filename:
             return True
@@ -95,7 +88,7 @@ def _is_fragile(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def handled(handler: Callable[[int, Any], Any], *names: str) -> Iterator[None]:
-    """Have signals, all or some, come to a handler meanwhile; only the main thread hears any."""
+    """Use a handler for signals, all or some; only the main thread receives any."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -111,33 +104,33 @@ def handled(handler: Callable[[int, Any], Any], *names: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def at_once() -> Iterator[None]:
-    """Have signals end the process at once: where nothing is begun that would have to be closed or removed."""
+    """Have signals end the process at once: where nothing needs to be closed or removed."""
     with handled(leave):
         yield
 
 
 @contextlib.contextmanager
-def noted(said: Callable[[], Any]) -> Iterator[list[int]]:
-    """Give a list in which signals leave their number, and call `said`; a second one acts as it always does.
+def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
+    """Yield a list to which the first signal is added, after which `announce` is called.
 
-    What has come and was not acted upon is acted upon at the end.
+    A second signal acts as usual. So does the first, at the end, unless the list was emptied meanwhile.
     """
-    asked: list[int] = []
+    requested: list[int] = []
     before = {number: signal.getsignal(number) for number in heard(*ALL)}
 
     def note(number: int, _: Any) -> None:
-        asked.append(number)
+        requested.append(number)
         for each, handler in before.items():
             signal.signal(each, handler)
-        said()
+        announce()
 
     with handled(note):
-        yield asked
-    if asked:
-        ask(asked[0])
+        yield requested
+    if requested:
+        ask(requested[0])
 
 
 def ignore() -> None:
-    """Hear no signal from here on: all is done and said, and Python is about to tidy up, which no word may cut."""
+    """Ignore signals from here on: all is done, and Python is about to clean up."""
     for number in heard(*ALL):
         signal.signal(number, signal.SIG_IGN)

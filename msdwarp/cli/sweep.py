@@ -1,22 +1,18 @@
 """Sweeping a scene from the command line: lists and ranges among its flags, a run for each of their points."""
 
-import inspect
-import json
 import os
 import re
 import shlex
 import signal
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from ..integrators import DEFAULT, METHODS
-from ..simulation import Simulation
+from ..simulation import frame_count
 from ..studies import (
     RESULTS,
     Asked,
@@ -30,23 +26,23 @@ from ..studies import (
     points,
     values_of,
 )
-from .other_options import SweepOptions
-from .process import progress_on, start_warp, understood
-from .provenance import as_json
-from .run import last_frame, run_scene
+from .error_messages import user_message
+from .options import SweepOptions
+from .process import progress_on, start_warp
+from .provenance import as_json, flattened, parameters_of
+from .run import method_of, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, word
-from .user_tracebacks import told_by_line
 
 _LONG = 86400.0
-"""Seconds over which the pace of points is taken, of which each may take minutes."""
+"""Seconds over which the speed is averaged: a point may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
-"""Flags that say how a sweep goes, and nothing of what is simulated."""
+"""Flags that do not affect what is simulated."""
 
 
 class Words(NamedTuple):
-    """What a worker is given of a point: its command line."""
+    """A point as a worker receives it: its command line."""
 
     place: str
     script: str | None
@@ -54,7 +50,7 @@ class Words(NamedTuple):
 
 
 def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
-    """Simulate a scene at all points of the lists and ranges among some flags, and say what has become of them.
+    """Simulate a scene at all points of the lists and ranges among some flags, and print a summary.
 
     Raises
     ------
@@ -63,26 +59,22 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     OSError
         If the folder cannot be written to, or holds something else.
     Interrupted
-        If a signal ends it; the same command goes on.
+        If a signal ends it; the same command continues.
     """
     fixed, grid = _read(flags)
-    told: list[tuple[Origin, SweepOptions]] = []
-    app = flags_app(origin, command, SweepOptions, lambda *one: told.append(one))
-    understood(app, fixed)
-    if not told:  # help was asked for, and shown
+    app = flags_app(origin, command, SweepOptions)
+    chosen = app(fixed)
+    if chosen is None:  # help was shown
         return
-    base, (_, options) = _said(*told[0]), told[0]
+    base, options = _identity(*chosen), chosen[1]
     import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
         )
     values: dict[str, list[Any]] = {}
-    for name, texts in grid.items():  # each by itself: what is wrong is said by the flag's name
-        told.clear()
-        for text in texts:
-            understood(app, [*fixed, f"--{name}={text}"])
-        several = [_value(name, *one) for one in told]
+    for name, texts in grid.items():  # each by itself, so that errors name the flag
+        several = [_value(name, *app([*fixed, f"--{name}={text}"])) for text in texts]
         if len(set(several)) < len(several):
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
@@ -90,7 +82,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     planned = []
     for given, texts in zip(points(values), points(grid), strict=True):
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(Point(given, _with(base, given), Words(origin.place, origin.script, words)))
+        planned.append(Point(_with(base, given), Words(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
@@ -116,70 +108,53 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
-        for said in together:
-            print(said)
+        print(*together, sep="\n", end="\n" if together else "")
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
-        for said in sorted(wrong)[:3]:
-            print(f"  {said}")
+        for message in sorted(wrong)[:3]:
+            print(f"  {message}")
         print(f"wrote {folder / RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
 
 
 def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, float]:
-    """Run a scene by its command line in a folder, and return the numbers that are kept of it; for workers."""
-    ended: list[tuple[Simulation, Any]] = []
-
-    def act(origin: Origin, options: SweepOptions) -> None:
+    """Run a scene by its command line in a folder, and return its final numbers; for workers."""
+    try:
+        origin, options = _chosen_by(task)
         start_warp(options.verbose)
         scene = origin.scene()
-        ended.append((run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene))
-
-    try:
-        _follow(task, act)
+        return final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
     except Interrupted as error:
-        if parent_process() is not None:  # a worker that was told to end: lost, and the sweep knows what to do
+        if parent_process() is not None:  # a worker that was ended: the sweep handles it
             os._exit(error.code)
         if error.number == signal.SIGINT:
             raise KeyboardInterrupt from None
         raise Terminated(error.number) from None
     except Exception as error:
-        said = told_by_line(error)
-        if said is None:
+        if (message := user_message(error)) is None:
             raise
-        raise ValueError(said) from error
-    return final_numbers(*ended[0])
+        raise ValueError(message) from error
 
 
 def asked_by_words(task: Words) -> Asked:
-    """Return what a command line asks to be simulated; raise ValueError for what only a run of its own does."""
-    found: list[Asked] = []
-
-    def act(origin: Origin, options: SweepOptions) -> None:
-        scene = origin.scene()
-        own = replace(options, duration=scene.duration if options.duration is None else options.duration)
-        own.check(last_frame(own))
-        if own.tolerance is not None:
-            raise ValueError("its method and substeps are chosen by a tolerance")
-        assert own.duration is not None
-        how = {
-            name: getattr(own, name) for name in ("fps", "substeps", "allow_unstable", "device", "force_algorithm")
-        }
-        how |= {"integrator": METHODS[own.integrator or DEFAULT], "precision": own.precision or "float32"}
-        found.append(Asked(scene, own.duration, how))
-
-    _follow(task, act)
-    return found[0]
+    """Return the simulation that a command line requests; raise ValueError if only a run of its own can do it."""
+    origin, options = _chosen_by(task)
+    scene = origin.scene()
+    duration = scene.duration if options.duration is None else options.duration
+    options.check(frame_count(duration, options.fps))
+    if options.tolerance is not None:
+        raise ValueError("its method and substeps are chosen by a tolerance")
+    return Asked(scene, duration, method_of(options))
 
 
-def _follow(task: Words, act: Callable[[Origin, SweepOptions], None]) -> None:
-    """Do something with the scene and options of a command line; raise ValueError if its script has changed."""
+def _chosen_by(task: Words) -> tuple[Origin, SweepOptions]:
+    """Return the scene and options of a command line; raise ValueError if its script has changed."""
     found = find_scene(task.place)
     if found.script != task.script:
         raise ValueError(f"{task.place} has changed since the sweep began")
-    understood(flags_app(found, "msdwarp sweep", SweepOptions, act), task.words)
+    return flags_app(found, "msdwarp sweep", SweepOptions)(task.words)
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the flags without those that are lists or ranges, and the values of these by name."""
+    """Return the flags that are neither lists nor ranges, and the values of the others by name."""
     fixed, grid, k = list[str](), dict[str, list[str]](), 0
     while k < len(flags):
         match = re.fullmatch(r"--([A-Za-z][\w-]*)(?:=(.*))?", flags[k], re.DOTALL)
@@ -201,34 +176,29 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
     return fixed, grid
 
 
-def _said(chosen: Origin, options: SweepOptions) -> dict[str, Any]:
-    """Return all that says what is simulated, as JSON has it: parameters in full, and the options of the run."""
-    defaults = inspect.signature(chosen.build).parameters.items()
-    parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
-    stored = json.loads(json.dumps({**parameters, **chosen.parameters}, default=as_json))
+def _identity(chosen: Origin, options: SweepOptions) -> dict[str, Any]:
+    """Return what identifies a simulation, as JSON data: all parameters, and the options of the run."""
     return {
         "scene": chosen.name,
         "script": chosen.script,
-        "parameters": {name: _whole(value) for name, value in stored.items()},
+        "parameters": {name: _whole(value) for name, value in parameters_of(chosen).items()},
         "options": _unusual(_flat(options)),
     }
 
 
 def _flat(options: SweepOptions) -> dict[str, Any]:
     """Return the options of a run by name, those of pictures among them."""
-    stored = options.as_stored()
-    flat = stored | stored["pictures"]
-    return {name: _whole(value) for name, value in flat.items() if name not in (*_ONCE, "pictures")}
+    return {name: _whole(value) for name, value in flattened(options.as_stored()).items() if name not in _ONCE}
 
 
 def _unusual(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that are not as they are by default: a later version may have others beside them."""
+    """Return the options that differ from their defaults: a later version may have more."""
     usual = _flat(SweepOptions())
     return {name: value for name, value in sorted(options.items()) if value != usual[name]}
 
 
 def _with(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """Return what says what is simulated at a point."""
+    """Return what identifies the simulation of a point."""
     usual = _flat(SweepOptions())
     own = {name: value for name, value in given.items() if name not in usual}
     others = {name: value for name, value in given.items() if name in usual}
@@ -236,12 +206,12 @@ def _with(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
-    """Return the value that a flag has given, as JSON has it."""
+    """Return the value that a flag has set, as JSON data."""
     name = name.replace("-", "_")
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
         raise ValueError(f"{name} is not a parameter that can be swept")
-    return plain(name, json.loads(json.dumps(held[name], default=as_json)))
+    return plain(name, as_json(held[name]))
 
 
 def _whole(value: Any) -> Any:

@@ -8,27 +8,19 @@ from rich.table import Table
 from ..integrators import DEFAULT
 from ..studies import cheapest, tune
 from ..world import Scene
-from .other_options import TuneOptions
-from .process import telling
+from .options import TuneOptions
+from .process import status_on
 from .scene_files import Origin
 
 
 def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
-    """Print every method's error and cost on a scene, and the flags of the cheapest under the tolerance.
+    """Print every method's error and cost on a scene, and the flags of the cheapest within the tolerance.
 
-    Raises
-    ------
-    ValueError
-        If an option is out of range, or no method is under the tolerance.
+    Raise ValueError if an option is out of range, or no method is within the tolerance.
     """
-    with telling(Console(stderr=True), "tuning") as tell:
-        found, horizon = tune(
-            scene,
-            options.tolerance,
-            device=options.device,
-            horizon=options.horizon,
-            report=tell,
-        )
+    with status_on(Console(stderr=True), "tuning") as report:
+        device, horizon = options.device, options.horizon
+        found, horizon = tune(scene, options.tolerance, device=device, horizon=horizon, report=report)
     best = cheapest(found, options.tolerance)
     table = Table(title=f"{origin.name}: the first {horizon:.3g} s, error as a fraction of its size")
     for heading in ("method", "precision", "substeps", "error", "time per second"):

@@ -13,15 +13,14 @@ from ..files import Trajectory
 from ..live import Browser, Played, Running, Screen, Source, View, screen_for, within_reach
 from ..pictures import no_display
 from ..world import Scene
-from .options import Pictures
-from .other_options import ViewOptions
-from .process import stop_asked_for
+from .options import Pictures, ViewOptions
+from .process import stop_requests
 from .provenance import about
 from .run import simulation_by, used
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
-"""Bytes that a connection takes as a simulation is made, beside those of its system; particles included."""
+"""Bytes that a simulation takes for each spring and its particles, beside those of the system."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
 
@@ -34,31 +33,21 @@ def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
 def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
     """Return a view of a scene as it is simulated.
 
-    Raises
-    ------
-    ValueError
-        If an option is out of range, or there is neither a display nor what serves a page.
+    Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
     source = _running(origin, scene, options)
     shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
 
-    def rebuilt(**parameters: Any) -> Source:
-        other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
-        with _limited():  # of the host: a GPU's driver says so itself
-            scene = other.scene()
-        count = scene.system.connection_count
-        checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
-        return _running(other, scene, options)
+    return _view(source, options, scenes=shelf)
 
-    how: Any = {"paused": options.paused, "renderer": options.renderer}
-    return View(source, [_screen(options)], scenes=shelf, rebuild=rebuilt, **how)
+
+def _view(source: Source, options: ViewOptions, **more: Any) -> View:
+    return View(source, [_screen(options)], paused=options.paused, renderer=options.renderer, **more)
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
     """Play a trajectory, until the window is closed or Ctrl-C."""
-    _run(
-        View(Played(trajectory, scene, name), [_screen(options)], paused=options.paused, renderer=options.renderer)
-    )
+    _run(_view(Played(trajectory, scene, name), options))
 
 
 def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
@@ -67,7 +56,18 @@ def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
     handled = within_reach(scene)
     simulation = simulation_by(handled, of_run)
     made_by = about(origin, scene) | used(simulation, of_run)
-    return Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
+    source = Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
+
+    def rebuilt(**parameters: Any) -> Running:
+        other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
+        with _limited():  # the host's memory; a GPU's driver reports its own
+            scene = other.scene()
+        count = scene.system.connection_count
+        checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
+        return _running(other, scene, options)
+
+    source.rebuild = rebuilt
+    return source
 
 
 def _from_shelf(name: str, options: ViewOptions) -> Source:
@@ -86,7 +86,7 @@ def _like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str,
 def _screen(options: ViewOptions) -> Screen:
     """Return a window where there is a display, else a page."""
     if options.browser and options.window:
-        raise ValueError("browser and window are both asked for; choose one")
+        raise ValueError("browser and window are both given; choose one")
     Pictures(renderer=options.renderer).check(1)
     why = None if options.browser else no_display()
     if options.window and why is not None:
@@ -96,29 +96,27 @@ def _screen(options: ViewOptions) -> Screen:
 
 
 def _run(view: View) -> None:
-    """Run a view, until it is closed or a signal asks to end."""
-    with stop_asked_for(Console(stderr=True)) as asked:
-        for screen in view.screens:
-            if isinstance(screen, Browser):
-                _tell(screen)
-        view.run(until=lambda: bool(asked))
-        asked.clear()
-
-
-def _tell(page: Browser) -> None:
-    """Say where a page is, and who can open it."""
-    print(f"{page.address}  (Ctrl-C stops)", flush=True)
-    if "token" not in page.address:
-        print(f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True)
-    else:
-        print("anyone who has this address can see and control it", flush=True)
+    """Run a view, until it is closed or a signal asks to stop; print where its page is, and who can open it."""
+    with stop_requests(Console(stderr=True)) as requests:
+        for page in view.screens:
+            if not isinstance(page, Browser):
+                continue
+            print(f"{page.address}  (Ctrl-C stops)", flush=True)
+            if "token" in page.address:
+                print("anyone who has this address can see and control it", flush=True)
+            else:
+                print(
+                    f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True
+                )
+        view.run(until=lambda: bool(requests))
+        requests.clear()
 
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """Have what asks for more memory than is free fail with MemoryError, where Linux would end the process.
+    """Raise MemoryError for a request of more memory than is free, where Linux would end the process.
 
-    The limit is one of the whole process.
+    The limit holds for the whole process.
     """
     there = checks.free_memory()
     try:

@@ -1,4 +1,4 @@
-"""One substep on a device: `Model` is constant, `State` moves, `Dynamics` launches; effects, measures, the watch.
+"""One substep on a device: `Model` is constant, `State` moves, effects act, `Dynamics` launches, diagnostics tell.
 
 The only room that composes the kernels that move particles, and all but the only one that launches them: linearly
 implicit Euler launches its own solver.
@@ -6,7 +6,7 @@ implicit Euler launches its own solver.
 
 from .collision.body_contact import BodyContact
 from .collision.body_contact_worlds import BodyContactWorlds
-from .collision.contact_forces import ContactForces, felt_by
+from .collision.contact_forces import ContactForces
 from .diagnostics.divergence import Backup, Baseline, DivergenceMonitor
 from .diagnostics.divergence_worlds import EnsembleDivergenceMonitor
 from .diagnostics.energies import Measures, measure, write_in_order, write_strain
@@ -26,16 +26,16 @@ from .diagnostics.world_sums import GroupMeans, WorldEnergies, world_rates
 from .model.effect import Effect, Steps
 from .model.model import Model
 from .model.state import State
-from .model.worlds import EnsembleModel
 from .springs.linearised import add_linearised, write_diagonal_blocks
+from .stepping.assemble import Assembly, assemble, assemble_worlds
 from .stepping.cpu_partition import THREADS, cores, threads_for
 from .stepping.launcher import Dynamics
-from .stepping.launcher_worlds import EnsembleDynamics, EnsembleStepper
 from .stepping.start_checks import starting_state, warn_of_start
 from .stepping.substeps import Blocks, Stepper, check_blocks
 
 __all__ = [
     "THREADS",
+    "Assembly",
     "Backup",
     "Baseline",
     "Blocks",
@@ -48,9 +48,6 @@ __all__ = [
     "EnergyBalance",
     "EnergySums",
     "EnsembleDivergenceMonitor",
-    "EnsembleDynamics",
-    "EnsembleModel",
-    "EnsembleStepper",
     "Found",
     "GroupMeans",
     "Measures",
@@ -62,9 +59,10 @@ __all__ = [
     "Steps",
     "WorldEnergies",
     "add_linearised",
+    "assemble",
+    "assemble_worlds",
     "check_blocks",
     "cores",
-    "felt_by",
     "is_told_by_frames",
     "measure",
     "potential",

@@ -26,31 +26,26 @@ def export(
     *,
     force: bool = False,
 ) -> list[Path]:
-    """Write frames in another format: the surface, or the connections where there is none.
+    """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
     Parameters
     ----------
     trajectory
-        Where from.
+        The frames.
     path
         The file. Several frames become several files, `cube_0012.obj` for frame 12; usd and npz hold all in one.
     to
-        obj, stl, ply, gltf, usd or npz (positions, velocities, times and what joins them); the path's ending.
+        obj, stl, ply, gltf, usd or npz (positions, velocities, times and connections); the path's ending.
     frames
-        One frame's number, a slice, or several numbers.
+        A frame's number, a slice, or several numbers.
     force
-        Replace files that are there.
-
-    Returns
-    -------
-    list[Path]
-        The files, in the order of the frames.
+        Replace existing files.
 
     Raises
     ------
     ValueError
-        If the format is unknown, is not the path's ending, cannot hold what there is to show, or needs a package
-        that is missing; or if there are no such frames.
+        If the format is unknown, is not the path's ending, cannot hold the body, or needs a missing package; or if
+        there are no such frames.
     FileExistsError
         If a file exists and `force` is False: before anything is written.
     """
@@ -75,18 +70,18 @@ def export(
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
-        with _told(path), replacing(path) as unfinished:
+        with _failure_named(path), replacing(path) as unfinished:
             _WHOLE[to](trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
-        with _told(one), replacing(one) as unfinished:
+        with _failure_named(one), replacing(one) as unfinished:
             _MESHES[to](unfinished, points, cells, uv)
     return paths
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Name the file in what goes wrong with it."""
+def _failure_named(path: Path) -> Iterator[None]:
+    """Raise OSError that names the file for one that does not."""
     try:
         yield
     except OSError as error:
@@ -118,7 +113,7 @@ def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDA
 
 
 def _finite(trajectory: Trajectory, k: int, name: str) -> NDArray:
-    """Return positions or velocities in frame k; raise ValueError if one is no number: a run writes none."""
+    """Return positions or velocities in frame k; raise ValueError if one is not finite."""
     values: NDArray = getattr(trajectory.frame(k), name)
     checks.every(f"frame {k} of {trajectory.path} is damaged: {name}", values, np.isfinite(values), "finite")
     return values
@@ -132,7 +127,7 @@ def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None)
     mesh = pv.PolyData(points, faces=counted) if cells.shape[1] == 3 else pv.PolyData(points, lines=counted)
     if uv is not None:
         mesh.active_texture_coordinates = uv.astype(np.float32)
-    # VTK does not say when the disk is full: try before whether there is room for long lines of text.
+    # VTK does not report a full disk: reserve room for long lines of text first.
     with path.open("wb") as file:
         reserve(file.fileno(), 0, 200 * (mesh.n_points + mesh.n_cells), path.parent)
     mesh.save(path)
@@ -205,10 +200,10 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
         for name, values in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.ascontiguousarray(values))
-        for name, values in (("position", trajectory.positions), ("velocity", trajectory.velocities)):
+        for plural, name in (("positions", "position"), ("velocities", "velocity")):
+            values = getattr(trajectory, plural)
             shape = (len(numbers), *values.shape[1:])
             header = {"descr": np.lib.format.dtype_to_descr(values.dtype), "fortran_order": False, "shape": shape}
-            plural = {"position": "positions", "velocity": "velocities"}[name]
             with archive.open(f"{plural}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array_header_2_0(file, header)
                 for k in numbers:

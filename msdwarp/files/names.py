@@ -13,24 +13,24 @@ FORMAT = 1
 OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 CONTACT = "PointData/contact_force"
-"""What contacts push each particle with [N], the mean over the frame; where that was asked for."""
+"""Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
-"""When each connection broke [s], inf where it is whole; of a triangle, when it parted (`Edges`). There is
-one for all frames, for what breaks in a later one does not change the earlier ones."""
+"""When each connection broke [s], inf if it is whole; for a triangle, when it parted (`Edges`). One array serves
+all frames: what breaks later does not change earlier ones."""
 SUBSTEPS = "substeps"
-"""Of each frame how many it took, in the group `msdwarp`; 0 where that is unknown."""
+"""Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
-"""What probes told, in the group `msdwarp`; see `msdwarp.files.reading_tables`."""
+"""Readings of probes, in the group `msdwarp`; see `msdwarp.files.reading_tables`."""
 COUNT = "NumberOfCells"
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
-"""VTK's kinds of cells, in the order in which it counts them."""
+"""VTK's kinds of cells, in its order."""
 _SUM = "crc32"
-"""The attribute of an array that has its checksum."""
+"""The attribute with an array's checksum."""
 GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
-    """Store an array that there is once, with a checksum, compressed if it is large and that is asked for.
+    """Store an array with a checksum, compressed if `compress` and it is large.
 
     HDF5's own checksums need chunks, which a text or a single number cannot have.
     """
@@ -38,11 +38,14 @@ def store(group: Any, name: str, values: NDArray, compress: bool = False) -> Non
     item.attrs[_SUM] = np.uint32(_sum(values))
 
 
-def restored(item: Any) -> Any:
-    """Return what `store` has stored; raise ValueError if it is no longer that.
+def create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, rows: int, **options: Any) -> Any:
+    """Create an array without rows, in chunks of so many rows."""
+    shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
+    return group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
 
-    Earlier versions, and other programs, have stored no checksum.
-    """
+
+def restored(item: Any) -> Any:
+    """Return what `store` has stored; raise ValueError if its checksum, which early files lack, does not match."""
     values = item[()]
     if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):
         raise ValueError(f"{item.name} is damaged: it is not what its checksum is of")
@@ -54,22 +57,21 @@ def _sum(values: Any) -> int:
 
 
 def same(there: NDArray, values: Any) -> bool:
-    """Tell whether an array has these numbers, bit for bit, in its own precision."""
+    """Return whether an array has these numbers, bit for bit, in its own precision."""
     given = np.asarray(values, dtype=there.dtype)
     return there.shape == given.shape and there.tobytes() == given.tobytes()
 
 
 def store_text(group: Any, name: str, text: str) -> None:
-    """Store a text as one of a fixed length.
+    """Store a text as one of fixed length.
 
-    HDF5 lays texts of any length into a heap that has no checksum; where a disk has lost a part of that, reading
-    it never ends.
+    HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
     """
     store(group, name, np.array(np.bytes_(text.encode())))
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they will be read; raise ValueError that names one that JSON cannot hold."""
+    """Return attributes as they will be read; raise ValueError for one that JSON cannot hold."""
     result = {}
     for name, value in attributes.items():
         try:
@@ -83,7 +85,7 @@ def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fault(file: Any) -> str | None:
-    """Return what tells a file from a trajectory that can be read, None where nothing does."""
+    """Return why a file is not a trajectory that this version reads; None if it is."""
     if ROOT not in file:
         return f"it has no group {ROOT}"
     if OWN not in file:

@@ -1,6 +1,6 @@
-"""What probes told, in the file of a trajectory: a table by frame, one by substep, and how far each frame came.
+"""Probe readings in the file of a trajectory: a table by frame, one by substep, and where in them each frame ends.
 
-VTK does not look into the group where they are. Files come as open h5py files; see `msdwarp.files.vtkhdf`.
+They are in the group `msdwarp`, which VTK does not read. See `msdwarp.files.vtkhdf`.
 """
 
 import json
@@ -12,26 +12,20 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Series
-from .names import OWN, READINGS, restored, same, store_text
+from .names import OWN, READINGS, create_growing, restored, same, store_text
 from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
-"""Of each probe, by its name, how often it is read ("frame" or "substep") and what its numbers are called."""
+"""For each probe, how often it is read ("frame" or "substep") and the names of its columns."""
 Rows = Mapping[str, NDArray]
-"""Readings by how often they are made: times [s], and beside them the numbers of all such probes."""
+"""New rows of the tables "frame" and "substep": time [s], then the numbers of all such probes."""
 EVERY = ("frame", "substep")
 _CHUNK = 1 << 14
 """Bytes of a chunk of a table."""
 
 
 class ReadingTables:
-    """The tables of a file that grows by frames.
-
-    Parameters
-    ----------
-    columns
-        What is told.
-    """
+    """The tables of a file that grows by frames."""
 
     def __init__(self, columns: Columns) -> None:
         for name, (every, _) in columns.items():
@@ -42,15 +36,15 @@ class ReadingTables:
             for every in EVERY
             if any(when == every for when, _ in self.columns.values())
         }
-        """How many numbers a row of each table has."""
+        """Numbers in a row of each table."""
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
         self._at: dict[str, int] = {}
-        """Of each table, how many of its rows are told by now: what it has beyond them may be told again."""
+        """For each table, how many rows are in use; later ones may be written again."""
 
     @classmethod
     def of(cls, file: Any) -> "ReadingTables | None":
-        """Return the tables that a file has; None where it has none. Raise ValueError if they are damaged."""
+        """Return a file's tables, None if it has none; raise ValueError if they are damaged."""
         if READINGS not in file[OWN]:
             return None
         group = file[OWN][READINGS]
@@ -62,10 +56,8 @@ class ReadingTables:
         tables._tables = {every: group[f"by_{every}"] for every in tables.widths}
         tables._ends = group["ends"]
         tables._at = {every: len(table) for every, table in tables._tables.items()}
-        for item, width in [(tables._ends, len(EVERY))] + [
-            (tables._tables[one], tables.widths[one]) for one in tables.widths
-        ]:
-            kind = "i" if item is tables._ends else "f"
+        each = [(tables._tables[every], width, "f") for every, width in tables.widths.items()]
+        for item, width, kind in [*each, (tables._ends, len(EVERY), "i")]:
             if (item.maxshape, item.dtype.kind) != ((None, width), kind):
                 raise ValueError(f"{item.name} is no table of {width} columns")
         return tables
@@ -73,13 +65,20 @@ class ReadingTables:
     def begin(self, group: Any, foreseen: int) -> None:
         """Create the tables in the group `msdwarp` of a file."""
         store_text(group, f"{READINGS}/description", json.dumps(self.columns))
-        for every, width in self.widths.items():
-            rows = max(1, _CHUNK // (8 * width))
-            _create(group, f"{READINGS}/by_{every}", width, np.float64, rows)
-        _create(group, f"{READINGS}/ends", len(EVERY), np.int64, foreseen)
+        tables = [
+            create_growing(group, f"{READINGS}/by_{every}", (width,), np.float64, max(1, _CHUNK // (8 * width)))
+            for every, width in self.widths.items()
+        ]
+        tables.append(create_growing(group, f"{READINGS}/ends", (len(EVERY),), np.int64, foreseen))
+        for table in tables:
+            # HDF5 makes the chunk index with the first row, and the file does not open while it is being made.
+            # So it is made here, before the file has its name.
+            table.resize(1, axis=0)
+            table[0] = 0
+            table.resize(0, axis=0)
 
     def growth(self, k: int, rows: Rows) -> int:
-        """Return by how many bytes frame k, and rows, let the tables grow, at most, as chunks are taken whole."""
+        """Return the most bytes that frame k and rows add to the tables."""
         size = 0 if k < len(self._ends) else self._ends.chunks[0] * len(EVERY) * 8
         for every, values in rows.items():
             table = self._tables[every]
@@ -88,13 +87,13 @@ class ReadingTables:
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
-        """Tell whether rows come next, and are then those up to frame k."""
+        """Return whether the tables have these rows next, and frame k, if given, ends with them."""
         ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
-        told = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
-        return told and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
+        there = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
+        return there and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
 
     def add(self, rows: Rows) -> None:
-        """Write rows behind those that are told, unless they are there."""
+        """Write rows after those in use, unless they are there."""
         there = self.holds(rows)
         for every, values in rows.items():
             table, at = self._tables[every], self._at[every]
@@ -105,17 +104,17 @@ class ReadingTables:
                 table[at:] = values
 
     def note(self, k: int) -> None:
-        """Note that the rows that are told by now are those up to frame k."""
+        """Store that frame k ends with the rows in use."""
         if len(self._ends) <= k:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
     def go_on_behind(self, k: int, kept_until: float, until: float) -> None:
-        """Go on at a time [s] at which a frame ended, the first k frames being kept up to another."""
+        """Continue at the end of a frame, `until` [s]; the first k kept frames end at `kept_until` [s]."""
         for column, (every, table) in self._columns():
             end = int(self._ends[k - 1, column]) if k else 0
             rounded = 1e-9 * until
-            if until > kept_until + rounded:  # frames that are not kept have readings too
+            if until > kept_until + rounded:  # the frames after it are not kept, but have readings
                 while end < len(table) and (time := float(table[end, 0])) <= until + rounded:
                     end += 1
                     if time >= until - rounded:
@@ -146,14 +145,3 @@ class ReadingTables:
             done[every] += len(names)
             series[name] = Series(read[every][:, 0].copy(), read[every][:, first : done[every]].copy())
         return series
-
-
-def _create(group: Any, name: str, width: int, dtype: Any, rows: int) -> None:
-    """Create a table of no rows, whose chunks have so many."""
-    shape = {"shape": (0, width), "maxshape": (None, width), "chunks": (rows, width)}
-    table = group.create_dataset(name, dtype=dtype, fill_time="never", **shape)
-    # HDF5 makes the index of chunks with the first row, and a file would not open while that is being written:
-    # it is made here, before the file has its name.
-    table.resize(1, axis=0)
-    table[0] = 0
-    table.resize(0, axis=0)

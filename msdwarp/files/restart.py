@@ -1,4 +1,4 @@
-"""Restart files: the arrays that a run needs to go on, with checksums, replaced as a whole."""
+"""Restart files: the arrays that a run continues from, with checksums, replaced as a whole."""
 
 import io
 import json
@@ -13,14 +13,13 @@ from ..disk import replacing
 from .names import restored, store
 
 FORMAT = 1
-"""Version of what is in such a file."""
 _MARK = "msdwarp_restart_format"
 
 
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
-    """Write arrays and attributes to a file, in place of what was there.
+    """Write arrays and attributes to a file, and replace an earlier one.
 
-    Whatever happens, a crash or a power cut, there is then the whole old file or the whole new one.
+    After a crash or a power cut there is the whole old file or the whole new one.
 
     Parameters
     ----------
@@ -29,14 +28,14 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
     arrays
         Arrays of numbers or truth values, of any shape.
     attributes
-        Names, numbers, texts, or lists and mappings of those, as JSON has them.
+        Numbers, texts, or lists and mappings of these, as in JSON.
 
     Raises
     ------
     ValueError
-        If an array holds something else, or JSON cannot hold the attributes.
+        If an array has another type, or JSON cannot hold the attributes.
     OSError
-        If it cannot be written; the old file stays as it is.
+        If it cannot be written; the old file stays.
     """
     import h5py
 
@@ -50,15 +49,19 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         text = json.dumps({"attributes": attributes, "shapes": shapes})
     except (TypeError, ValueError) as error:
         raise ValueError(f"attributes is {attributes!r}; it must be what JSON can hold: {error}") from error
-    # HDF5 fills memory and not the disk, since it does not recover from a full one. In this format, of 2016, its
-    # own records have checksums too.
+    # HDF5 writes to memory, since it does not recover from a full disk. In its format of 2016 its own records have
+    # checksums too.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=("v110", "v110")) as file:
         file.attrs[_MARK] = FORMAT
         store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
         for k, values in enumerate(given.values()):  # whose names may have a slash
             store(file, f"arrays/{k}", values.ravel())
-    _replace(path, image.getbuffer())
+    try:
+        with replacing(path, durable=True) as unfinished:
+            unfinished.write_bytes(image.getbuffer())
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
@@ -69,7 +72,7 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     FileNotFoundError
         If there is none.
     ValueError
-        If it is no such file, is damaged or cut short, or is of a format that is not known.
+        If it is not a restart file, is damaged or truncated, or has an unknown format.
     """
     import h5py
 
@@ -92,12 +95,3 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     if version is None:
         raise ValueError(f"{path} is no restart file: it is an HDF5 file of another kind")
     raise ValueError(f"{path} is a restart file of format {version}; this version of msdwarp reads {FORMAT}")
-
-
-def _replace(path: Path, image: memoryview) -> None:
-    """Give a file new contents, which are on the disk before they have its name."""
-    try:
-        with replacing(path, durable=True) as unfinished:
-            unfinished.write_bytes(image)
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror or error}") from error

@@ -15,7 +15,7 @@ DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return the arrays of a system that VTK has not, by name; what is the same for all has no first axis."""
+    """Return a system's arrays that are not VTK's, by name; what is the same for all has no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:
@@ -42,12 +42,12 @@ def write_system(group: Any, system: System, compress: bool) -> None:
 
 
 def read_system(file: Any) -> System:
-    """Return the system that is stored in a file."""
+    """Return the system in a file."""
     group = file[OWN]
     described, part = json.loads(restored(group["description"])), group["system"]
     law, constants = described["damper"]
     arrays = dict(_read(part))
-    # A system on its way may have what is about to break, which a start may not: it is no question to a file.
+    # The stored system may be one of a later frame, with springs about to break, which a start refuses.
     broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
     return System(

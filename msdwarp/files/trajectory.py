@@ -1,8 +1,9 @@
 """Trajectories: frames on disk, which are read when they are asked for, and the system that moves in them."""
 
 import json
+import math
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, overload
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from ..disk import TRAJECTORY
-from .frame_array import FrameArray
 from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
 from .reading_tables import ReadingTables
 from .stored_system import read_system
@@ -21,6 +21,63 @@ from .validation import too_large, unsound
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 """What reading a damaged file may raise."""
+
+
+class FrameArray:
+    """An array on disk with the frames as its first axis; only indexed parts are read.
+
+    Each index selects along its own axis: a number, a slice, or a list, array or mask of several.
+    """
+
+    def __init__(self, dataset: Any, frames: int, stride: int, count: int, axes: list[int] | None = None) -> None:
+        self._dataset, self._stride, self._axes = dataset, stride, axes
+        self.shape = (frames, count) if axes is None else (frames, count, len(axes))
+        self.dtype, self.ndim = dataset.dtype, len(self.shape)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.shape[0]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
+        """Return all of it."""
+        return np.asarray(self[:], dtype=dtype)
+
+    def __getitem__(self, key: Any) -> NDArray:
+        """Return a part of it, as an array of its own."""
+        keys = key if isinstance(key, tuple) else (key,)
+        dots = [k for k, one in enumerate(keys) if one is Ellipsis]
+        if len(keys) - len(dots) > self.ndim or len(dots) > 1:
+            raise IndexError(f"{len(keys)} indices are given; there are {self.ndim} axes")
+        at = dots[0] if dots else len(keys)
+        whole = [slice(None)] * (self.ndim - len(keys) + len(dots))
+        frames, items, *coordinates = *keys[:at], *whole, *keys[at + 1 :]
+        values = self._read(_chosen(self.shape[0], frames), _chosen(self.shape[1], items))
+        values = values[..., coordinates[0]] if coordinates else values
+        values = values[:, 0] if isinstance(items, int | np.integer) else values
+        return values[0] if isinstance(frames, int | np.integer) else values
+
+    def _read(self, frames: NDArray[np.intp], items: NDArray[np.intp]) -> NDArray:
+        """Return some items of some frames."""
+        values = np.empty((len(frames), len(items), *self.shape[2:]), dtype=self.dtype)
+        if not values.size:
+            return values
+        low, high, start = items.min(), items.max() + 1, frames[0] * self._stride
+        axes = ... if self._axes is None or len(self._axes) == 3 else (..., self._axes)
+        step = frames[1] - frames[0] if len(frames) > 1 else 1
+        if high - low == 1 and step > 0 and np.all(np.diff(frames) == step):  # one item's path
+            stop = frames[-1] * self._stride + high
+            values[:] = self._dataset[start + low : stop : step * self._stride][axes][:, None]
+            return values
+        every = len(items) == high - low and np.all(np.diff(items) == 1)
+        for k, frame in enumerate(frames):
+            rows = self._dataset[frame * self._stride + low : frame * self._stride + high][axes]
+            values[k] = rows if every else rows[items - low]
+        return values
+
+
+def _chosen(count: int, key: Any) -> NDArray[np.intp]:
+    """Return the numbers of what an index chooses among so many."""
+    return np.atleast_1d(np.arange(count)[key])
 
 
 class Trajectory:
@@ -44,7 +101,8 @@ class Trajectory:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path) / TRAJECTORY if Path(path).is_dir() else Path(path)
         self._file = _opened(self.path)
-        try:
+        with ExitStack() as opened, self._damage_named(""):
+            opened.callback(self.close)
             own, root = self._file[OWN], self._file[ROOT]
             self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
             self._points, self._lines = (int(restored(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
@@ -65,25 +123,26 @@ class Trajectory:
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
             if "route" in self.attributes:  # its name in version 0.1
                 self.attributes["force_algorithm"] = self.attributes.pop("route")
+            opened.pop_all()
+
+    @contextmanager
+    def _damage_named(self, part: str) -> Iterator[None]:
+        """Raise ValueError that names the file and a part of it for what reading it raises."""
+        try:
+            yield
         except _ERRORS as error:
-            self.close()
-            raise ValueError(f"{self.path} is a damaged trajectory: {error}") from error
+            raise ValueError(f"{self.path} is a damaged trajectory: {part}{error}") from error
 
     def _check_sizes(self, root: Any) -> None:
-        """Raise ValueError unless what is said to be in the frames can be in the file."""
-        each = {
-            POINTS: (self._points, 3),
-            VELOCITY: (self._points, 3),
-            CONTACT: (self._points, 3),
-            STRAIN: (self._cells, 1),
-        }
-        for name, (rows, width) in each.items():
+        """Raise ValueError unless the frames have their arrays, and these can be in the file."""
+        vectors = dict.fromkeys((POINTS, VELOCITY, CONTACT), (self._points, 3))
+        for name, (rows, *width) in {**vectors, STRAIN: (self._cells,)}.items():
             if name not in root:
                 continue
             shape = root[name].shape
-            if shape[1:] != ((width,) if width > 1 else ()) or shape[0] < len(self) * rows:
+            if shape[1:] != tuple(width) or shape[0] < len(self) * rows:
                 raise ValueError(f"{name} has shape {shape}, for {len(self)} frames of {rows}")
-            self._check_size(root, name, len(self) * rows * width)
+            self._check_size(root, name, len(self) * rows * math.prod(width))
 
     def _check_size(self, root: Any, name: str, count: int) -> None:
         """Raise ValueError if so many numbers cannot be in the file, which may still be growing."""
@@ -122,47 +181,37 @@ class Trajectory:
     @cached_property
     def system(self) -> System:
         """The system at the start; ValueError if that part of the file is damaged."""
-        try:
+        with self._damage_named("its system cannot be read: "):
             return read_system(self._file)
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its system cannot be read: {error}") from error
 
     @cached_property
     def scene(self) -> tuple[dict[str, Any], dict[str, NDArray]] | None:
         """The data of the scene for pictures, as given to the writer; None if there is none.
 
-        Raises
-        ------
-        ValueError
-            If that part of the file is damaged.
+        ValueError if that part of the file is damaged.
         """
         own = self._file[OWN]
         if "scene" not in own:
             return None
-        try:
+        with self._damage_named("its scene cannot be read: "):
             described, names = json.loads(restored(own["scene/description"]))
             return described, {name: restored(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its scene cannot be read: {error}") from error
 
     @property
     def positions(self) -> FrameArray:
         """Particle positions [m], shape [frame_count, particle_count, d]; only indexed parts are read."""
-        return FrameArray(self._file[ROOT][POINTS], len(self), self._points, self._particles, AXES[self._dim])
+        return self._of_particles(POINTS)
 
     @property
     def velocities(self) -> FrameArray:
         """Particle velocities [m/s], shape [frame_count, particle_count, d]; only indexed parts are read."""
-        return FrameArray(self._file[ROOT][VELOCITY], len(self), self._points, self._particles, AXES[self._dim])
+        return self._of_particles(VELOCITY)
 
     @property
     def strains(self) -> FrameArray:
         """Strain of each connection, shape [frame_count, connection_count]; only indexed parts are read.
 
-        Raises
-        ------
-        ValueError
-            If the trajectory was written without it.
+        ValueError if the trajectory was written without it.
         """
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
@@ -173,34 +222,28 @@ class Trajectory:
         """Contact force on each particle [N], shape [frame_count, particle_count, d]; only indexed parts are read.
 
         Averaged over the preceding frame interval, like `Simulation.contact_force`; 0 in the first frame.
-
-        Raises
-        ------
-        ValueError
-            If the trajectory was written without it.
+        ValueError if the trajectory was written without it.
         """
         if CONTACT not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without contact forces")
-        return FrameArray(self._file[ROOT][CONTACT], len(self), self._points, self._particles, AXES[self._dim])
+        return self._of_particles(CONTACT)
+
+    def _of_particles(self, name: str) -> FrameArray:
+        """Return an array of vectors, one for each particle and frame."""
+        return FrameArray(self._file[ROOT][name], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
     def broken_at(self) -> NDArray[np.float32]:
         """When each connection broke [s], shape [connection_count]: 0 from the start, inf if it is whole.
 
-        `msdwarp.bodies.broken_before` gives those that are broken in a frame.
-
-        Raises
-        ------
-        ValueError
-            If that part of the file is damaged.
+        `msdwarp.bodies.broken_before` gives those that are broken in a frame. ValueError if that part of the file
+        is damaged.
         """
         kept = self._file[ROOT].get(BROKEN_AT)
         if kept is None:  # nothing can break, or could when the file was written
             return np.full(self._lines, np.inf, dtype=np.float32)
-        try:
+        with self._damage_named("its broken_at: "):
             times = np.asarray(kept[: self._lines], dtype=np.float32)
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its broken_at: {error}") from error
         if times.shape != (self._lines,) or not (times >= 0).all():
             raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
         # A frame is there when its time is; what broke behind the last one is not seen yet.
@@ -211,31 +254,23 @@ class Trajectory:
     def substeps(self) -> NDArray[np.int32] | None:
         """Number of substeps of each frame, shape [frame_count]; None in old files without it.
 
-        For the first frame it is the number for the next one; 0 is unknown.
-
-        Raises
-        ------
-        ValueError
-            If that part of the file is damaged.
+        For the first frame it is the number for the next one; 0 is unknown. ValueError if that part of the file is
+        damaged.
         """
         kept = self._file[OWN].get(SUBSTEPS)
         if kept is None:
             return None
-        try:
+        with self._damage_named("its substeps: "):
             counts = np.asarray(kept[: len(self)], dtype=np.int32)
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its substeps: {error}") from error
         if counts.shape != (len(self),) or (counts < 0).any():
             raise ValueError(f"{self.path} is a damaged trajectory: its substeps are no counts")
         return counts
 
     @cached_property
     def _tables(self) -> ReadingTables | None:
-        """The tables of what probes told; None where no run wrote any, ValueError if they are damaged."""
-        try:
+        """The tables of probe readings; None where no run wrote any."""
+        with self._damage_named("its readings: "):
             return ReadingTables.of(self._file)
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its readings: {error}") from error
 
     @property
     def probes(self) -> dict[str, tuple[str, list[str]]] | None:
@@ -249,17 +284,13 @@ class Trajectory:
     def readings(self) -> dict[str, Series]:
         """Readings of the probes up to the last frame, by name: `times, values = trajectory.readings["foot"]`.
 
-        They include frames that were not stored; empty if there are no readings.
-
-        Raises
-        ------
-        ValueError
-            If that part of the file is damaged.
+        They include frames that were not stored; empty if there are no readings. ValueError if that part of the
+        file is damaged.
         """
-        try:
-            return {} if self._tables is None else self._tables.read(len(self), self.path.stat().st_size)
-        except _ERRORS as error:
-            raise ValueError(f"{self.path} is a damaged trajectory: its readings: {error}") from error
+        if self._tables is None:
+            return {}
+        with self._damage_named("its readings: "):
+            return self._tables.read(len(self), self.path.stat().st_size)
 
     def frame(self, k: int) -> Frame:
         """Return frame k, counted from the end if k is negative; raise IndexError if there is none."""

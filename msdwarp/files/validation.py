@@ -1,20 +1,56 @@
-"""What an HDF5 file may hold before anything of it is believed: `unsound` says what speaks against that.
+"""Checks of an HDF5 file before anything in it is believed.
 
-It reads structures, texts and no arrays, and needs HDF5 alone: `msdwarp.files.probe` runs this file by itself, in
-a process that may be ended where HDF5 does not come back.
+`unsound` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs this file
+and h5py alone, and which can be ended: where a disk has lost a part of a file, or someone has made it so, HDF5 may
+read it for ever, heed no signal, and take all memory.
 """
 
 import math
+import os
+import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
+_SECONDS = 2.0
+"""Seconds of computing that the process has for a file; a sound one takes some hundredths."""
+_MOST_SECONDS = 120.0
+"""Seconds that it has in all, however slow the disk is."""
 _MOST_OBJECTS = 10_000
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100
-"""How many bytes gzip can make of one, at most."""
+"""The most bytes that gzip can make of one."""
 _GROWING = ("VTKHDF/Points", "VTKHDF/PointData/", "VTKHDF/CellData/", "VTKHDF/Steps/", "msdwarp/substeps")
 _GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
-"""What may end with rows that are not on the disk yet, as it is read while it is written."""
+"""Arrays whose last rows may not be on the disk yet, if the file is being written."""
+
+
+def probe(path: str | Path) -> None:
+    """Return if HDF5 can walk through a file, and every array in it has the size that it states.
+
+    The contents are not checked. A file that HDF5 itself refuses is left to whoever opens it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is damaged, or not to be read; it says why.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            return
+    words = [sys.executable, "-I", __file__, str(path.absolute())]
+    env = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(words, capture_output=True, env=env, timeout=_MOST_SECONDS, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(f"{path} cannot be read: after {_MOST_SECONDS:g} s the check has not finished") from error
+    if found := done.stdout.decode(errors="replace"):
+        raise ValueError(f"{path} cannot be read: {found}")
+    if done.returncode < 0:
+        raise ValueError(f"{path} is damaged: reading its structures does not end, or crashes HDF5")
 
 
 def unsound(file: Any) -> str | None:
@@ -28,8 +64,7 @@ def unsound(file: Any) -> str | None:
         place, group = waiting.pop()
         for name in group:
             path = f"{place}/{name}".lstrip("/")
-            link = group.get(name, getlink=True)
-            if not isinstance(link, h5py.HardLink):
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 return f"{path!r} is a link, which may lead out of the file"
             item = group[name]
             if len(seen) >= _MOST_OBJECTS:
@@ -40,11 +75,10 @@ def unsound(file: Any) -> str | None:
             seen.add(address)
             if isinstance(item, h5py.Group):
                 waiting.append((path, item))
-            elif isinstance(item, h5py.Dataset):
-                if wrong := _wrong(item, path):
-                    return f"{path!r} {wrong}"
-            else:
+            elif not isinstance(item, h5py.Dataset):
                 return f"{path!r} is a type, which no run writes"
+            elif wrong := _wrong(item, path):
+                return f"{path!r} {wrong}"
             for attribute in item.attrs:
                 if item.attrs.get_id(attribute).get_storage_size() > 1 << 20:
                     return f"{path!r} has an attribute {attribute!r} of more than a MiB"
@@ -53,7 +87,7 @@ def unsound(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return what is wrong with an array, by what it says of itself."""
+    """Return what is wrong with an array, by its own description."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()
@@ -66,7 +100,7 @@ def _wrong(item: Any, path: str) -> str | None:
         _ = item[()]
         return None
     if path.startswith(_GROWING):
-        return None  # what is read of it is compared with what is there by its reader
+        return None  # their reader compares the part that it reads
     return too_large(item, math.prod(item.shape or ()), item.id.get_storage_size())
 
 
@@ -77,30 +111,29 @@ def too_large(item: Any, count: int, stored: int) -> str | None:
     return f"should hold {size} bytes, and {stored} are there" if size > most else None
 
 
-def main(path: str) -> None:
-    """Print what speaks against a file; nothing where nothing does. HDF5 may crash, or never end."""
-    import h5py
-
-    _limit()
-    with h5py.File(path, "r", locking=False) as file:
-        print(unsound(file) or "", end="")
-
-
 def _limit() -> None:
-    """Have the system end this process after some seconds of computing, or where it asks for much memory."""
+    """Have the system end this process after some seconds of computing, or if it asks for much memory."""
     try:
         import resource
     except ImportError:
         return
     spent, most = resource.getrusage(resource.RUSAGE_SELF), 1 << 36
-    seconds = math.ceil(spent.ru_utime + spent.ru_stime + float(sys.argv[2]))
+    seconds = math.ceil(spent.ru_utime + spent.ru_stime + _SECONDS)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-    with open("/proc/self/statm") if sys.platform == "linux" else open("/dev/null") as file:
-        pages = file.read().split()
-    if pages:
-        most = int(pages[0]) * resource.getpagesize() + (2 << 30)
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        most = pages * resource.getpagesize() + (2 << 30)
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def main(path: str) -> None:
+    """Print why a file is not to be read, if it is not. HDF5 may crash, or never end."""
+    import h5py
+
+    _limit()
+    with h5py.File(path, "r", locking=False) as file:
+        print(unsound(file) or "", end="")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
 """VTKHDF: how a trajectory is laid out in its file, and the system beside it; see docs/files.md.
 
-Files come as open h5py files, so that HDF5 is loaded only where one is opened.
+Functions take open h5py files, so that HDF5 is loaded only where one is opened.
 """
 
 import json
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import AXES, Edges, System, broken_before
+from ..bodies import AXES, Edges, Frame, System, broken_before
 from .names import (
     BROKEN_AT,
     CONTACT,
@@ -25,6 +25,7 @@ from .names import (
     STRAIN,
     SUBSTEPS,
     VELOCITY,
+    create_growing,
     same,
     store,
     store_text,
@@ -33,38 +34,49 @@ from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
-"""What pictures need of a scene: what JSON can hold, and arrays by name."""
+"""The data of a scene for pictures: JSON data, and arrays by name."""
+_TIMES, _SUBSTEPS = f"{ROOT}/Steps/Values", f"{OWN}/{SUBSTEPS}"
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
 _FORESEEN = 1024
-"""Frames whose offsets are written at once, where it is unknown how many there will be."""
+"""Frames whose offsets are written at once, where the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
-"""The same where it is known: for what is never reached room is taken too."""
+"""The most where it is known: their offsets take room even if the run ends early."""
 _BLOCK = 1 << 15
 """Connections whose strain is computed at a time: their coordinates fit into the cache."""
 
 
+class Record(NamedTuple):
+    """A frame and what is stored beside it; without a frame, the readings of one that is not kept."""
+
+    frame: Frame | None
+    strain: NDArray | None = None
+    """Strain of each connection; None to compute it."""
+    substeps: int = 0
+    broken_at: NDArray | None = None
+    """When each connection broke [s]."""
+    contact_force: NDArray | None = None
+    rows: Rows = MappingProxyType({})
+    """The readings since the frame before."""
+
+
 class Layout:
-    """How a system's frames are laid out: what there is once, and what each frame adds.
+    """How a system's frames are laid out: what is stored once, and what each frame adds.
 
     Parameters
     ----------
     system
-        What moves.
+        The system at the start.
     dtype
-        Numbers of the frames, float32 or float64.
+        Type of the frames' numbers, float32 or float64.
     frame_count
-        Frames that there will be, None if that is unknown.
-    compress
-        Whether arrays are compressed.
-    strain
-        Whether there is a strain of each connection.
+        Number of frames, None if unknown.
+    compress, strain, contact_forces
+        Whether arrays are compressed, and whether there are strains and contact forces.
     tears
         Whether there is a time at which each connection broke; by default where any can.
     readings
-        What probes tell, if any do.
-    contact_forces
-        Whether there is a force of contact on each particle.
+        The probes' columns, if there are probes.
     """
 
     def __init__(
@@ -98,23 +110,25 @@ class Layout:
 
     @classmethod
     def of(cls, file: Any, system: System) -> "Layout":
-        """Return the layout of a file that has begun."""
+        """Return the layout of an existing file."""
         root = file[ROOT]
-        values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(root, "Steps/Values", (), "f")
+        values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(file, _TIMES, (), "f")
         compressed, strain, tears = values.compression is not None, STRAIN in root, BROKEN_AT in root
-        contact_forces = CONTACT in root
-        return cls(system, values.dtype, times.chunks[0], compressed, strain, tears, contact_forces=contact_forces)
+        contact = CONTACT in root
+        return cls(system, values.dtype, times.chunks[0], compressed, strain, tears, contact_forces=contact)
 
     @property
     def static_size(self) -> int:
-        """Bytes of what there is once."""
+        """Bytes of what is stored once."""
         own = sum(values.nbytes for values in arrays_of(self._system).values())
         own += 4 * sum(map(len, self._cells.values())) if self._tears else 0
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
 
-    def growth(self, k: int, rows: Rows) -> int:
-        """Return by how many bytes frame k lets the arrays grow, at most, as chunks are taken whole."""
-        size = self.growth_by(rows, k)
+    def growth(self, k: int, rows: Rows, kept: bool = True) -> int:
+        """Return the most bytes that readings, and frame k if it is kept, add: chunks are allocated whole."""
+        size = 0 if self._readings is None else self._readings.growth(k, rows)
+        if not kept:
+            return size
         if k % self._foreseen == 0:
             numbers = 2 + sum(stride.size for stride in self._offsets().values())
             size += self._foreseen * numbers * 8
@@ -124,12 +138,8 @@ class Layout:
             size += chunks * each * self._row_size(name)
         return size
 
-    def growth_by(self, rows: Rows, k: int = 0) -> int:
-        """Return the same of the tables of readings for more rows."""
-        return 0 if self._readings is None else self._readings.growth(k, rows)
-
     def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
-        """Write what there is once: the attributes of the run among it, and its scene, which JSON can hold."""
+        """Write what is stored once: the run's attributes, the scene, the system and its cells."""
         group = file.create_group(OWN)
         group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
         store_text(group, "attributes", json.dumps(attributes))
@@ -137,9 +147,8 @@ class Layout:
             described, arrays = scene
             store_text(group, "scene/description", json.dumps([described, list(arrays)]))
             for k, values in enumerate(arrays.values()):
-                store(group, f"scene/arrays/{k}", values, compress=True)  # images, for the most part
+                store(group, f"scene/arrays/{k}", values, compress=True)  # mostly images
         write_system(group, self._system, self._compress)
-        _create_growing(group, SUBSTEPS, (), np.int32, self._foreseen)
         if self._readings is not None:
             self._readings.begin(group, self._foreseen)
         root = file.create_group(ROOT)
@@ -155,34 +164,28 @@ class Layout:
         if self._edges is not None:
             at_start = np.where(self._system.broken, 0.0, np.inf)
             root.create_dataset(BROKEN_AT, data=self._broken_cells(at_start, self._edges))
-        steps = root.create_group("Steps")
-        steps.attrs["NSteps"] = np.int64(0)
-        _create_growing(steps, "Values", (), np.float64, self._foreseen, fillvalue=np.nan, fill_time="ifset")
-        for name, stride in self._offsets().items():
-            _create_growing(steps, name, stride.shape, np.int64, self._foreseen)
-        for name in self._per_frame:
-            width = () if name == STRAIN else (3,)
-            _create_growing(root, name, width, self._dtype, self._chunk(name), **(GZIP if self._compress else {}))
+        root.create_group("Steps").attrs["NSteps"] = np.int64(0)
+        for name, width, dtype, rows, options in self._arrays():
+            create_growing(file, name, width, dtype, rows, **options)
 
     def open(self, file: Any) -> None:
-        """Get ready to append frames to a file that has begun; raise ValueError if it cannot grow by them."""
+        """Prepare to append frames to a file; raise ValueError if one of its arrays cannot grow."""
         self._file, self._steps = file, file[ROOT]["Steps"]
-        self._times = self._growing(self._steps, "Values", (), "f")
-        for name, stride in self._offsets().items():
-            self._growing(self._steps, name, stride.shape, "i")
-        widths = {name: () if name == STRAIN else (3,) for name in self._per_frame}
-        self._datasets = {name: self._growing(file[ROOT], name, width, "f") for name, width in widths.items()}
+        arrays = {
+            name: self._growing(file, name, width, np.dtype(dtype).kind)
+            for name, width, dtype, *_ in self._arrays()
+            if name in file or name != _SUBSTEPS  # early files have none
+        }
+        self._times, self._substeps = arrays[_TIMES], arrays.get(_SUBSTEPS)
+        self._datasets = {name: arrays[f"{ROOT}/{name}"] for name in self._per_frame}
         self._broken_at = file[ROOT].get(BROKEN_AT) if self._tears else None
         if self._broken_at is not None:
             self._known = self._broken_at[: self._system.connection_count]
-        self._substeps = None  # which files of before have not
-        if SUBSTEPS in file[OWN]:
-            self._substeps = self._growing(file[OWN], SUBSTEPS, (), "i")
-        self._readings = ReadingTables.of(file)  # those of a file to go on with are its own
+        self._readings = ReadingTables.of(file)
 
     @staticmethod
     def _growing(group: Any, name: str, width: tuple[int, ...], kind: str) -> Any:
-        """Return an array of numbers, to which rows of this shape can be added."""
+        """Return an array of numbers to which rows of this shape can be added; raise ValueError if it is none."""
         item = group.get(name)
         shape = getattr(item, "maxshape", None)
         if shape is None or (shape[:1], shape[1:]) != ((None,), width) or item.dtype.kind != kind:
@@ -190,60 +193,49 @@ class Layout:
         return item
 
     def go_on_behind(self, k: int, until: float) -> None:
-        """Go on behind the first k frames, and what probes told up to `until` [s], of frames not kept too."""
+        """Continue after the first k frames, and after the readings up to `until` [s]."""
         if self._readings is not None:
             self._readings.go_on_behind(k, float(self._times[k - 1]), until)
 
     def truncate(self, k: int) -> None:
-        """Let a file have its first k frames only; where the others were, the next ones will be written."""
+        """Cut the file to its first k frames; the next ones are written over the others."""
         # VTK's reader writes past its memory where there are more times than frames.
         last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
-        if self._broken_at is not None and self._edges is not None:  # what broke behind them is whole again
+        if self._broken_at is not None and self._edges is not None:  # what broke later is whole again
             self._known = np.where(broken_before(self._known, last), self._known, np.float32(np.inf))
             self._broken_at[:] = self._broken_cells(self._known, self._edges)
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k))
         self._file.flush()
 
-    def holds(
-        self,
-        k: int,
-        frame: tuple[float, NDArray, NDArray],
-        strain: NDArray | None,
-        substeps: int,
-        broken_at: NDArray | None,
-        rows: Rows,
-        contact_force: NDArray | None,
-    ) -> bool:
-        """Tell whether frame k is this one, bit for bit, and what probes told up to it."""
-        if self._times[k] != frame[0] or (self._substeps is not None and self._substeps[k] != substeps):
+    def holds(self, k: int, record: Record) -> bool:
+        """Tell whether the file has this record, bit for bit, as its next readings and as frame k."""
+        frame = record.frame
+        if self._readings is not None and not self._readings.holds(record.rows, None if frame is None else k):
             return False
-        if self._readings is not None and not self._readings.holds(rows, k):
+        if frame is None:
+            return True
+        if self._times[k] != frame.time or (self._substeps is not None and self._substeps[k] != record.substeps):
             return False
-        if self._broken_at is not None and broken_at is not None:
-            seen = np.where(broken_before(self._known, frame[0]), self._known, np.float32(np.inf))
-            if not same(seen, self._known_by(broken_at)):
+        if self._broken_at is not None and record.broken_at is not None:
+            seen = np.where(broken_before(self._known, frame.time), self._known, np.float32(np.inf))
+            if not same(seen, self._known_by(record.broken_at)):
                 return False
         try:
-            pieces = self._pieces(k, frame, strain, contact_force)
+            pieces = self._pieces(k, frame, record)
             return all(same(item[start : start + len(values)], values) for item, start, values in pieces)
-        except OSError:  # HDF5's, of what is damaged
+        except OSError:  # from HDF5, for a damaged array
             return False
 
-    def append(
-        self,
-        k: int,
-        frame: tuple[float, NDArray, NDArray],
-        strain: NDArray | None,
-        substeps: int,
-        broken_at: NDArray | None = None,
-        rows: Rows = MappingProxyType({}),
-        contact_force: NDArray | None = None,
-    ) -> None:
-        """Write frame k, behind the others, and what probes told up to it, and flush it."""
-        if self._broken_at is not None and self._edges is not None and broken_at is not None:
-            known = self._known_by(broken_at)
+    def append(self, k: int, record: Record) -> None:
+        """Write a record's readings, and its frame as frame k, and flush them."""
+        frame = record.frame
+        if frame is None:
+            self.append_rows(record.rows)
+            return
+        if self._broken_at is not None and self._edges is not None and record.broken_at is not None:
+            known = self._known_by(record.broken_at)
             if not np.array_equal(known, self._known):
                 self._known = known
                 self._broken_at[:] = self._broken_cells(known, self._edges)
@@ -256,33 +248,39 @@ class Layout:
             if self._substeps is not None:
                 _at_least(self._substeps, until)
         if self._substeps is not None:
-            self._substeps[k] = substeps
+            self._substeps[k] = record.substeps
         if self._readings is not None:
-            self._readings.add(rows)
+            self._readings.add(record.rows)
             self._readings.note(k)
         for name, dataset in self._datasets.items():
             _at_least(dataset, (k + 1) * self._per_frame[name])
-        for dataset, start, values in self._pieces(k, frame, strain, contact_force):
+        for dataset, start, values in self._pieces(k, frame, record):
             dataset[start : start + len(values)] = values
         # VTK's reader writes past its memory where there are more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
         self._times.resize(k + 1, axis=0)
-        self._times[k] = frame[0]
+        self._times[k] = frame.time
         self._file.flush()
 
-    def holds_rows(self, rows: Rows) -> bool:
-        """Tell whether what probes told next is this."""
-        return self._readings is None or self._readings.holds(rows)
-
     def append_rows(self, rows: Rows) -> None:
-        """Write what probes told in a frame that is not kept, and flush it."""
+        """Write readings, unless the file has them, and flush them."""
         if self._readings is not None:
             self._readings.add(rows)
             self._file.flush()
 
+    def _arrays(self) -> Iterator[tuple[str, tuple[int, ...], Any, int, dict[str, Any]]]:
+        """Yield the arrays that grow: name, shape of a row, type, rows in a chunk, and further options of HDF5."""
+        yield _SUBSTEPS, (), np.int32, self._foreseen, {}
+        yield _TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}
+        for name, stride in self._offsets().items():
+            yield f"{ROOT}/Steps/{name}", stride.shape, np.int64, self._foreseen, {}
+        for name in self._per_frame:
+            width, gzip = () if name == STRAIN else (3,), GZIP if self._compress else {}
+            yield f"{ROOT}/{name}", width, self._dtype, self._chunk(name), gzip
+
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
-        """Return what the arrays of offsets in Steps grow by from frame to frame."""
+        """Return the difference from frame to frame in each array of offsets in Steps."""
         strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
         if CONTACT in self._per_frame:
@@ -294,12 +292,12 @@ class Layout:
         return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
 
     def _broken_cells(self, broken_at: NDArray, edges: Edges) -> NDArray[np.float32]:
-        """Return when each cell broke [s]: connections, and behind them triangles."""
+        """Return when each cell broke [s]: connections first, then triangles."""
         before = np.full(len(self._cells["Vertices"]), np.inf)
         return np.concatenate([before, broken_at, edges.parted_at(broken_at)]).astype(np.float32)
 
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
-        """Return when each connection broke [s], those that were broken from the start at 0."""
+        """Return when each connection broke [s], 0 for those broken from the start."""
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
 
     def _row_size(self, name: str) -> int:
@@ -308,12 +306,12 @@ class Layout:
     def _chunk(self, name: str) -> int:
         """Return the rows of a chunk of an array."""
         count, size = self._per_frame[name], self._row_size(name)
-        # What is compressed is compressed again whenever a part of it is written.
+        # A compressed chunk is compressed again whenever a part of it is written.
         frames = 1 if self._compress else max(1, _LEAST_CHUNK // (count * size))
         return min(frames * count, _MOST_CHUNK // size)
 
     def _in_space(self, values: NDArray) -> NDArray:
-        """Return coordinates of particles as those of points in space, shape [point_count, 3]."""
+        """Return vectors of particles as those of VTK's points, shape [point_count, 3]."""
         n, dim = values.shape
         if dim == 3 and self._embedded is None:
             return np.ascontiguousarray(values, dtype=self._dtype)
@@ -323,41 +321,27 @@ class Layout:
             result[n:, AXES[dim]] = self._embedded.points(values)
         return result
 
-    def _pieces(
-        self,
-        k: int,
-        frame: tuple[float, NDArray, NDArray],
-        strain: NDArray | None,
-        contact_force: NDArray | None,
-    ) -> Iterator[tuple[Any, int, NDArray]]:
-        """Yield the arrays of frame k, where in them its rows begin, and the rows."""
+    def _pieces(self, k: int, frame: Frame, record: Record) -> Iterator[tuple[Any, int, NDArray]]:
+        """Yield pieces of frame k: the array, where in it the piece begins, and its rows."""
+        vectors = {POINTS: frame.position, VELOCITY: frame.velocity, CONTACT: record.contact_force}
         for name, dataset in self._datasets.items():
             start = k * self._per_frame[name]
-            for values in self._parts(name, frame, strain, contact_force):
-                yield dataset, start, values
-                start += len(values)
-
-    def _parts(
-        self,
-        name: str,
-        frame: tuple[float, NDArray, NDArray],
-        strain: NDArray | None,
-        contact_force: NDArray | None,
-    ) -> list[NDArray]:
-        """Return what a frame adds to an array, in parts that follow each other."""
-        _, position, velocity = frame
-        if name == CONTACT and contact_force is None:
-            raise ValueError("contact_force is None; the file stores contact forces, so each frame needs them")
-        of_points = {POINTS: position, VELOCITY: velocity, CONTACT: contact_force}
-        if (values := of_points.get(name)) is not None:
-            return [self._in_space(values)]
-        # The strain of every cell: connections come first, and NaN for what is none. A part of what is compressed
-        # would be compressed with the part before it, again.
-        parts = [self._strain(position) if strain is None else strain, self._no_connections]
-        return [np.concatenate(parts)] if self._compress else parts
+            if name in vectors:
+                if (values := vectors[name]) is None:
+                    raise ValueError(
+                        "contact_force is None; the file stores contact forces, so each frame needs them"
+                    )
+                yield dataset, start, self._in_space(values)
+                continue
+            strain = self._strain(frame.position) if record.strain is None else record.strain
+            if self._compress:  # in one piece: the second would compress the chunk again
+                yield dataset, start, np.concatenate([strain, self._no_connections])
+            else:
+                yield dataset, start, strain
+                yield dataset, start + len(strain), self._no_connections
 
     def _strain(self, position: NDArray) -> NDArray:
-        """Return the strain of every connection, of the rest lengths at the start."""
+        """Return the strain of every connection from the rest lengths at the start."""
         rest = self._system.rest_length
         result = np.empty(len(rest), dtype=self._dtype)
         axes = np.ascontiguousarray(position.T, dtype=self._dtype)
@@ -365,9 +349,9 @@ class Layout:
             part = slice(start, start + _BLOCK)
             i, j = self._system.connections[part].T.astype(np.intp)
             squared = np.zeros(len(i), dtype=self._dtype)
-            with np.errstate(over="ignore"):  # of a run about to diverge
+            with np.errstate(over="ignore"):  # in a run about to diverge
                 for x in axes:
-                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # quicker: none is out of range
+                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # no index is out of range; faster
                     squared += apart * apart
             result[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
         return result
@@ -381,19 +365,13 @@ def _cells(system: System) -> dict[str, NDArray]:
         own = surface.particle if surface.weights is None else n + np.arange(len(surface.particle))
         triangles = own[surface.triangles]
     elif not system.connection_count:
-        vertices = np.arange(n)[:, None]  # or nothing would be seen
+        vertices = np.arange(n)[:, None]  # so that something is visible
     cells = dict(zip(KINDS, (vertices, system.connections, triangles, np.empty((0, 3))), strict=True))
     wide = any(kind.size >= 2**31 for kind in cells.values())
     return {name: kind.astype(np.int64 if wide else np.int32, copy=False) for name, kind in cells.items()}
 
 
-def _create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, rows: int, **options: Any) -> None:
-    """Create an array of no rows, whose chunks have so many."""
-    shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
-    group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
-
-
 def _at_least(dataset: Any, rows: int) -> None:
-    """Let an array have so many rows, if it has less."""
+    """Extend an array to so many rows, if it has fewer."""
     if len(dataset) < rows:
         dataset.resize(rows, axis=0)

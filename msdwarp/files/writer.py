@@ -1,4 +1,4 @@
-"""Writing trajectories: frames go to disk beside the simulation, in a file that opens at any moment."""
+"""Writing trajectories: a thread writes frames to disk while the simulation continues."""
 
 import atexit
 import os
@@ -20,40 +20,26 @@ from .names import as_json
 from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import DAMPERS
 from .trajectory import Trajectory
-from .vtkhdf import Layout, Scene
+from .vtkhdf import Layout, Record, Scene
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
-"""Frames that wait for the thread at most."""
+"""Most frames that wait for the thread."""
 
 
-class Pending(Protocol):
-    """A frame that is still on its way to the host."""
+class _Pending(Protocol):
+    """A frame that is still being copied to the host, as `Readback.take` returns it; methods wait for it."""
 
     @property
-    def substeps(self) -> int:
-        """How many it took; 0 where that is unknown."""
-        ...
-
-    def arrived(self) -> tuple[Frame, NDArray | None]:
-        """Wait for it; return it, and the strains of the connections if they come with it."""
-        ...
-
-    def broken_at(self) -> NDArray | None:
-        """Wait for it; return when connections broke [s], inf where they are whole, if any can."""
-        ...
-
-    def contact_force(self) -> NDArray | None:
-        """Wait for it; return what contacts push each particle with [N], if that comes with it."""
-        ...
-
-    def release(self) -> None:
-        """Have its memory back: the frame is on disk."""
-        ...
+    def substeps(self) -> int: ...
+    def arrived(self) -> tuple[Frame, NDArray | None]: ...  # with the strains, if they are included
+    def broken_at(self) -> NDArray | None: ...
+    def contact_force(self) -> NDArray | None: ...
+    def release(self) -> None: ...  # of its memory, once the frame is on disk
 
 
 class TrajectoryWriter:
-    """Writes frames while the simulation continues: a thread takes them from a queue and flushes each to disk.
+    """Writes frames while the simulation continues: a thread flushes each to disk.
 
     The file appears with the first frame. From then on it can be opened at any time, even after the process was
     killed, and has every flushed frame.
@@ -151,10 +137,10 @@ class TrajectoryWriter:
         else:
             disk.writable_folder("path", self.path, self.path.parent)
         self._error: Exception | None = None
-        self._told = self._ended = False
-        self._queue: queue.Queue[tuple[Pending | None, Rows] | None] = queue.Queue(_QUEUED)
+        self._raised = self._ended = False
+        self._queue: queue.Queue[tuple[_Pending | None, Record] | None] = queue.Queue(_QUEUED)
         self._thread = threading.Thread(target=self._work, name=f"writes {self.path.name}", daemon=True)
-        # What is registered last is done first at exit: this file is to end before HDF5, registered on import.
+        # At exit the last registered function runs first: this file must end before HDF5, registered on import.
         import h5py  # noqa: F401
 
         atexit.register(self.close)
@@ -167,7 +153,7 @@ class TrajectoryWriter:
 
     @property
     def has_fewer(self) -> bool:
-        """Whether the file has fewer frames than when it was opened to be continued, as others came in between."""
+        """Whether the file has fewer frames than when it was reopened, because others replace them."""
         return self.frame_count < self._file.found
 
     def write(
@@ -204,36 +190,33 @@ class TrajectoryWriter:
             if given is not None:
                 _check_shape(name, given, self._system.rest_length.shape)
         if self._contact_forces and contact_force is None:
-            raise ValueError(
-                "contact_force is None; the file is laid out for what contacts push particles with, which must be "
-                "in each frame"
-            )
+            raise ValueError("contact_force is None; the file is laid out for contact forces in each frame")
         kept = self.wants_next()
-        self._hand_over(_Arrived(frame, strain, broken_at, contact_force) if kept else None, readings)
+        self._enqueue(None, Record(frame if kept else None, strain, 0, broken_at, contact_force, readings))
 
     def wants_next(self) -> bool:
         """Return whether the next frame will be kept; raise as `write` does."""
-        self._tell(again=True)
+        self._raise_error(again=True)
         if self._ended:
             raise ValueError(f"{self.path} is closed; frames must be written before")
         return self._offered % self._every == 0
 
-    def write_pending(self, frame: Pending | None, readings: Rows = MappingProxyType({})) -> None:
+    def write_pending(self, frame: _Pending | None, readings: Rows = MappingProxyType({})) -> None:
         """Write a frame that is still being copied, or None if `wants_next` is false; else as `write`."""
         kept = self.wants_next()
         if kept and frame is None:
             raise ValueError("frame is None; this frame must be kept")
-        self._hand_over(frame if kept else None, readings)
+        self._enqueue(frame if kept else None, Record(None, rows=readings))
 
-    def _hand_over(self, frame: Pending | None, readings: Rows) -> None:
-        """Hand a frame, if it is kept, and its readings to the thread."""
-        for every, rows in readings.items():
+    def _enqueue(self, pending: _Pending | None, record: Record) -> None:
+        """Queue a frame, if it is kept, and its readings for the thread."""
+        for every, rows in record.rows.items():
             checks.one_of("a name in readings", every, tuple(self._widths))
             if np.ndim(rows) != 2 or rows.shape[1] != self._widths[every]:
                 width = self._widths[every]
                 raise ValueError(f"readings[{every!r}] has shape {np.shape(rows)}; it must be (any, {width})")
-        if frame is not None or readings:
-            self._queue.put((frame, readings))
+        if pending is not None or record.frame is not None or record.rows:
+            self._queue.put((pending, record))
         self._offered += 1
 
     def flush(self) -> None:
@@ -245,7 +228,7 @@ class TrajectoryWriter:
             If a frame could not be written.
         """
         self._queue.join()
-        self._tell(again=True)
+        self._raise_error(again=True)
         self._file.sync()
 
     def close(self) -> None:
@@ -261,7 +244,7 @@ class TrajectoryWriter:
             self._ended = True  # not before: an interrupt may come while the queue is full
         self._thread.join()
         atexit.unregister(self.close)
-        self._tell(again=False)
+        self._raise_error(again=False)
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -271,29 +254,29 @@ class TrajectoryWriter:
         """Close the file."""
         self.close()
 
-    def _tell(self, *, again: bool) -> None:
-        """Raise the thread's error, if there is one, and if it was raised before only where that is wanted."""
-        if self._error is not None and (again or not self._told):
-            self._told = True
+    def _raise_error(self, *, again: bool) -> None:
+        """Raise the thread's error, if there is one; one that was raised before only if `again`."""
+        if self._error is not None and (again or not self._raised):
+            self._raised = True
             raise self._error
 
     def _work(self) -> None:
-        """Write what comes; after an error, only let go of it."""
-        while (handed := self._queue.get()) is not None:
-            frame, rows = handed
+        """Write what is queued; after an error, only release it."""
+        while (queued := self._queue.get()) is not None:
+            pending, record = queued
             if self._error is None:
-                self._attempt(partial(self._append, frame, rows))
-            if frame is not None:
-                frame.release()
+                self._attempt(partial(self._append, pending, record))
+            if pending is not None:
+                pending.release()
             self._queue.task_done()
         self._attempt(self._file.close)
 
-    def _append(self, frame: Pending | None, rows: Rows) -> None:
-        """Write a frame with its readings, or readings alone."""
-        if frame is None:
-            self._file.append_rows(rows)
-        else:
-            self._file.append(*frame.arrived(), frame.substeps, frame.broken_at(), rows, frame.contact_force())
+    def _append(self, pending: _Pending | None, record: Record) -> None:
+        """Write a record, with the pending frame if there is one."""
+        if pending is not None:
+            arrived = (*pending.arrived(), pending.substeps, pending.broken_at(), pending.contact_force())
+            record = Record(*arrived, rows=record.rows)
+        self._file.append(record)
 
     def _attempt(self, action: Callable[[], None]) -> None:
         try:
@@ -334,25 +317,3 @@ def _check_continuation(path: Path, system: System, fps: float, kept: int, readi
         if found.probes is not None and found.probes != ReadingTables(readings or {}).columns:
             raise ValueError(f"{path} has readings of other probes: {', '.join(found.probes)}")
         return len(found)
-
-
-class _Arrived:
-    """A frame that was on the host from the start."""
-
-    def __init__(
-        self, frame: Frame, strain: NDArray | None, broken_at: NDArray | None, contact_force: NDArray | None
-    ) -> None:
-        self._both, self.substeps = (frame, strain), 0
-        self._broken_at, self._contact_force = broken_at, contact_force
-
-    def arrived(self) -> tuple[Frame, NDArray | None]:
-        return self._both
-
-    def broken_at(self) -> NDArray | None:
-        return self._broken_at
-
-    def contact_force(self) -> NDArray | None:
-        return self._contact_force
-
-    def release(self) -> None:
-        pass

@@ -14,33 +14,24 @@ from .. import checks
 from ..bodies import in_space
 from ..pictures import VIEW_ANGLE, Stage
 from .access import EVERYWHERE, Access
-from .event_loop import wake_from_any_thread
-from .guard import guarded
-from .images import Images, Links
+from .images import Images, Link
 from .panel import Panel
-from .patches import LEVELS, Patch, compact, levels, patches, scale_colours
+from .patches import Patch, compact, levels, patches, scale_colours
+from .sources import Source
 
 if TYPE_CHECKING:
     from .view import View
 
 HOST, PORT = "127.0.0.1", 8080
-"""Where the page is by default: seen from this machine alone."""
-BOX = np.array(
-    [
-        *([0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
-        *([2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]),
-    ],
-    np.uint32,
-)
-"""Triangles of a box whose corner k is at the high end of axis a if bit a of k is set."""
+"""Where the page is by default: only this machine can open it."""
 SIZE = (1280, 720)
 """Width and height that the camera is placed for."""
 WORTH = 10_000
-"""Vertices from which on an image is smaller than what it shows."""
+"""The fewest vertices that are larger than an image of them."""
 MOST_WAITING = 20
 """Commands that wait for the view, from which on messages wait at their senders."""
 LATE, OFTEN = 1.0, 3
-"""So late [s] so often in a row, and a link does not keep up."""
+"""A link that is so late [s] so often in a row is too slow for triangles."""
 MISSING = "the page needs viser: pip install 'msdwarp[view]'"
 
 
@@ -50,7 +41,7 @@ class Browser:
     Parameters
     ----------
     host
-        The address that the page is served at; 127.0.0.1 is seen from this machine alone.
+        The address that the page is served at; with 127.0.0.1 only this machine can open it.
     port
         The port; by default 8080, or the next that is free.
     allow_origin
@@ -59,7 +50,7 @@ class Browser:
     Raises
     ------
     ValueError
-        If viser is not installed or cannot be guarded, the port is taken or out of range, or an origin is none.
+        If viser is not installed or cannot be guarded, the port is taken or out of range, or an origin is invalid.
     """
 
     takes_images = True
@@ -67,18 +58,19 @@ class Browser:
     def __init__(self, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()) -> None:
         try:
             import viser
+
+            from .guard import allow_any_thread, guarded  # which need what viser brings
         except ImportError as error:
             raise ValueError(MISSING) from error
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
-        if port is not None and _is_taken(host, port):
+        if port is not None and _is_taken(host, port):  # viser would take the next one
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
-
         self._access = Access(host, allow_origin)
         self._waiting: Callable[[], int] = lambda: 0
         self._server: Any = None
 
-        # Who sends garbage is hung up on, which is no news to whoever runs this.
+        # Clients that send garbage are disconnected, which needs no message.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
         class Server(viser.ViserServer):
@@ -87,21 +79,21 @@ class Browser:
                 return None
 
         try:
-            # It prints addresses whatever it is told.
+            # It prints addresses, verbose or not.
             with guarded(self._access, lambda: self._waiting() >= MOST_WAITING), redirect_stdout(io.StringIO()):
                 self._server = Server(host, PORT if port is None else port, label="msdwarp", verbose=False)
         except ValueError:
             self.close()
             raise
-        wake_from_any_thread(self._server)  # the view's thread is not the one that sends
         self.host, self.port = host, self._server.get_port()
+        allow_any_thread(self._server)
         self._panel = Panel(self._server)
+        self._nodes: list[Any] = []
         self._patches: list[tuple[Any, Patch]] = []
         self._levels: dict[int, Any] = {}
-        self._fixed: list[Any] = []
-        self._scene: Any = None
-        self._links, self._images = Links(self._server), None
-        self._images: Images | None
+        self._links: dict[int, Link] = {}
+        self._images: Images | None = None
+        self._scene: Source | None = None
 
     @property
     def address(self) -> str:
@@ -124,54 +116,68 @@ class Browser:
 
     def stage(self) -> None:
         """Show another scene, or the same drawn in another way."""
-        view, scene = self._view, self._server.scene
-        drawing = view.shown.drawing
-        if view.source is not self._scene:
-            seen = view.source.seen()
-            self._stage = Stage(view.source.scene, view.source.frame().position if seen is None else seen, SIZE)
+        view = self._view
         with self._server.atomic():
-            for node in [*self._fixed, *(node for node, _ in self._patches), *self._levels.values()]:
+            if view.source is not self._scene:
+                self._scene = view.source
+                seen = view.source.seen()
+                around = view.source.frame().position if seen is None else seen
+                self._stage = Stage(view.source.scene, around, SIZE)
+                self._place_camera()
+            for node in self._nodes:
                 node.remove()
-            self._fixed, self._patches, self._levels = [], [], {}
-            stage = self._stage
-            self._set_camera(stage)
-            self._clear_images()
+            self._nodes, self._patches, self._levels = [], [], {}
+            if self._images is not None:
+                self._images = None
+                for client in self._server.get_clients().values():
+                    client.scene.set_background_image(None)
             if view.images:
-                self._images = Images(drawing, stage)
-                self._box = self._mesh("/box", *self._box_around(), (255, 255, 255), opacity=0.0)
-                self._fixed.append(self._box)
+                self._images = Images(view.shown.drawing, self._stage)
+                # Behind images the mouse finds a box around the body.
+                box = self._server.scene.add_box("/box", opacity=0.0, side="double", cast_shadow=False)
+                self._box = self._let_drag(self._add(box))
             else:
                 self._add_patches()
-                self._lay_ground(stage)
+                self._add_ground()
             line = np.zeros((1, 2, 3), np.float32)
-            self._pull: Any = scene.add_line_segments("/pull", line, (30, 30, 30), visible=False)
-            self._fixed.append(self._pull)
+            self._pull = self._add(
+                self._server.scene.add_line_segments("/pull", line, (30, 30, 30), visible=False)
+            )
         self._panel.stage()
+
+    def _add(self, node: Any) -> Any:
+        """Note a node, to remove it from the page later, and return it."""
+        self._nodes.append(node)
+        return node
+
+    def _place_camera(self) -> None:
+        """Place the camera as pictures do, but further off: bodies move, and the panel covers a part."""
+        camera, opening = self._stage.camera, math.radians(VIEW_ANGLE)
+        eye = camera.target + 1.8 * (camera.eye - camera.target)
+        first = self._server.initial_camera
+        first.position, first.look_at, first.up = tuple(eye), tuple(camera.target), (0.0, 0.0, 1.0)
+        first.fov = opening
+        for client in self._server.get_clients().values():
+            client.camera.fov = opening
+            client.camera.position, client.camera.look_at = eye, camera.target
 
     def _add_patches(self) -> None:
         """Show the body and the obstacles as triangles."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for k, patch in enumerate(patches(drawing)):
-            node = self._mesh(f"/patch/{k}", patch.points(points), patch.faces, patch.colour)
+            node = self._add_mesh(f"/patch/{k}", patch.points(points), patch.faces, patch.colour)
             if patch.moves:
                 self._patches.append((node, patch))
-            else:
-                self._fixed.append(node)
 
-    def _clear_images(self) -> None:
-        """Have no image behind what is shown."""
-        if self._images is not None:
-            for client in self._server.get_clients().values():
-                client.scene.set_background_image(None)
-        self._images = None
-
-    def _lay_ground(self, stage: Stage) -> None:
+    def _add_ground(self) -> None:
         """Lay the ground where pictures have it."""
-        ground = stage.ground
+        ground = self._stage.ground
         if ground is None:
             return
-        self._fixed.append(
+        from viser.transforms import SO3
+
+        self._add(
             self._server.scene.add_grid(
                 "/ground",
                 infinite_grid=True,
@@ -182,131 +188,106 @@ class Browser:
                 cell_color=(214, 216, 220),
                 section_color=(190, 194, 200),
                 fade_distance=2 * ground.half,
-                plane_color=_bytes(checks.colour("ground", stage.look.ground)),
+                plane_color=_bytes(checks.colour("ground", self._stage.look.ground)),
                 plane_opacity=1.0,
                 shadow_opacity=0.3,
                 plane="xy",
-                wxyz=_turn_to(ground.normal),
+                wxyz=SO3.from_matrix(np.stack([ground.u, ground.v, ground.normal], axis=1)).wxyz,
                 position=tuple(ground.centre),
             )
         )
 
-    def _set_camera(self, stage: Stage) -> None:
-        """Place the camera as pictures do, where the scene is another one."""
-        view, server, camera = self._view, self._server, stage.camera
-        if view.source is self._scene:
-            return
-        self._scene = view.source
-        # The body may move about, and the panel covers a part: the camera stands further off than in pictures.
-        eye, opening = camera.target + 1.8 * (camera.eye - camera.target), math.radians(VIEW_ANGLE)
-        first = server.initial_camera
-        first.position, first.look_at, first.up = tuple(eye), tuple(camera.target), (0.0, 0.0, 1.0)
-        first.fov = opening
-        for client in server.get_clients().values():
-            client.camera.fov = opening
-            client.camera.position, client.camera.look_at = eye, camera.target
+    def _add_mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour: tuple[int, int, int]) -> Any:
+        """Add triangles that the mouse can take hold of."""
+        mesh = self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double")
+        return self._let_drag(self._add(mesh))
+
+    def _let_drag(self, node: Any) -> Any:
+        """Have the mouse pull the body by a node: at a point of triangles, or along a ray through an image."""
+        view, by_ray = self._view, self._images is not None
+
+        async def drag(event: Any) -> None:  # asynchronous: these keep their order
+            holder = event.client_id
+            if event.phase == "end":
+                view.post("let_go", holder=holder)
+                return
+            if event.phase == "start" and by_ray:
+                origin, direction, _ = _ray(event.client.camera, event.start_position)
+                view.post("pick", holder=holder, origin=origin, direction=direction)
+            elif event.phase == "start":
+                view.post("grab", holder=holder, point=event.start_position)
+            if by_ray:
+                view.post("drag", holder=holder, ray=_ray(event.client.camera, event.end_position))
+            else:
+                view.post("drag", holder=holder, point=event.end_position)
+
+        if view.source.handling is not None:
+            node.on_drag("left")(drag)
+        return node
 
     def show(self) -> None:
         """Show the frame that the drawing follows now."""
-        view = self._view
+        view, frame = self._view, self._view.shown.frame
+        assert frame is not None
         with self._server.atomic():
             if self._images is None:
                 self._show_triangles()
             else:
                 self._images.follow()
-                self._box.vertices = self._box_around()[0]
-            held = view.hand.grip
-            self._pull.visible = held is not None
-            if held is not None and view.shown.frame is not None:
-                here = held.here(view.shown.frame.position)
-                self._pull.points = np.array([[here, view.hand.target]], dtype=np.float32)
+                points = in_space(frame.position, np.float64)
+                self._box.dimensions = tuple(np.ptp(points, axis=0))
+                self._box.position = (points.min(axis=0) + points.max(axis=0)) / 2
+            arrow = view.hand.arrow(frame.position)
+            self._pull.visible = arrow is not None
+            if arrow is not None:
+                self._pull.points = arrow[np.newaxis].astype(np.float32)
         self._server.flush()
         if self._images is None:
             self._look_for_slow()
 
     def _show_triangles(self) -> None:
+        """Move the patches; where colours change, show the triangles of each colour as a mesh of their own."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for node, patch in self._patches:
             node.vertices = patch.points(points)
-        if drawing.colours_move:
-            self._show_levels(points)
-
-    def _box_around(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return vertices and triangles of a box around the body: behind images it is what the mouse finds."""
-        frame = self._view.source.frame() if self._view.shown.frame is None else self._view.shown.frame
-        points = in_space(frame.position, np.float32)
-        ends = points.min(axis=0), points.max(axis=0)
-        corners = [[ends[k >> axis & 1][axis] for axis in range(3)] for k in range(8)]
-        return np.array(corners, np.float32), BOX
-
-    def _show_levels(self, points: np.ndarray) -> None:
-        """Show the body in the colours of its values: the triangles of each level as a mesh of their own."""
-        drawing = self._view.shown.drawing
-        colours, seen = scale_colours(drawing), set()
-        for level, triangles in levels(drawing):
+        if not drawing.colours_move:
+            return
+        colours = scale_colours(drawing)
+        for level, triangles in enumerate(levels(drawing)):
             corners, faces = compact(triangles)
-            seen.add(level)
             node = self._levels.get(level)
-            if node is None:
-                colour = _bytes(colours[level])
-                self._levels[level] = self._mesh(f"/level/{level}", points[corners], faces, colour)
-            else:
+            if node is not None and len(faces):
                 node.vertices, node.faces, node.visible = points[corners], faces, True
-        for level in range(LEVELS):
-            if level not in seen and level in self._levels:
-                self._levels[level].visible = False
-
-    def _mesh(
-        self,
-        name: str,
-        points: np.ndarray,
-        faces: np.ndarray,
-        colour: tuple[int, int, int],
-        opacity: float | None = None,
-    ) -> Any:
-        """Add triangles that the mouse can take hold of; with an opacity, of what is drawn in an image."""
-        seen, view = opacity is None, self._view
-        node = self._server.scene.add_mesh_simple(
-            name, points, faces, color=colour, side="double", opacity=opacity, cast_shadow=seen
-        )
-
-        async def drag(event: Any) -> None:  # asynchronous: these keep their order
-            holder = event.client_id
-            if event.phase == "start" and seen:
-                view.post("grab", holder=holder, point=event.start_position)
-            elif event.phase == "start":
-                origin, direction, _ = _ray(event.client.camera, event.start_position)
-                view.post("pick", holder=holder, origin=origin, direction=direction)
-            elif event.phase == "end":
-                view.post("let_go", holder=holder)
-                return
-            if seen:
-                view.post("drag", holder=holder, point=event.end_position)
-            else:
-                view.post("drag", holder=holder, ray=_ray(event.client.camera, event.end_position))
-
-        if view.source.handling is not None:
-            node.on_drag("left")(drag)
-        return node
+            elif node is not None:
+                node.visible = False
+            elif len(faces):
+                name, colour = f"/level/{level}", _bytes(colours[level])
+                self._levels[level] = self._add_mesh(name, points[corners], faces, colour)
 
     def tell(self) -> None:
         """Show what is written, and where sliders stand."""
         self._panel.tell()
 
     def poll(self) -> bool:
-        """Return that the page is there: it is until the view ends. Images are sent to whom can take one."""
+        """Return that the page is open, as it is until the view ends; send images to clients that can take one."""
         if self._images is not None:
-            self._images.send(self._links.now())
+            self._images.send(self._clients())
         return True
+
+    def _clients(self) -> list[tuple[int, Any, Link]]:
+        """Return number, client and link of all who are there."""
+        clients = self._server.get_clients()
+        self._links = {k: self._links.get(k) or Link(self._server, one) for k, one in clients.items()}
+        return [(k, one, self._links[k]) for k, one in clients.items()]
 
     def _look_for_slow(self) -> None:
         """Have the view send images where triangles come late again and again."""
         vertices = sum(len(patch.corners) for _, patch in self._patches)
         if vertices + len(self._view.shown.drawing.points) < WORTH:
             return
-        for _, _, link in self._links.now():
-            if link.busy:  # who never answers, such as a laptop that sleeps, does not decide for others
+        for _, _, link in self._clients():
+            if link.busy:  # a client that never answers, such as a sleeping laptop, does not decide for others
                 continue
             link.late = link.late + 1 if link.delay >= LATE else 0
             if link.late == OFTEN:
@@ -340,12 +321,3 @@ def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _bytes(colour: Any) -> tuple[int, int, int]:
     red, green, blue = (round(255 * float(one)) for one in colour)
     return red, green, blue
-
-
-def _turn_to(normal: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the quaternion (w, x, y, z) that turns the z axis to a unit vector."""
-    w, axis = 1.0 + float(normal[2]), np.array([-normal[1], normal[0], 0.0])
-    if w < 1e-9:
-        return 0.0, 1.0, 0.0, 0.0
-    four = np.array([w, *axis]) / np.linalg.norm([w, *axis])
-    return tuple(float(one) for one in four)  # type: ignore[return-value]

@@ -1,11 +1,13 @@
-"""Guard: has the server that viser starts refuse what `Access` and `messages` do not allow."""
+"""Guard: what viser's server lacks, checks of requests and messages, and commands from other threads."""
 
 import asyncio
 import inspect
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
+
+from websockets.asyncio import server
 
 from .access import Access
 from .messages import MOST_BYTES, Filter
@@ -17,26 +19,14 @@ _STARTING = threading.Lock()
 
 @contextmanager
 def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
-    """Have a server that viser starts meanwhile refuse what is not allowed.
+    """Have a server that viser starts meanwhile refuse what `Access` and `Filter` do not allow.
 
     viser has no setting for that. Its server is one of the package websockets, whose own settings are changed as
     it is started: a check of each request, the class of connections, and the longest message.
-
-    Parameters
-    ----------
-    access
-        Who may open it.
-    busy
-        While it is true, messages wait at their senders.
-
-    Raises
-    ------
-    ValueError
-        If viser has started a server in another way.
+    While it is busy, messages wait at their senders. ValueError is raised if viser starts a server in another way.
     """
     import viser
     from viser import _messages
-    from websockets.asyncio import server
 
     unable = f"viser {viser.__version__} works in a way that msdwarp cannot guard"
     advice = "choose another version: pip install 'viser==1.1.*'"
@@ -77,7 +67,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
             if inspect.isawaitable(response):
                 response = await response
             if response is not None:
-                for name, value in access.answer.items():
+                for name, value in access.response_headers.items():
                     response.headers[name] = value
             return response
 
@@ -93,3 +83,27 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
             server.serve = before  # type: ignore[misc]
     if not started:
         raise ValueError(f"{unable}; {advice}")
+
+
+def allow_any_thread(page: Any) -> None:
+    """Let any thread add to what a server of viser's sends, also to a client that is just leaving.
+
+    viser 1.1.1 sets its buffers' `message_event` in the thread that adds a message, though asyncio's events are
+    for the loop's thread alone: that fails now and then, or wakes nobody. It also warns of a client that is gone.
+    """
+    inner, loop = page._websock_server, page.get_event_loop()
+
+    def mend(buffer: Any) -> None:
+        set_in_loop = buffer.message_event.set
+
+        def set_from_any_thread() -> None:
+            with suppress(RuntimeError):  # the loop is closed: nothing waits any more
+                loop.call_soon_threadsafe(set_in_loop)
+
+        buffer.message_event.set = set_from_any_thread
+        buffer._warned_push_after_done = True
+
+    inner.on_client_connect(lambda client: mend(client.get_message_buffer()))
+    mend(inner.get_message_buffer())
+    for client in list(inner._client_state_from_id.values()):
+        mend(client.message_buffer)

@@ -6,52 +6,51 @@ from typing import Any, NamedTuple
 class Key(NamedTuple):
     """What a key does."""
 
+    name: str
+    """As X has it."""
     command: str
-    """What is asked of the view: the name of one of its commands."""
+    """The command of the view."""
     values: dict[str, Any]
-    """With which values."""
-    says: str
+    """The command's values."""
+    text: str
     """What it does, for the list of keys."""
     shift: bool = False
     """Whether shift is held too."""
 
 
 STEP = 1.25
-"""By how much a press of a key multiplies."""
-
-
-def _scaled(name: str, said: str) -> list[Key]:
-    up = Key("scale", {"name": name, "by": STEP}, f"more {said}")
-    return [up, Key("scale", {"name": name, "by": 1 / STEP}, f"less {said}", shift=True)]
-
-
-KEYS: dict[str, list[Key]] = {
-    "space": [Key("pause", {}, "pause or continue")],
-    "right": [Key("step", {}, "one frame")],
-    "up": [Key("pace", {"by": 2.0}, "play faster")],
-    "down": [Key("pace", {"by": 0.5}, "play slower")],
-    "m": _scaled("mass", "mass"),
-    "s": _scaled("stiffness", "stiffness"),
-    "l": _scaled("rest_length", "rest length"),
-    "d": _scaled("damping", "damping"),
-    "f": [Key("freeze", {}, "freeze: rest lengths become the current lengths")],
-    "r": [Key("reset", {}, "restart")],
-    "w": [Key("wires", {}, "connections coloured by strain, or the surface")],
-    "c": [Key("colour", {}, "colours: texture, speed, strain")],
-    "p": [Key("pin", {}, "pin the particles held, or held last")],
-    "h": [Key("help", {}, "this list")],
-}
-"""Keys by name, each with what it does, and with shift."""
+"""By how much a press of a key multiplies a parameter."""
+_SCALED = (("m", "mass"), ("s", "stiffness"), ("l", "rest_length"), ("d", "damping"))
+KEYS = (
+    Key("space", "pause", {}, "pause or continue"),
+    Key("right", "step", {}, "one frame"),
+    Key("up", "pace", {"by": 2.0}, "play faster"),
+    Key("down", "pace", {"by": 0.5}, "play slower"),
+    *(
+        Key(key, "scale", {"name": name, "by": by}, f"{word} {name.replace('_', ' ')}", shift)
+        for key, name in _SCALED
+        for word, by, shift in (("more", STEP, False), ("less", 1 / STEP, True))
+    ),
+    Key("f", "freeze", {}, "freeze: rest lengths become the current lengths"),
+    Key("r", "reset", {}, "restart"),
+    Key("w", "wires", {}, "connections coloured by strain, or the surface"),
+    Key("c", "colour", {}, "colours: texture, speed, strain"),
+    Key("p", "pin", {}, "pin the particles held, or held last"),
+    Key("h", "help", {}, "this list"),
+)
+"""What keys do; one that shift changes stands once without and then once with it."""
 SCENES = "123456789"
 """The keys of scenes."""
-NAMES = {"space": "space", "right": "→", "up": "↑", "down": "↓"}
+ARROWS = {"right": "→", "up": "↑", "down": "↓"}
+"""Keys with an arrow on them."""
 
 
 def listed(scenes: list[str]) -> str:
     """Return the list of keys as text, a line for each."""
     lines = [f"{k}  {name}" for k, name in zip(SCENES, scenes, strict=False)]
-    for name, several in KEYS.items():
-        said = [one.says for one in several]
-        extra = f" (shift: {said[1]})" if len(said) > 1 else ""
-        lines.append(f"{NAMES.get(name, name)}  {said[0]}{extra}")
+    for key in KEYS:
+        if key.shift:
+            lines[-1] += f" (shift: {key.text})"
+        else:
+            lines.append(f"{ARROWS.get(key.name, key.name)}  {key.text}")
     return "\n".join([*lines, "drag  pull the body by its surface"])

@@ -37,7 +37,7 @@ def _plain(value: Any) -> bool:
 
 
 def _entered(value: Any) -> bool:
-    """Tell whether a widget of the panel can have a value: a vector has three numbers."""
+    """Tell whether a widget of the panel can have this value: a vector has three numbers."""
     return (value is not None and _plain(value)) or _numbers(3)(value)
 
 
@@ -70,33 +70,23 @@ RULES: dict[str, dict[str, Rule]] = {
     },
     "CommandTriggerMessage": {"uuid": _text},
 }
-"""The messages that a page needs, each with what its fields must be; no others are heard."""
+"""The messages that a page needs, with a check of each field; no others are heard."""
 
 
 class Filter:
     """Tells messages that a page may send from others.
 
-    Fields that only the installed viser's messages have are taken if they are numbers or short texts.
-
-    Parameters
-    ----------
-    declared
-        viser's classes of messages, by name.
-
-    Raises
-    ------
-    ValueError
-        If they lack a message or a field that the rules are about.
+    `declared` are viser's classes of messages, by name; ValueError is raised if they lack a message or a field of
+    the rules. Fields that they have beside those may be numbers or short texts.
     """
 
     def __init__(self, declared: Mapping[str, Any]) -> None:
         self._allowed: dict[str, dict[str, Rule]] = {}
         for name, rules in RULES.items():
             kind = declared.get(name)
-            fields = {one.name for one in dataclasses.fields(kind)} if dataclasses.is_dataclass(kind) else set()
-            for field in rules:
-                if field not in fields:
-                    raise ValueError(f"{name} has no field {field}")
+            fields = [one.name for one in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
+            if missing := [field for field in rules if field not in fields]:
+                raise ValueError(f"{name} has no field {missing[0]}")
             self._allowed[name] = dict.fromkeys((*fields, "type"), _plain) | rules
 
     def passes(self, raw: Any) -> bool:
@@ -109,9 +99,9 @@ class Filter:
             message = msgspec.msgpack.decode(raw)
         except (msgspec.DecodeError, RecursionError, ValueError, TypeError):
             return False
-        if not isinstance(message, dict) or not isinstance(kind := message.get("type"), str):
+        if not isinstance(message, dict) or not isinstance(kind := message.get("type"), str) or kind not in RULES:
             return False
-        allowed = self._allowed.get(kind)
-        if allowed is None or not RULES[kind].keys() <= message.keys() <= allowed.keys():
+        allowed = self._allowed[kind]
+        if not RULES[kind].keys() <= message.keys() <= allowed.keys():
             return False
         return all(allowed[name](value) for name, value in message.items())

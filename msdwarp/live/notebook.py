@@ -1,4 +1,4 @@
-"""Notebook: `show`, which puts a film, or a still that a mouse turns, into the output of a cell."""
+"""Notebook: `show`, a film, or a still that a mouse turns, in the output of a cell."""
 
 import base64
 import io
@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ def show(
         display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
         return
     bar = display.display(display.HTML(""), display_id=True)
-    assert bar is not None  # a display that is named answers with its handle
+    assert bar is not None  # a display with an identifier returns its handle
 
     def progress(doing: str, done: int, count: int) -> None:
         if done % max(1, count // 50) == 0:
@@ -103,8 +102,7 @@ def show(
         broken_at = shown.system.broken_at if scene.system.tears else None
     if broken_at is not None:
         scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
-    aspect = resolution[0] / resolution[1]
-    seen = np.concatenate([outermost(one, scene.look, aspect) for one in positions])
+    seen = np.concatenate([outermost(one, scene.look, resolution[0] / resolution[1]) for one in positions])
     renderer = Renderer(scene, seen, resolution=resolution, colouring=colouring)
 
     def images() -> Iterator[NDArray[np.uint8]]:
@@ -125,16 +123,10 @@ def _still(
     """Return the page of a still that a mouse turns."""
     views = []
     for k in range(VIEWS):
-        azimuth = (scene.look.azimuth + 360.0 * k / VIEWS + 360.0) % 360.0
-        turned = replace(scene, look=replace(scene.look, azimuth=azimuth))
+        turned = replace(scene, look=replace(scene.look, azimuth=(scene.look.azimuth + 360.0 * k / VIEWS) % 360.0))
         image = Renderer(turned, position, resolution=resolution, colouring=colouring).image(position, time)
-        views.append(_webp(image))
+        file = io.BytesIO()
+        Image.fromarray(image).save(file, "webp", quality=80)
+        views.append(base64.b64encode(file.getvalue()).decode())
     name, listed = f"still-{id(views)}", ", ".join(f'"{view}"' for view in views)
     return TURNED.format(name=name, first=views[0], views=listed, width=resolution[0])
-
-
-def _webp(image: Any) -> str:
-    """Return a picture as WebP, in base 64."""
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "webp", quality=80)
-    return base64.b64encode(file.getvalue()).decode()

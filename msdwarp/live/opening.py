@@ -13,7 +13,8 @@ from ..world import Contact, MouseSpring, Scene, scene_from_stored
 from .browser import HOST, Browser
 from .handling import within_reach
 from .sources import Played, Running, Source
-from .view import Screen, View
+from .state import Screen
+from .view import View
 from .window import Window
 
 
@@ -81,13 +82,11 @@ def screen_for(
     browser: bool, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()
 ) -> Screen:
     """Return a page or a window."""
-    if browser:
-        return Browser(host, port, allow_origin)
-    return Window()
+    return Browser(host, port, allow_origin) if browser else Window()
 
 
 def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
-    """Return a simulation or a trajectory, which may be given as its file, and what it is of."""
+    """Return a simulation, or a trajectory that may be given as its file, and its scene."""
     if isinstance(shown, str | Path):
         shown = Trajectory(shown)
     if isinstance(shown, Trajectory):
@@ -101,7 +100,7 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
 
 
 def _source_of(shown: object) -> Source:
-    """Return what shows a scene, a simulation or a trajectory."""
+    """Return a scene, a simulation or a trajectory as the source of a view."""
     if isinstance(shown, Scene):
         handled = within_reach(shown)
         return Running(handled, Simulation.from_scene(handled))

@@ -1,9 +1,10 @@
-"""Panels: what is written over the window of a view, as images with a veil behind the text."""
+"""Panels over the window of a view: images of text and of curves, with a veil behind them."""
 
 import functools
 import importlib.util
 import textwrap
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +25,12 @@ FINE = 3
 
 @functools.lru_cache(maxsize=16)
 def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return a font that has arrows: the one that Matplotlib has, which PyVista needs; else Pillow's."""
+    """Return a font that has arrows: that of Matplotlib, which PyVista needs; else Pillow's."""
     found = importlib.util.find_spec("matplotlib")
-    for folder in (found.submodule_search_locations or []) if found is not None else []:
-        path = Path(folder) / "mpl-data/fonts/ttf" / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
-        if path.exists():
-            return ImageFont.truetype(path, size)
+    if found is not None and found.origin is not None:
+        fonts = Path(found.origin).parent / "mpl-data/fonts/ttf"
+        with suppress(OSError):
+            return ImageFont.truetype(fonts / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"), size)
     return ImageFont.load_default(size)
 
 
@@ -46,16 +47,9 @@ def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, Image
 
 
 def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
-    """Return lines of text, the first of them large, the last, a hint, faint.
+    """Return two or more lines of text, the first of them large, the last, a hint, faint.
 
-    Parameters
-    ----------
-    lines
-        The text: two of them or more.
-    unit
-        Pixels for each that a window of 720 rows would have.
-    columns
-        The most letters of a line: a longer one is broken.
+    `unit` is pixels for each of a window of 720 rows; lines of more letters than `columns` are broken.
     """
     pad, large, small = 11 * unit, max(10, round(15 * unit)), max(9, round(13 * unit))
     first, body, hint = (_font(large, bold=True), INK), (_font(small), INK), (_font(small), FAINT)
@@ -68,9 +62,9 @@ def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image
     return image
 
 
-def notice(said: str, unit: float, *, columns: int = 56) -> Image.Image:
+def notice(message: str, unit: float, *, columns: int = 56) -> Image.Image:
     """Return what was done last, large; see `text`."""
-    rows = textwrap.wrap(said, columns)
+    rows = textwrap.wrap(message, columns)
     size, pad = max(12, round((24 if len(rows) < 2 else 18) * unit)), 16 * unit
     font = _font(size)
     image, pen = _panel(
@@ -82,7 +76,7 @@ def notice(said: str, unit: float, *, columns: int = 56) -> Image.Image:
 
 
 def keys(listed: str, unit: float) -> Image.Image:
-    """Return the list of keys: a line for each, which is parted from what it does by two spaces."""
+    """Return the list of keys: a line for each, with two spaces before what it does."""
     rows = [line.split("  ", 1) for line in listed.splitlines()]
     size, pad = max(9, round(15 * unit)), 16 * unit
     bold, plain = _font(size, bold=True), _font(size)
@@ -101,30 +95,27 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
 
     The potential energy is counted from the lowest that is seen.
     """
-    seen = list(readings)[-RECENT:]
-    if len(seen) < 3 or seen[-1].time <= seen[0].time:
+    recent = list(readings)[-RECENT:]
+    if len(recent) < 3 or recent[-1].time <= recent[0].time:
         return None
     size, pad, wide, high = max(8, round(12 * unit)), 11 * unit, 250 * unit, 84 * unit
     font = _font(size)
     image, pen = _panel(wide + 2 * pad, high + 2.2 * size + 2 * pad, unit)
-    times = np.array([one.time for one in seen])
-    curves = {name: np.array([getattr(one, name) for one in seen]) for name in CURVES}
+    curves = {name: np.array([getattr(one, name) for one in recent]) for name in ("time", *CURVES)}
+    times = curves.pop("time")
     curves["potential"] = curves["potential"] - curves["potential"].min()
     most = max(1e-30, *(float(np.nan_to_num(curve).max()) for curve in curves.values()))
     x = pad + wide * (times - times[0]) / (times[-1] - times[0])
-    top = pad + 2.2 * size
+    top, left = pad + 2.2 * size, pad
     strokes = Image.new("RGBA", (image.width * FINE, image.height * FINE), (255, 255, 255, 0))
-    drawn = ImageDraw.Draw(strokes)
+    fine_pen = ImageDraw.Draw(strokes)
     for name, curve in curves.items():
         y = top + high * (1.0 - np.clip(np.nan_to_num(curve) / most, 0.0, 1.0))
-        corners = [(FINE * a, FINE * b) for a, b in zip(x, y, strict=True)]
-        drawn.line(corners, ENERGIES[name], round(2 * unit * FINE))
+        fine_pen.line([*zip(FINE * x, FINE * y, strict=True)], ENERGIES[name], round(2 * unit * FINE))
+        pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
+        left += font.getlength(name) + size
     # Averaged with its own weight: colours between strokes and nothing do not fade to white.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
-    left = pad
-    for name in CURVES:
-        pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
-        left += font.getlength(name) + size
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")
     return image

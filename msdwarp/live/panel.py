@@ -2,6 +2,7 @@
 
 import numbers
 import time
+from collections.abc import Callable
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -9,218 +10,214 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .commands import SENDS
-from .handling import ROUGH, SCALED, SIDES
-from .keys import KEYS, SCENES
+from .handling import ROUGH, SCALED, SIDES, Handling
+from .keys import ARROWS, KEYS, SCENES
 from .shown import COLOURS, ENERGIES
 from .sources import Source
 
 if TYPE_CHECKING:
     from .view import View
 
-HOTKEYS = {"space": "space", "right": "arrowright", "up": "arrowup", "down": "arrowdown"}
-"""What viser calls the keys that are no letters."""
 LEAST, MOST = 0.1, 10.0
 """Ends of the sliders that multiply a parameter."""
 MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
-"""End of the sliders of friction; the least that bodies that touch may have, see `Contact`."""
-SPEEDS = ("1/16", "1/8", "1/4", "1/2", "1", "2", "4")
+"""End of the sliders of friction; the least restitution between bodies, see `Contact`."""
+SPEEDS = {"1/16": 1 / 16, "1/8": 1 / 8, "1/4": 1 / 4, "1/2": 1 / 2, "1": 1.0, "2": 2.0, "4": 4.0}
 """Speeds of playing, over real time."""
 PATIENCE = 1.0
-"""What a person has entered stays for so long, also where the simulation has not taken it up [s]."""
-CURVES = tuple((name, ENERGIES[name]) for name in ("kinetic", "elastic", "sum"))
-"""The energies that are plotted, and their colours."""
+"""How long an entry stays that the simulation has not taken up [s]."""
+CURVES = ("kinetic", "elastic", "sum")
+"""The energies that are plotted."""
+PLAY = {"pause / continue": "pause", "one frame": "step", "restart": "reset"}
+BUTTONS = {
+    "freeze shape (f)": "freeze",
+    "pin pulled particles (p)": "pin",
+    "record: start / stop": "record",
+    "film of the last recording": "film",
+    "save picture": "screenshot",
+}
+"""The commands of buttons."""
+
+
+class Control:
+    """A widget of viser's that shows what `read` returns, unless that is None."""
+
+    def __init__(self, widget: Any, read: Callable[[], Any]) -> None:
+        self._widget, self._read = widget, read
+        self._value, self._since = None, 0.0
+
+    def update(self) -> None:
+        """Show the present value. What was just entered stays: the simulation takes it up at its next frame."""
+        value, now = self._read(), time.monotonic()
+        if value is None:
+            return
+        if getattr(self._widget, "min", None) is not None:
+            value = min(max(value, self._widget.min), self._widget.max)
+        if self._widget.value != value:
+            if value == self._value and now - self._since < PATIENCE:
+                return
+            self._widget.value = value
+        self._value, self._since = value, now
 
 
 class Panel:
-    """What a page has beside the picture.
-
-    Callbacks come in viser's thread, and only post what was asked for.
-    """
+    """What a page has beside the picture. Callbacks come in viser's thread, and only post commands."""
 
     def __init__(self, server: Any) -> None:
-        self._server, self._parts = server, list[Any]()
-        self._said = ""
-        self._shown: dict[int, tuple[Any, float]] = {}
-        """What each widget was to show last, and when it last did [s]."""
-        self._built: Source | None = None
+        self._server, self._gui = server, server.gui
+        self._parts: list[Any] = []
+        self._controls: list[Control] = []
+        self._scene: Source | None = None
+        self._notice = ""
 
     def open(self, view: "View") -> None:
         """Build what is the same for all scenes."""
-        self._view, gui = view, self._server.gui
+        self._view, gui = view, self._gui
         self._status = gui.add_markdown("")
-        play: Any = gui.add_button_group("play", ("pause / continue", "one frame", "restart"))
-        asks = dict(zip(play.options, ("space", "right", "r"), strict=True))
-        play.on_click(_asked(lambda: view.press(asks.get(play.value, ""))))
-        self._speed = gui.add_dropdown("speed (1 is real time)", SPEEDS, initial_value="1")
-        self._speed.on_update(self._if_asked(self._speed, lambda value: view.post("pace", value=_number(value))))
-        self._colour = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
-        self._colour.on_update(self._if_asked(self._colour, lambda value: view.post("colour", value=value)))
-        self._wires = gui.add_checkbox("connections", initial_value=False)
-        self._wires.on_update(self._if_asked(self._wires, lambda value: view.press("w")))
-        self._sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
-        self._sends.on_update(self._if_asked(self._sends, lambda value: view.post("send", value=value)))
+        play = gui.add_button_group("play", tuple(PLAY))
+        play.on_click(_called(lambda: _can_show(play) and view.post(PLAY[play.value])))
+        speed = gui.add_dropdown("speed (1 is real time)", tuple(SPEEDS), initial_value="1")
+        labels = {value: label for label, value in SPEEDS.items()}
+        self._control(speed, lambda: labels.get(view.speed), "pace", lambda label: {"value": SPEEDS[label]})
+        colours = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
+        self._control(colours, lambda: view.shown.colour, "colour")
+        wires = gui.add_checkbox("connections", initial_value=False)
+        self._control(wires, lambda: view.shown.wires, "wires")
+        sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
+        self._control(sends, lambda: view.sends, "send")
         self._legend = gui.add_html("", visible=False)
-        self._open_keys()
-
-    def _open_keys(self) -> None:
-        """Have the page listen to keys."""
-        view, gui = self._view, self._server.gui
-        for name, several in KEYS.items():
-            for key in several:
-                hotkey = HOTKEYS.get(name, name.upper())
-                command = gui.add_command(key.says, hotkey=hotkey, modifier="shift" if key.shift else None)
-                command.on_trigger(_asked(lambda name=name, shift=key.shift: view.press(name, shift=shift)))
+        self._fixed = len(self._controls)
+        for name, command, values, text, shift in KEYS:
+            hotkey = f"arrow{name}" if name in ARROWS else name.upper() if len(name) == 1 else name
+            key = gui.add_command(text, hotkey=hotkey, modifier="shift" if shift else None)
+            key.on_trigger(self._posts(command, **values))
         for k, name in zip(SCENES, view.scenes, strict=False):
-            command = gui.add_command(f"scene {name}", hotkey=k)
-            command.on_trigger(_asked(lambda k=k: view.press(k)))
+            gui.add_command(f"scene {name}", hotkey=k).on_trigger(self._posts("scene", number=int(k)))
+
+    def _posts(self, command: str, **values: Any) -> Any:
+        """Return a callback that posts a command."""
+        return _called(partial(self._view.post, command, **values))
+
+    def _control(
+        self,
+        widget: Any,
+        read: Callable[[], Any],
+        command: str,
+        values: Callable[[Any], dict[str, Any]] = lambda entered: {"value": entered},
+    ) -> Any:
+        """Have a widget show what `read` returns, and post a command with the values of what is entered."""
+
+        async def entered(event: Any) -> None:
+            if event.client_id is not None and _can_show(widget):
+                self._view.post(command, **values(widget.value))
+
+        widget.on_update(entered)
+        self._controls.append(Control(widget, read))
+        return widget
+
+    def _slider(self, label: str, ends: tuple[float, float], read: Callable[[], Any], *more: Any) -> None:
+        """Add a slider; more arguments are those of `_control`."""
+        first = min(max(read(), ends[0]), ends[1])
+        self._control(self._gui.add_slider(label, *ends, 0.01, first), read, *more)
+
+    def _folder(self, label: str, *, expand: bool = False) -> Any:
+        """Add a folder that goes with the scene."""
+        self._parts.append(self._gui.add_folder(label, expand_by_default=expand))
+        return self._parts[-1]
 
     def stage(self) -> None:
         """Build what belongs to the scene, where it is another one."""
-        view, gui = self._view, self._server.gui
-        if self._built is view.source:
+        view, gui, source = self._view, self._gui, self._view.source
+        if self._scene is source:
             return
-        self._built = view.source
+        self._scene = source
         for part in self._parts:
             part.remove()
-        self._parts, self._sliders, self._contacts, self._time = [], {}, {}, None
-        if view.source.frame_count is not None:
-            slider = gui.add_slider("frame", 0, max(view.source.frame_count - 1, 1), 1, 0)
-            slider.on_update(self._if_asked(slider, lambda value: view.post("seek", k=value)))
-            self._time = slider
-            self._parts.append(slider)
-        if view.source.handling is not None:
-            self._stage_body()
-            self._stage_scene()
+        self._parts, self._energies = [], None
+        del self._controls[self._fixed :]
+        if source.frame_count is not None:
+            slider = gui.add_slider("frame", 0, max(source.frame_count - 1, 1), 1, 0)
+            self._parts.append(self._control(slider, lambda: source.index, "seek", lambda k: {"k": k}))
+        if source.handling is not None:
+            with self._folder("body", expand=True):
+                self._add_body(source.handling)
+            self._add_parameters(source)
+            curves = [{"label": name, "stroke": ENERGIES[name], "width": 2} for name in CURVES]
             self._energies = gui.add_uplot(
-                (np.zeros(2), *(np.zeros(2) for _ in CURVES)),
-                ({"label": "t [s]"}, *({"label": name, "stroke": colour, "width": 2} for name, colour in CURVES)),
+                (np.zeros(2),) * (1 + len(CURVES)),
+                ({"label": "t [s]"}, *curves),
                 title="energies [J]",
                 height=180,
                 scales={"x": {"time": False}},
             )
             self._parts.append(self._energies)
-        else:
-            self._energies = None
         if view.scenes:
-            folder = gui.add_folder("scenes", expand_by_default=False)
-            self._parts.append(folder)
-            with folder:
+            with self._folder("scenes"):
                 for k, name in enumerate(view.scenes, 1):
                     button = gui.add_button(f"{k}  {name}" if k < 10 else name)
-                    button.on_click(_asked(lambda k=k: view.post("scene", number=k)))
-        keys = gui.add_folder("keys", expand_by_default=False)
-        self._parts.append(keys)
-        with keys:
+                    button.on_click(self._posts("scene", number=k))
+        with self._folder("keys"):
             gui.add_markdown("```\n" + view.keys() + "\n```")
 
-    def _stage_body(self) -> None:
-        """Build the sliders of what can be changed as it runs."""
-        view, gui = self._view, self._server.gui
-        handling = view.source.handling
-        assert handling is not None
-        folder = gui.add_folder("body")
-        self._parts.append(folder)
-        with folder:
-            for name in SCALED:
-                ends = (0.5, 2.0) if name == "rest_length" else (LEAST, MOST)
-                slider = gui.add_slider(f"{name.replace('_', ' ')} ×", *ends, 0.01, 1.0)
-                self._sliders[name] = slider
-                slider.on_update(
-                    self._if_asked(slider, lambda value, n=name: view.post("scale", name=n, factor=float(value)))
-                )
-            if not callable(handling.gravity):
-                size = float(np.linalg.norm(handling.gravity))
-                direction = handling.simulation.model.gravity
-                unit = np.array(list(direction), dtype=float) / (np.linalg.norm(list(direction)) or 1.0)
-                if not unit.any():
-                    unit[-1] = -1.0
-                gravity = gui.add_slider("gravity [m/s²]", 0.0, max(20.0, 2 * size), 0.01, size)
-                gravity.on_update(
-                    self._if_asked(gravity, lambda value: view.post("gravity", value=(value * unit).tolist()))
-                )
-            if handling.winds:
-                wind = gui.add_vector3("wind [m/s]", tuple(map(float, handling.winds[0].velocity)), step=0.1)
-                wind.on_update(self._if_asked(wind, lambda value: view.post("wind", velocity=list(value))))
-            self._stage_contact()
-            freeze = gui.add_button("freeze shape (f)")
-            freeze.on_click(_asked(lambda: view.press("f")))
-            pin = gui.add_button("pin pulled particles (p)")
-            pin.on_click(_asked(lambda: view.press("p")))
-            record = gui.add_button("record: start / stop")
-            record.on_click(_asked(lambda: view.post("record")))
-            film = gui.add_button("film of the last recording")
-            film.on_click(_asked(lambda: view.post("film")))
-            shot = gui.add_button("save picture")
-            shot.on_click(_asked(lambda: view.post("screenshot")))
-
-    def _stage_contact(self) -> None:
-        """Build the sliders of friction and restitution, with obstacles and between bodies."""
-        view, handling = self._view, self._view.source.handling
-        assert handling is not None
+    def _add_body(self, handling: Handling) -> None:
+        """Add what can be done by hand."""
+        for name in SCALED:
+            ends = (0.5, 2.0) if name == "rest_length" else (LEAST, MOST)
+            label, read = f"{name.replace('_', ' ')} ×", lambda n=name: handling.factors[n]
+            self._slider(label, ends, read, "scale", lambda factor, n=name: {"name": n, "factor": factor})
+        if not callable(handling.gravity):
+            down = np.array([*handling.simulation.model.gravity], dtype=float)
+            size = float(np.linalg.norm(down))
+            unit = down / size if size else -np.eye(len(down))[-1]
+            ends, read = (0.0, max(20.0, 2 * size)), lambda: float(np.linalg.norm(handling.gravity))
+            self._slider("gravity [m/s²]", ends, read, "gravity", lambda size: {"value": (size * unit).tolist()})
+        if handling.wind is not None:
+            wind = self._gui.add_vector3("wind [m/s]", handling.wind, step=0.1)
+            self._control(wind, lambda: handling.wind, "wind", lambda velocity: {"velocity": list(velocity)})
         for side, name in product(SIDES, ROUGH):
-            value = handling.contact(side, name)
-            if value is None:
-                continue
-            least = LEAST_RESTITUTION if (side, name) == ("bodies", "restitution") else 0.0
-            most = 1.0 if name == "restitution" else MOST_FRICTION
-            slider = self._server.gui.add_slider(
-                f"{name}, {side}", least, most, 0.01, min(max(value, least), most)
-            )
-            asked = partial(view.post, "contact", side=side, name=name)
-            slider.on_update(self._if_asked(slider, lambda value, a=asked: a(value=float(value))))
-            self._contacts[side, name] = slider
+            read = partial(handling.contact, side, name)
+            if read() is not None:
+                least = LEAST_RESTITUTION if (side, name) == ("bodies", "restitution") else 0.0
+                ends, of = (least, 1.0 if name == "restitution" else MOST_FRICTION), {"side": side, "name": name}
+                self._slider(f"{name}, {side}", ends, read, "contact", lambda value, of=of: {**of, "value": value})
+        for label, command in BUTTONS.items():
+            self._gui.add_button(label).on_click(self._posts(command))
 
-    def _stage_scene(self) -> None:
-        """Build fields for the numbers that the scene was built with."""
-        view, gui = self._view, self._server.gui
-        own = view.source.parameters
-        own = {n: v for n, v in own.items() if isinstance(v, numbers.Real | str) and not isinstance(v, bool)}
-        if not own or not view.can_rebuild:
+    def _add_parameters(self, source: Source) -> None:
+        """Add fields for the numbers and texts that the scene was built with."""
+        own = {
+            n: v for n, v in source.parameters.items() if isinstance(v, numbers.Real | str) and type(v) is not bool
+        }
+        if not own or not self._view.can_rebuild:
             return
-        folder = gui.add_folder("scene", expand_by_default=False)
-        self._parts.append(folder)
-        with folder:
+        gui, post = self._gui, self._view.post
+        with self._folder("scene"):
             fields = {
-                name: gui.add_text(name, value) if isinstance(value, str) else gui.add_number(name, value)
-                for name, value in own.items()
+                n: gui.add_text(n, v) if isinstance(v, str) else gui.add_number(n, v) for n, v in own.items()
             }
             build = gui.add_button("rebuild")
-            build.on_click(
-                _asked(lambda: view.post("parameters", **{name: field.value for name, field in fields.items()}))
-            )
+            build.on_click(_called(lambda: post("parameters", **{n: field.value for n, field in fields.items()})))
 
     def tell(self) -> None:
         """Show what is written, and where sliders stand."""
-        view, source = self._view, self._view.source
-        text = "\n\n".join([f"**{source.title or 'msdwarp'}**", *view.lines])
+        view = self._view
+        text = "\n\n".join([f"**{view.source.title or 'msdwarp'}**", *view.lines])
         if text != self._status.content:
             self._status.content = text
         notice = view.notice
-        if notice and notice != self._said:
+        if notice and notice != self._notice:
             for client in self._server.get_clients().values():
                 client.add_notification(notice, "", auto_close_seconds=1.5 + len(notice) / 20)
-        self._said = notice
-        if source.handling is not None:
-            for name, factor in source.handling.factors.items():
-                self._set(self._sliders[name], min(max(factor, self._sliders[name].min), self._sliders[name].max))
-            for (side, name), slider in self._contacts.items():
-                value = source.handling.contact(side, name)
-                if value is not None:
-                    self._set(slider, min(max(value, slider.min), slider.max))
-        if self._time is not None:
-            self._set(self._time, source.index)
-        self._set(self._colour, view.shown.colour)
-        self._set(self._wires, view.shown.wires)
-        self._set(self._sends, view.sends)
-        self._tell_scale()
+        self._notice = notice
+        for control in self._controls:
+            control.update()
+        self._show_scale()
         if self._energies is not None and len(view.readings) > 1:
-            rows = np.array(
-                [(r.time, r.kinetic, r.elastic, r.kinetic + r.elastic + r.potential) for r in view.readings]
-            )
-            self._energies.data = tuple(np.ascontiguousarray(column) for column in rows.T)
+            curves = ([getattr(one, name) for one in view.readings] for name in ("time", *CURVES))
+            self._energies.data = tuple(np.array(curve) for curve in curves)
 
-    def _tell_scale(self) -> None:
-        """Show what colours tell."""
+    def _show_scale(self) -> None:
+        """Show the colour scale."""
         drawing = self._view.shown.drawing
         self._legend.visible = drawing.scale is not None
         if drawing.scale is not None:
@@ -232,32 +229,9 @@ class Panel:
                 f"<span>{drawing.scale.full:.3g}</span></div></div>"
             )
 
-    def _set(self, widget: Any, value: Any) -> None:
-        """Have a widget show a value.
 
-        What a person has just entered stays for a moment: the simulation takes it up at its next frame.
-        """
-        now = time.monotonic()
-        told, since = self._shown.get(id(widget), (None, now))
-        if widget.value != value and told == value and now - since < PATIENCE:
-            return
-        if widget.value != value:
-            widget.value = value
-        self._shown[id(widget)] = value, now
-
-    @staticmethod
-    def _if_asked(widget: Any, call: Any) -> Any:
-        """Return a callback that is called with what a person has set, if a widget can show that."""
-
-        async def called(event: Any) -> None:
-            if event.client_id is not None and _is_shown(widget):
-                call(widget.value)
-
-        return called
-
-
-def _asked(call: Any) -> Any:
-    """Return a callback that calls; asynchronous, so that what is asked waits for the view in its order."""
+def _called(call: Callable[[], Any]) -> Any:
+    """Return a callback for viser that calls; asynchronous, so that requests keep their order."""
 
     async def called(event: Any) -> None:
         call()
@@ -265,14 +239,9 @@ def _asked(call: Any) -> Any:
     return called
 
 
-def _is_shown(widget: Any) -> bool:
-    """Tell whether a widget's value, which a client has set, is one that it can show."""
-    options, least, most = (getattr(widget, name, None) for name in ("options", "min", "max"))
+def _can_show(widget: Any) -> bool:
+    """Tell whether a widget can show its value, which a client has set."""
+    options, least = getattr(widget, "options", None), getattr(widget, "min", None)
     if options is not None:
         return widget.value in options
-    return isinstance(widget.value, bool | tuple) or (least is not None and least <= widget.value <= most)
-
-
-def _number(text: str) -> float:
-    over, _, under = text.partition("/")
-    return float(over) / float(under or 1)
+    return isinstance(widget.value, bool | tuple) or (least is not None and least <= widget.value <= widget.max)

@@ -1,4 +1,4 @@
-"""Patches: what a drawing shows, as triangles of one colour each, which is what a browser is sent."""
+"""Patches: a drawing as triangles of one colour each, which is what a browser is sent."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -9,60 +9,54 @@ from numpy.typing import NDArray
 from ..pictures import Drawing, PlacedPart
 
 LEVELS = 24
-"""Colours that values are told apart by."""
+"""Colours of a scale that a browser is sent."""
 MOST_COLOURS = 12
-"""Colours of a texture that are told apart."""
+"""Colours of a texture that a browser is sent."""
 FINE = 40_000
-"""Triangles that a textured drawing is divided into at least, so that its pattern can be seen."""
+"""Triangles that a textured drawing is divided into at least: they show its pattern."""
 MOST_DIVISIONS = 16
-"""Pieces that the side of a triangle is divided into at most."""
+"""The most pieces of the side of a triangle."""
 
 
 class Patch(NamedTuple):
     """Triangles of one colour, whose vertices lie between those of a drawing."""
 
     corners: NDArray[np.integer]
-    """Vertices of the drawing that each vertex lies between, shape [vertex_count, 3]; where each is one of the
-    drawing's, shape [vertex_count]."""
+    """The drawing's vertices between which each vertex lies, shape [vertex_count, 3]; without weights the one that
+    it is, [vertex_count]."""
     weights: NDArray[np.float32] | None
-    """What each counts, shape [vertex_count, 3]; None where a vertex is one of the drawing's."""
+    """Barycentric coordinates, shape [vertex_count, 3]; None where each vertex is one of the drawing's."""
     faces: NDArray[np.uint32]
     """Shape [face_count, 3], of the patch's own vertices."""
     colour: tuple[int, int, int]
     """Red, green and blue in 0 … 255."""
     moves: bool
-    """Whether it is of what moves."""
+    """Whether it is of something that moves."""
 
     def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return where its vertices are [m], shape [vertex_count, 3], with the drawing's at `drawn`."""
+        """Return where its vertices are [m], shape [vertex_count, 3], from the drawing's vertices."""
         if self.weights is None:
             return drawn[self.corners]
         return np.einsum("ij,ijk->ik", self.weights, drawn[self.corners])
 
 
 def patches(drawing: Drawing) -> list[Patch]:
-    """Return all that a drawing shows; of one whose colours move without the body."""
-    count = len(drawing.triangles)
-    divisions = min(max(round(np.sqrt(FINE / max(count, 1))), 1), MOST_DIVISIONS)
+    """Return all of a drawing, or where the body's colours change over time only the obstacles."""
+    divisions = round(np.sqrt(FINE / max(len(drawing.triangles), 1)))
+    divisions = min(max(divisions, 1), MOST_DIVISIONS)
     found: list[Patch] = []
     for one in drawing.obstacles if drawing.colours_move else (*drawing.body, *drawing.obstacles):
-        if drawing.texture is None:
-            found += _plain(drawing, one)
-        else:
-            found += _textured(drawing, one, divisions)
+        found += _plain(drawing, one) if drawing.texture is None else _textured(drawing, one, divisions)
     return found
 
 
-def levels(drawing: Drawing) -> Iterator[tuple[int, NDArray[np.int32]]]:
+def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
     """Return the triangles of the body in each of the colours that its values have now, by their level."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
     stops = scale_colours(drawing)
     of_vertex = np.argmin(((drawing.colours.numpy()[:, None] - stops) ** 2).sum(axis=2), axis=1)
     of_triangle = np.rint(of_vertex[triangles].mean(axis=1)).astype(int)
-    for level in range(LEVELS):
-        mine = triangles[of_triangle == level]
-        if len(mine):
-            yield level, mine
+    return [triangles[of_triangle == level] for level in range(LEVELS)]
 
 
 def scale_colours(drawing: Drawing) -> NDArray[np.float64]:
@@ -73,13 +67,13 @@ def scale_colours(drawing: Drawing) -> NDArray[np.float64]:
 
 
 def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]]:
-    """Return the vertices that triangles have, and the triangles counted by these."""
+    """Return the vertices of triangles, and the triangles by indices into these."""
     corners, faces = np.unique(triangles, return_inverse=True)
     return corners, faces.reshape(-1, 3).astype(np.uint32)
 
 
 def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
-    """Return a part without texture: by the colours of its vertices."""
+    """Return a part without texture, by the colours of its vertices."""
     triangles = one.triangles
     colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
     for colour in np.unique(colours, axis=0):
@@ -88,7 +82,7 @@ def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
 
 
 def _textured(drawing: Drawing, one: PlacedPart, divisions: int) -> Iterator[Patch]:
-    """Return a part with a texture: in pieces, each of the colour that the texture has in its middle."""
+    """Return a part with a texture in pieces, each in the texture's colour in its middle."""
     assert drawing.texture is not None
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
@@ -122,17 +116,14 @@ def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the nearest of the few most frequent colours, for each."""
+    """Return for each colour the nearest of the few most frequent ones."""
     coarse = (colours // 16).astype(np.int64) @ (1, 16, 256)
     _, first, counts = np.unique(coarse, return_index=True, return_counts=True)
-    chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]].astype(np.int64)
-    nearest = np.empty(len(colours), dtype=np.int64)
-    for start in range(0, len(colours), 1 << 16):  # so that not too much is held at a time
-        some = colours[start : start + (1 << 16), None].astype(np.int64)
-        nearest[start : start + (1 << 16)] = ((some - chosen) ** 2).sum(axis=2).argmin(axis=1)
-    return chosen[nearest].astype(np.uint8)
+    chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]]
+    differences = (colours.astype(np.int32) - one for one in chosen.astype(np.int32))
+    return chosen[np.argmin([(one**2).sum(axis=1) for one in differences], axis=0)]
 
 
 def _rgb(colour: NDArray) -> tuple[int, int, int]:
-    red, green, blue = (int(one) for one in colour)
+    red, green, blue = map(int, colour)
     return red, green, blue

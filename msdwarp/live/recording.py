@@ -15,69 +15,52 @@ from ..pictures import Renderer
 from ..world import Scene, scene_as_stored
 from .sources import Running, Source
 
-TRAJECTORY, DEEDS = "trajectory.vtkhdf", "deeds.json"
-"""Files of a recording: its frames, and what was done by hand since the start, if anything was."""
+DEEDS = "deeds.json"
+"""The file of a recording with what was done by hand since the start, if anything was."""
 FIRST_FRAME = "first_frame"
-"""The attribute of a recording's file that says which frame of the simulation its first one is."""
+"""The attribute of a recording's file with the simulation's frame that is its first one."""
 
 
 class Recording:
-    """Frames of a running simulation, from the present one on, kept in a folder.
+    """Frames of a running simulation, from the present one on, kept in a new folder.
 
-    Parameters
-    ----------
-    source
-        The simulation.
-    folder
-        A folder that is made for it; by default out/NAME-live, or the next that is free.
-
-    Raises
-    ------
-    FileExistsError
-        If the folder is there.
+    By default that is out/NAME-live, or the next that is free. FileExistsError is raised if it exists.
     """
 
     def __init__(self, source: Running, folder: str | Path | None = None) -> None:
         self._source = source
-        self.folder = _free(Path("out"), f"{source.title or 'view'}-live") if folder is None else Path(folder)
+        self.folder = _free_path(f"{source.title or 'view'}-live") if folder is None else Path(folder)
         self.folder.mkdir(parents=True)
-        self.path = self.folder / TRAJECTORY
-        first = source.frame()
-        self._begun = source.handling.simulation.frame_index
+        self.path = self.folder / disk.TRAJECTORY
+        first, self._first_frame = source.frame(), source.index
         scene = scene_as_stored(source.scene, [first.time, first.time + source.scene.duration])
-        attributes = dict(source.attributes) | {FIRST_FRAME: self._begun}
+        attributes = source.attributes | {FIRST_FRAME: self._first_frame}
         self._writer = TrajectoryWriter(
             self.path, source.scene.system, fps=source.fps, attributes=attributes, scene=scene, strain=False
         )
         self._write()
-        source.behind.append(self._write)
+        source.after_frame.append(self._write)
 
     def _write(self) -> None:
         self._writer.write(self._source.frame(), broken_at=self._source.broken_at())
 
     def close(self) -> str:
-        """End, with what was done by hand beside the frames; return what to say."""
-        self._source.behind.remove(self._write)
+        """End, with what was done by hand beside the frames; return a message."""
+        self._source.after_frame.remove(self._write)
         self._writer.close()
         deeds = self._source.handling.deeds
         if deeds:
             with disk.replacing(self.folder / DEEDS) as path:
                 path.write_text(json.dumps(deeds), encoding="utf-8")
-        count = self._source.handling.simulation.frame_index - self._begun + 1
+        count = self._source.index - self._first_frame + 1
         return f"wrote {count} frames: `msdwarp render {self.folder}` draws them"
 
 
-def read_deeds(folder: Path) -> list[dict[str, Any]] | None:
-    """Return what was done by hand in a recording; None where nothing was.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged.
-    """
+def read_deeds(folder: Path) -> list[dict[str, Any]]:
+    """Return what was done by hand in a recording; raise ValueError if the file is damaged."""
     path = folder / DEEDS
     if not path.exists():
-        return None
+        return []
     try:
         deeds = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
@@ -88,41 +71,22 @@ def read_deeds(folder: Path) -> list[dict[str, Any]] | None:
 
 
 class Filming:
-    """A film of a recording as it is drawn, in a process of its own: the view goes on meanwhile.
-
-    Parameters
-    ----------
-    folder
-        That of the recording.
-    renderer
-        What draws: "auto", "raster", "raycast" or "opengl".
-    """
+    """A film of a recording as it is drawn, in a process of its own: the view goes on meanwhile."""
 
     def __init__(self, folder: Path, renderer: str = "auto") -> None:
         self.folder = folder
-        command = [
-            "render",
-            str(folder),
-            "--out",
-            str(folder),
-            "--frames",
-            "none",
-            "--renderer",
-            renderer,
-            "--quiet",
-        ]
-        # Ctrl-C, which ends the view, is not meant for it.
+        flags = ["--out", str(folder), "--frames", "none", "--renderer", renderer, "--quiet"]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "msdwarp", *command],
+            [sys.executable, "-m", "msdwarp", "render", str(folder), *flags],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,
+            start_new_session=True,  # Ctrl-C, which ends the view, does not end it
         )
 
     def ended(self) -> str | None:
-        """Return what to say once it has ended; None while it is drawn."""
+        """Return a message once it has ended; None while it is drawn."""
         if self._process.poll() is None:
             return None
         _, error = self._process.communicate()
@@ -131,20 +95,20 @@ class Filming:
         return f"drew a film in {self.folder}"
 
 
-def drawn(source: Source, scene: Scene, path: str | Path | None = None, renderer: str = "auto") -> Path:
+def save_picture(source: Source, scene: Scene, path: str | Path | None = None, renderer: str = "auto") -> Path:
     """Draw the present frame into a PNG file, by default the next free out/NAME.png; return its path."""
     if path is None:
         Path("out").mkdir(exist_ok=True)
-        path = _free(Path("out"), source.title or "view", ".png")
+        path = _free_path(source.title or "view", ".png")
     frame = source.frame()
     pictures = Renderer(scene, frame.position[np.newaxis], backend=renderer, device=source.device)
     Image.fromarray(pictures.image(frame.position, frame.time)).save(path)
     return Path(path)
 
 
-def _free(folder: Path, name: str, suffix: str = "") -> Path:
-    """Return the first of name, name-2, ... that is free in a folder."""
+def _free_path(name: str, suffix: str = "") -> Path:
+    """Return the first of out/NAME, out/NAME-2, ... that does not exist."""
     k = 1
-    while (path := folder / f"{name}{'' if k == 1 else f'-{k}'}{suffix}").exists():
+    while (path := Path("out") / f"{name}{'' if k == 1 else f'-{k}'}{suffix}").exists():
         k += 1
     return path

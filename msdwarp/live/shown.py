@@ -1,4 +1,4 @@
-"""Shown: the drawing of what a view shows, and what its colours tell."""
+"""Shown: the drawing of what a view shows, and the values in its colours."""
 
 from dataclasses import replace
 
@@ -15,30 +15,14 @@ COLOURS = ("look", "speed", "strain")
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
 """Colours of curves of energies: those of `studies.plots`."""
 LEAST_SHARE = 0.05
-"""Least end of a scale of colours, over the largest value so far."""
+"""Least end of a colour scale, over the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
 
 
 class Shown:
-    """The triangles of a scene, which follow its frames, in colours that can be chosen.
+    """The triangles of a scene, `drawing`, which follow its frames, in colours that can be chosen.
 
-    Parameters
-    ----------
-    scene
-        What is drawn.
-    colour
-        "look", "speed" or "strain".
-    wires
-        Whether the connections are drawn, in the colours of their strain, and not the surface.
-    device
-        Where the triangles are.
-
-    Attributes
-    ----------
-    drawing
-        The triangles.
-    frame
-        The one that they follow.
+    With `wires` the springs are drawn, coloured by strain, instead of the surface.
     """
 
     def __init__(
@@ -53,19 +37,14 @@ class Shown:
         self._broken = 0
         self._largest = 0.0
 
-    def tears(self, broken_at: NDArray, time: float) -> bool:
-        """Tell whether more, or fewer, connections are broken by `time` [s] than the drawing has."""
-        count = int((broken_at <= time).sum())
-        before, self._broken = self._broken, count
-        return count != before
-
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return the drawing of what is left when connections broke at these times [s]."""
-        system = self.scene.system.replace(broken_at=broken_at)
-        other = Shown(
-            replace(self.scene, system=system), self.colour, wires=self.wires, device=self.drawing.device
-        )
-        other.tears(broken_at, time)
+        """Return a drawing without the springs that are broken at a time [s]: this one, if it has as many."""
+        count = int((broken_at <= time).sum())
+        if count == self._broken:
+            return self
+        scene = replace(self.scene, system=self.scene.system.replace(broken_at=broken_at))
+        other = Shown(scene, self.colour, wires=self.wires, device=self.drawing.device)
+        other._broken = count
         return other
 
     def follow(self, frame: Frame) -> None:
@@ -79,13 +58,13 @@ class Shown:
         largest = float(np.quantile(values, 0.99))
         self._largest = max(self._largest, largest)
         if largest > scale.full or largest < 0.2 * scale.full:
-            # At rest colours would else show nothing but trembling.
+            # The largest value so far keeps noise from filling the scale at rest.
             full = max(1.25 * largest, LEAST_SHARE * self._largest)
             self.drawing.scale = scale._replace(full=full or 1.0)
         self.drawing.follow(frame.position, frame.time, values)
 
     def _values(self, frame: Frame) -> NDArray[np.float64]:
-        """Return what colours tell of each particle, shape [particle_count]."""
+        """Return the value of each particle, shape [particle_count]."""
         if self.colour == "speed":
             return np.linalg.norm(frame.velocity.astype(np.float64), axis=1)
         system = self.scene.system

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..bodies import in_space
 from ..pictures import OnScreen, Stage, bar
 from ..world import Scene
 from . import overlay
@@ -21,24 +20,24 @@ SIZE = (1280, 800)
 CLOSES = ("escape", "q")
 """The keys that close the window."""
 ZOOM = 1.15
-"""How many times nearer a notch of the wheel brings what is seen."""
+"""How many times nearer a notch of the wheel brings the camera."""
 MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
 """What the buttons of the mouse do to the camera; the left one pulls where it is pressed on the body."""
 PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
-"""Colours of the arrow that shows where the hand pulls, and of what is around it."""
+"""Colours of the arrow of a pull, and of its edge."""
 ROOM = 0.8
-"""How near the camera comes at first, over how near it could: bodies move."""
+"""Zoom of the first camera: bodies move."""
 BELOW = 0.35
-"""How much the camera sees at first below a body without ground, over the body's length: it hangs down."""
+"""How much the first camera sees below a body without ground, which may fall, over the body's length."""
 PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
-"""What is written below all else; the first where there is something that can be pulled."""
+"""The last line of the text; its first part where there is a body to pull."""
 MOUSE = """beside  drag: turn the camera
 wheel  nearer, farther
 right  drag: shift the camera
 q  close"""
-"""What the list of keys says of the mouse in a window."""
+"""The mouse in the list of keys."""
 GAP = 14
-"""From what is written to the edge of a window of 720 rows, in pixels."""
+"""From text to the edge of a window of 720 rows, in pixels."""
 
 
 class Window:
@@ -56,40 +55,29 @@ class Window:
 
     takes_images = False
 
+    _view: "View"
+    _screen: OnScreen
+
     def __init__(self, size: tuple[int, int] = SIZE) -> None:
-        self._first_size = size
-        self._view: View | None = None
-        self._screen: OnScreen | None = None
+        self._size, self._is_open = size, False
 
     def open(self, view: "View") -> None:
-        """Open the window.
-
-        Raises
-        ------
-        RuntimeError
-            If there is no display to open it on; `msdwarp.pictures.no_display` says so beforehand.
-        """
+        """Open the window; raise RuntimeError if there is no display for it, see `no_display`."""
         self._view, self._source = view, None
         self._source: Source | None
         self._does, self._at, self._is_stale = "", (0, 0), False
         self._written: dict[str, Any] = {}
-        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._first_size, self._happened)
-        self._size = self._screen.size
-
-    @property
-    def _both(self) -> "tuple[View, OnScreen]":
-        assert self._view is not None
-        assert self._screen is not None
-        return self._view, self._screen
+        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._size, self._happened)
+        self._size, self._is_open = self._screen.size, True
 
     @property
     def watched(self) -> bool:
         """Whether anybody looks: whether the window is open."""
-        return self._screen is not None and self._screen.is_open
+        return self._is_open and self._screen.is_open
 
     def stage(self) -> None:
         """Show another scene, or the same drawing in another way; the camera stays where the source does."""
-        view, screen = self._both
+        view, screen = self._view, self._screen
         same, self._source = self._source is view.source, view.source
         if not same:
             frame = view.shown.frame
@@ -103,17 +91,17 @@ class Window:
 
     def show(self) -> None:
         """Show the frame that the drawing follows now."""
-        self._point()
-        self._both[1].draw()
+        self._draw_pull()
+        self._screen.draw()
         self._is_stale = False
 
     def poll(self) -> bool:
-        """See to keys and the mouse; return whether the window is still open."""
-        _, screen = self._both
-        if self._does == "ask":  # the view has seen to what was picked by now
-            self._does = "pull" if self._pulls else "turn"
+        """Handle keys and the mouse; return whether the window is still open."""
+        screen, view = self._screen, self._view
+        if self._does == "ask":  # the view has done what was asked by now
+            self._does = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
         if self._is_stale:  # and the view has shown no frame since
-            self._point()
+            self._draw_pull()
             screen.redraw()
             self._is_stale = False
         if not screen.poll():
@@ -125,30 +113,25 @@ class Window:
         return True
 
     def close(self) -> None:
-        """Close the window."""
-        if self._screen is not None:
+        """Close the window. It may be called again."""
+        if self._is_open:
+            self._is_open = False
             self._screen.close()
-        self._screen = self._view = self._source = None
+            del self._screen, self._view, self._source
 
     def image(self) -> NDArray[np.uint8]:
         """Return what the window shows, shape [height, width, 3]."""
-        return self._both[1].image()
-
-    # What comes from the person.
-
-    @property
-    def _pulls(self) -> bool:
-        """Whether this window's hand holds something."""
-        view, _ = self._both
-        return view.hand.grip is not None and view.hand.holder is self
+        return self._screen.image()
 
     def _happened(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
-        view, screen = self._both
-        height = screen.size[1]
+        """Act on a key or the mouse; see `OnScreen`."""
+        view, orbit, height = self._view, self._screen.orbit, self._screen.size[1]
         right, up = (x - self._at[0]) / height, (y - self._at[1]) / height
         self._at = (x, y)
-        if what == "key":
-            self._press(key.lower(), shift)
+        if what == "key" and key.lower() in CLOSES:
+            view.post("quit")
+        elif what == "key":
+            view.press(key.lower(), shift=shift)
         elif what in MOVES and not self._does:
             self._does = MOVES[what]
             if what == "left" and view.source.handling is not None:
@@ -159,28 +142,20 @@ class Window:
             if self._does in ("ask", "pull"):
                 view.post("let_go", holder=self)
             self._does = ""
-        elif what == "move" and self._does in ("ask", "pull"):
-            view.post("drag", holder=self, ray=self._ray())
-            self._is_stale = True
         elif what == "move" and self._does:
-            getattr(screen.orbit, self._does)(right, up)
             self._is_stale = True
+            if self._does in ("ask", "pull"):
+                view.post("drag", holder=self, ray=self._ray())
+            else:
+                getattr(orbit, self._does)(right, up)
         elif what.startswith("wheel"):
-            screen.orbit.zoom(ZOOM if what == "wheel in" else 1 / ZOOM)
+            orbit.zoom(ZOOM if what == "wheel in" else 1 / ZOOM)
             self._is_stale = True
-
-    def _press(self, key: str, shift: bool) -> None:
-        view, _ = self._both
-        if key in CLOSES:
-            view.post("quit")
-        else:
-            view.press(key, shift=shift)
 
     def _ray(self) -> tuple[NDArray, NDArray, NDArray]:
         """Return the ray through where the mouse is: origin [m], direction, and the way into the screen."""
-        _, screen = self._both
-        (width, height), (x, y) = screen.size, self._at
-        return screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
+        (width, height), (x, y) = self._screen.size, self._at
+        return self._screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
 
     # What is written and drawn over the scene.
 
@@ -190,10 +165,9 @@ class Window:
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
-        """Write what the view says: its lines, the energies, the notice, the colours' meaning and the keys."""
-        view, screen = self._both
-        (width, height), unit = screen.size, self._unit
-        gap, said = GAP * unit, view.notice
+        """Write what the view says: its lines, the energies, the notice, the colour scale and the keys."""
+        view, (width, height), unit = self._view, self._screen.size, self._unit
+        gap, message = GAP * unit, view.notice
         lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
         columns = max(20, int(0.4 * width / (7.5 * unit)))
         self._write("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
@@ -201,13 +175,11 @@ class Window:
         self._write("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
-            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # what follows the values is no round number
+            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # the end of a moving scale is no round number
         self._write("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
-        raised = gap + 0.16 * height
-        self._write(
-            "notice", said, lambda: overlay.notice(said, unit, columns=row) if said else None, (None, raised)
-        )
+        at = (None, gap + 0.16 * height)
+        self._write("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)
         listed = f"{view.keys()}\n{MOUSE}" if view.helps else ""
         self._write("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
 
@@ -216,46 +188,40 @@ class Window:
     ) -> None:
         """Have a panel show something, unless it does already.
 
-        It stands as far from the lower left corner as `at` says, or where that is negative from the upper or the
-        right edge; in the middle for None.
+        `at` is its distance from the lower left corner, or where negative from the upper or the right edge; None
+        is the middle.
         """
-        _, screen = self._both
-        if self._written.get(name) == (what, screen.size):
+        size = self._screen.size
+        if self._written.get(name) == (what, size):
             return
-        self._written[name] = (what, screen.size)
+        self._written[name] = (what, size)
         image, place = paint(), [0.0, 0.0]
         if image is not None:
-            for k, (to, size, room) in enumerate(zip(at, image.size, screen.size, strict=True)):
-                place[k] = (room - size) / 2 if to is None else to
-                if to is not None and np.signbit(to):
-                    place[k] = room + to - size
-        screen.panel(name, image, *place)
+            for k, (distance, extent, room) in enumerate(zip(at, image.size, size, strict=True)):
+                if distance is None:
+                    place[k] = (room - extent) / 2
+                else:
+                    place[k] = distance + (room - extent if np.signbit(distance) else 0)
+        self._screen.panel(name, image, *place)
         self._is_stale = True
 
-    def _point(self) -> None:
+    def _draw_pull(self) -> None:
         """Draw an arrow from what the hand holds to where it pulls."""
-        view, screen = self._both
-        grip, frame = view.hand.grip, view.shown.frame
-        ends = None
-        if grip is not None and frame is not None:
-            held = in_space(frame.position[grip.particles].astype(np.float64) - grip.offset, np.float64)
-            here = held.mean(axis=0)
-            if grip.offset.shape[1] < 3:  # out of the body's plane it is where it was taken
-                flat = in_space(np.ones((1, grip.offset.shape[1])), np.float64)[0] == 0
-                here[flat] = view.hand.target[flat]
-            ends = screen.orbit.pixels(
-                np.array([here, view.hand.target]), height=screen.size[1], width=screen.size[0]
-            )
+        view, screen, frame = self._view, self._screen, self._view.shown.frame
+        assert frame is not None
+        ends = view.hand.arrow(frame.position)
+        if ends is not None:
+            ends = screen.orbit.pixels(ends, height=screen.size[1], width=screen.size[0])
         for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
             drawn = None if ends is None else arrow(ends[0], ends[1], self._unit, grow * self._unit)
             screen.shape(name, drawn, colour)
 
 
 def surroundings(scene: Scene, position: NDArray) -> NDArray:
-    """Return what a camera should have in view that does not know where the body goes [m], shape [any, d].
+    """Return what a camera should have in view while it is unknown where the body goes [m], shape [any, d].
 
-    The body as it is, what lies below it on the ground, and as much again beside it; where there is no ground, a
-    share of its length below it.
+    This is the body, its projection onto the ground and half as much again beside that; without ground, a share of
+    the body's length below it.
     """
     low, high = position.min(axis=0), position.max(axis=0)
     size = float((high - low).max())
@@ -272,16 +238,9 @@ def surroundings(scene: Scene, position: NDArray) -> NDArray:
 
 
 def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:
-    """Return triangles of a dot and an arrow from there, shape [any, 3, 2].
+    """Return triangles of a dot at `start` and an arrow to `end`, in pixels, shape [any, 3, 2].
 
-    Parameters
-    ----------
-    start, end
-        Where from and where to, in pixels, shape [2].
-    unit
-        Pixels for each that a window of 720 rows would have.
-    grow
-        How much wider all is on each side, in pixels.
+    `unit` is pixels for each of a window of 720 rows; all is wider by `grow` pixels on each side.
     """
     turns = np.linspace(0.0, 2.0 * np.pi, 25)
     rim = start + (5.0 * unit + grow) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)

@@ -26,74 +26,45 @@ def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
         plotter.add_light(light)
 
 
-def ground_texture(pv: Any, ground: Ground) -> Any:
-    """Return the texture of the ground."""
-    texture = pv.Texture(np.ascontiguousarray(ground.texture[::-1]))
-    texture.InterpolateOn()
-    return texture
-
-
-def ground_square(pv: Any, ground: Ground) -> Any:
-    """Return the ground's square, with coordinates in its texture."""
+def ground_actor(pv: Any, ground: Ground) -> Any:
+    """Return the ground's square, painted."""
     u, v = ground.half * ground.u, ground.half * ground.v
     corners = np.array([-u - v, u - v, u + v, v - u]) + ground.centre
     square = pv.PolyData.from_regular_faces(corners.astype(np.float32), [[0, 1, 2, 3]])
     square.active_texture_coordinates = ground.uv(corners).astype(np.float32)
-    return square
+    actor = pv.Actor(mapper=pv.DataSetMapper(square))
+    actor.texture = pv.Texture(np.ascontiguousarray(ground.texture[::-1]))
+    actor.texture.InterpolateOn()
+    actor.prop.color, actor.prop.lighting = "white", False
+    return actor
 
 
 class Actors:
     """The triangles of a drawing and the shadows that they cast, which follow it in place.
 
-    Parameters
-    ----------
-    pv
-        PyVista.
-    plotter
-        Where they are added.
-    drawing
-        The triangles.
-    ground
-        Where shadows fall beside the drawing; None where there is no ground.
-    light
-        Direction towards the key light, of unit length, shape [3].
+    They are added to a PyVista plotter. Where there is a ground, drawn by `painted`, `on_ground` is its piece on
+    which shadows fall, which hides what it lies on; the caller adds it. `light` is the unit vector towards the key
+    light.
     """
 
-    def __init__(self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, light: NDArray) -> None:
-        self.drawing, self.ground = drawing, ground
+    def __init__(
+        self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, painted: Any, light: NDArray
+    ) -> None:
+        self._drawing, self._ground = drawing, ground
         self._pv, self._plotter = pv, plotter
-        self.shadow_map = ShadowMap(drawing, light)
-        self.shading = Shading(pv, self.shadow_map, drawing.bounce)
+        self._map = ShadowMap(drawing, light)
+        self._shading = Shading(pv, self._map, drawing.bounce)
         self._actors: list[Any] = []
         self._cut = False
         self._bodies = self._add_bodies()
-
-    def _only_above_ground(self, points: NDArray) -> None:
-        """Cut off what is below the ground, which is drawn before all else and hides nothing.
-
-        Only where something is: cutting costs a processor a sixth of the picture.
-        """
-        ground = self.ground
-        if ground is None:
-            return
-        height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
-        deep = self.drawing.below + UNSEEN * ground.reach
-        cut = bool(height.min() < -deep)
-        if cut == self._cut:
-            return
-        self._cut = cut
-        for actor in self._actors:
-            actor.mapper.RemoveAllClippingPlanes()
-            if cut:
-                origin = ground.centre - deep * ground.normal
-                actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
+        self.on_ground: Any = None if ground is None else self._add_on_ground(ground, painted.texture)
 
     def _add_bodies(self) -> list[Any]:
         """Add the drawing's triangles, those that are drawn alike together: VTK has one way for all at once.
 
         The backs of closed parts, which are hidden by their fronts, are not drawn.
         """
-        drawing, texture = self.drawing, None
+        drawing, texture = self._drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
         of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
@@ -104,14 +75,9 @@ class Actors:
         ]
 
     def _add_body(self, triangles: NDArray, gloss: float, closed: float, shaded: float, texture: Any) -> Any:
-        pv, drawing = self._pv, self.drawing
-        points = np.zeros((len(drawing.points), 3), np.float32)
-        body = pv.PolyData.from_regular_faces(points, triangles)
+        drawing = self._drawing
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        body.points = drawing.points.numpy()
-        body.point_data["Normals"] = drawing.normals.numpy()
-        body.GetPointData().SetActiveNormals("Normals")
-        actor = pv.Actor(mapper=_mapper(body))
+        body, actor = mesh_actor(self._pv, triangles, drawing.points.numpy(), drawing.normals.numpy())
         prop = actor.prop
         prop.interpolation = "Phong"
         prop.ambient, prop.diffuse = drawing.ambient, drawing.diffuse
@@ -124,31 +90,67 @@ class Actors:
             body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
             body.GetPointData().SetActiveScalars("colours")
             actor.mapper.ScalarVisibilityOn()
-        self.shading.light(actor, shadows=bool(shaded))
+        self._shading.light(actor, shadows=bool(shaded))
         # What moves decides on no camera, and asks for no picture until it is in place.
         self._plotter.add_actor(actor, reset_camera=False, render=False)
         self._actors.append(actor)
         return body
 
-    def follow(self, *, shadows: bool = True, seen: slice = slice(None)) -> NDArray:
-        """Move to where the drawing is now; return the points that are drawn [m], shape [any, 3].
+    def _add_on_ground(self, ground: Ground, texture: Any) -> Any:
+        """Return the piece of ground on which shadows fall."""
+        # Triangles: VTK cuts a polygon once, where it is first drawn, which a window may do before it has a shape.
+        fan = np.array([[0, k, k + 1] for k in range(1, AROUND - 1)])
+        normals = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)
+        self._piece, actor = mesh_actor(self._pv, fan, np.zeros((AROUND, 3), np.float32), normals)
+        self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)
+        actor.texture, actor.prop.color = texture, "white"
+        actor.prop.culling = "back"  # from below it hides nothing
+        self._shading.light(actor, ground=True)
+        return actor
 
-        `seen` are those of the drawing's vertices that the key light must see.
+    def _only_above_ground(self, points: NDArray, ground: Ground) -> None:
+        """Cut off what is below the ground, which is drawn before all else and hides nothing.
+
+        Only where something is: cutting costs a processor a sixth of the picture.
         """
-        drawing = self.drawing
+        height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
+        deep = self._drawing.below + UNSEEN * ground.reach
+        cut = bool(height.min() < -deep)
+        if cut == self._cut:
+            return
+        self._cut = cut
+        for actor in self._actors:
+            actor.mapper.RemoveAllClippingPlanes()
+            if cut:
+                origin = ground.centre - deep * ground.normal
+                actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
+
+    def follow(self, *, shadows: bool = True) -> NDArray:
+        """Move to where the drawing is now; return the points in sight, and those around their shadows [m]."""
+        drawing, ground = self._drawing, self._ground
         for body in self._bodies:
             body.GetPoints().Modified()
             body.GetPointData().GetNormals().Modified()
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
-        points = drawing.points.numpy()
-        shadows = shadows and len(points[seen]) > 0  # a stage may be bare
-        if len(points[seen]):
-            self._only_above_ground(points[seen])
+        points = drawing.points.numpy()[drawing.in_sight]
+        shadows = shadows and len(points) > 0  # a stage may be bare
+        if len(points) and ground is not None:
+            self._only_above_ground(points, ground)
         if shadows:
-            self.shadow_map.follow(points[seen])
-        self.shading.follow(shadows=shadows)
-        return points
+            self._map.follow(points)
+        self._shading.follow(shadows=shadows)
+        if ground is None:
+            return points
+        self.on_ground.SetVisibility(shadows)
+        if not shadows:
+            return points
+        corners = self._map.on_ground(points, ground, AROUND)
+        self._piece.points[:] = corners
+        self._piece.GetPoints().Modified()
+        self._piece.active_texture_coordinates[:] = ground.uv(corners)
+        self._piece.GetPointData().GetTCoords().Modified()
+        return np.concatenate([points, corners])
 
     def remove(self) -> None:
         """Draw nothing any more."""
@@ -157,52 +159,16 @@ class Actors:
         self._actors.clear()
 
 
-class ShadedGround:
-    """The part of the ground on which shadows fall, drawn over the bare ground, which it hides.
-
-    Parameters
-    ----------
-    pv
-        PyVista.
-    ground, texture
-        The ground, and its texture.
-    actors
-        What casts the shadows.
-    """
-
-    def __init__(self, pv: Any, ground: Ground, texture: Any, actors: Actors) -> None:
-        self._ground, self._map = ground, actors.shadow_map
-        light = actors.shadow_map.axes[2]
-        self._along_light = light / (light @ ground.normal)
-        # Triangles: VTK cuts a polygon once, where it is first drawn, which a window may do before it has a shape.
-        fan = [[0, k, k + 1] for k in range(1, AROUND - 1)]
-        self._piece = pv.PolyData.from_regular_faces(np.zeros((AROUND, 3), np.float32), fan)
-        self._piece.point_data["Normals"] = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)
-        self._piece.GetPointData().SetActiveNormals("Normals")
-        self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)
-        self.actor = pv.Actor(mapper=_mapper(self._piece))
-        self.actor.texture, self.actor.prop.color = texture, "white"
-        self.actor.prop.culling = "back"  # from below it hides nothing
-        actors.shading.light(self.actor, ground=True)
-
-    def follow(self, points: NDArray) -> NDArray:
-        """Move to where the shadows of these points fall; return the corners [m], shape [AROUND, 3]."""
-        corners = self._map.outline(points, AROUND)
-        height = (corners - self._ground.centre) @ self._ground.normal
-        corners = corners - height[:, None] * self._along_light
-        self._piece.points[:] = corners
-        self._piece.GetPoints().Modified()
-        self._piece.active_texture_coordinates[:] = self._ground.uv(corners)
-        self._piece.GetPointData().GetTCoords().Modified()
-        return corners
-
-
-def _mapper(mesh: Any) -> Any:
-    """Return what hands a mesh to OpenGL with its coordinates as they are, whatever their size."""
+def mesh_actor(pv: Any, triangles: NDArray, points: NDArray, normals: NDArray) -> tuple[Any, Any]:
+    """Return triangles with normals, in the memory of these arrays, and an actor that rounds none of them."""
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
+    mesh = pv.PolyData.from_regular_faces(np.zeros(points.shape, np.float32), triangles)
+    mesh.points = points
+    mesh.point_data["Normals"] = normals
+    mesh.GetPointData().SetActiveNormals("Normals")
     mapper: Any = vtkPolyDataMapper()
     mapper.SetVBOShiftScaleMethod(0)
     mapper.ScalarVisibilityOff()
     mapper.SetInputData(mesh)
-    return mapper
+    return mesh, pv.Actor(mapper=mapper)

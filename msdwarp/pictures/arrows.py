@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import in_space
-from ..kernels.pictures import RINGS, SIDES, place_arrows
+from ..kernels.pictures import drawing
 from .stage import VIEW_ANGLE, Stage
 
 MOST_ARROWS = 1500
@@ -22,17 +22,7 @@ COLOUR = (0.0, 0.62, 0.66)
 
 
 class Arrows:
-    """Arrows from particles along the forces on them, as long as these are large.
-
-    Parameters
-    ----------
-    full
-        The force of the longest arrow [N]; larger ones are drawn as long.
-    particle_count
-        How many particles there are.
-    stage
-        Where they are seen.
-    """
+    """Arrows from particles along the forces on them, as long as these are large, up to a `full` force [N]."""
 
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)
@@ -42,15 +32,15 @@ class Arrows:
         self.device, self._nowhere = device, stage.camera.target.astype(np.float32)
         self._count = min(particle_count, MOST_ARROWS)
         self.triangles = _triangles(self._count)
-        vertices = RINGS * SIDES * self._count
+        vertices = drawing.RINGS * drawing.SIDES * self._count
         self.points, self.normals = (wp.zeros(vertices, dtype=wp.vec3, device=device) for _ in "pn")
+        self.colours = wp.full(vertices, wp.vec3(*COLOUR), dtype=wp.vec3, device=device)
+        self.uv, self.texture = np.zeros((vertices, 2)), None
+        self.gloss, self.closed = np.zeros(len(self.triangles)), np.zeros(len(self.triangles), dtype=bool)
         self._start, self._way = (wp.zeros(self._count, dtype=wp.vec3, device=device) for _ in "sw")
 
     def follow(self, position: NDArray, force: NDArray | None) -> None:
-        """Lay the arrows of forces [N] on particles at these places [m], shape [particle_count, d] both.
-
-        Without forces there are none.
-        """
+        """Lay the arrows of forces [N], if there are any, on particles [m], shape [particle_count, d] both."""
         start, way = np.tile(self._nowhere, (self._count, 1)), np.zeros((self._count, 3), dtype=np.float32)
         if force is not None:
             size = np.linalg.norm(force.astype(np.float64), axis=1)
@@ -62,17 +52,15 @@ class Arrows:
         self._start.assign(start)
         self._way.assign(way)
         inputs = [self._start, self._way, self.longest]
-        wp.launch(place_arrows, self._count, inputs, [self.points, self.normals], device=self.device)
+        wp.launch(drawing.place_arrows, self._count, inputs, [self.points, self.normals], device=self.device)
 
 
 def _triangles(count: int) -> NDArray[np.int32]:
-    """Return the triangles of so many arrows, shape [any, 3]."""
-    k = np.arange(SIDES)
-    ahead = (k + 1) % SIDES
-    shaft = np.concatenate(
-        [np.stack([k, ahead, k + SIDES], axis=1), np.stack([k + SIDES, ahead, ahead + SIDES], axis=1)]
-    )
-    head = np.stack([k, ahead, k + SIDES], axis=1) + 2 * SIDES
-    base = 4 * SIDES + np.stack([np.zeros(SIDES - 2, int), k[2:], k[1:-1]], axis=1)
-    one = np.concatenate([shaft, head, base])
-    return (one + RINGS * SIDES * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32)
+    """Return the triangles of so many arrows, shape [any, 3]: those of a shaft, a head and its base."""
+    n = drawing.SIDES
+    k = np.arange(n)
+    ahead = (k + 1) % n
+    lower, upper = np.stack([k, ahead, k + n], axis=1), np.stack([k + n, ahead, ahead + n], axis=1)
+    base = 4 * n + np.stack([np.zeros(n - 2, int), k[2:], k[1:-1]], axis=1)
+    one = np.concatenate([lower, upper, lower + 2 * n, base])
+    return (one + drawing.RINGS * n * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32)

@@ -1,13 +1,12 @@
 """Obstacles: the triangles of solid colliders, for drawing, and where a moving one is.
 
 Everything here is in three dimensions. In a plane system, which is drawn upright in the x-z plane, a disc is
-drawn as a ball, a capsule and a triangle as the rod and the cone of which they are the section, and a
+drawn as a ball, a capsule and a triangle as the rod and the cone that they are the section of, and a
 rectangle as a block as deep as its shorter side.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,7 @@ SAMPLES = 61
 """Times at which the extent of a moving obstacle is looked at."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(NamedTuple):
     """The closed surface of a solid as it was given, with vertices doubled along edges and seams.
 
     `points` [m] and unit `normals` are of shape [vertex_count, 3], `uv` of [vertex_count, 2], and `triangles`,
@@ -77,15 +75,7 @@ def mesh_of(collider: Collider, dim: int) -> Mesh:
     axis and v along it on the surface, from the south pole, the round end at `start`, or the rim of the base,
     0, to the north pole, the other end, or the apex, 1. The base of a cone shows the middle of the texture, at
     the scale that u has on the rim.
-
-    Raises
-    ------
-    ValueError
-        If it is of another type.
     """
-    if type(collider) not in _MESHES:
-        names = ", ".join(kind.__name__ for kind in _MESHES)
-        raise ValueError(f"collider is a {type(collider).__name__}; it must be one of {names}")
     return _MESHES[type(collider)](collider.geometry(dim))
 
 
@@ -109,21 +99,23 @@ def extent(scene: Scene) -> NDArray[np.float64]:
     return np.concatenate(points)
 
 
-def _in_space(point: Sequence[float]) -> NDArray[np.float64]:
-    full = np.zeros(3)
-    full[AXES[len(point)]] = point
-    return full
+def _place(point: Sequence[float]) -> NDArray[np.float64]:
+    return in_space(np.array(point), np.float64)
 
 
 def _ball(geometry: dict[str, Any]) -> Mesh:
-    centre, radius = _in_space(geometry["a"]), geometry["radius"]
+    centre, radius = _place(geometry["a"]), geometry["radius"]
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 1)
     profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return _lathe(radius * profile, profile, centre, np.array([0.0, 0.0, 1.0]))
 
 
 def _rod(geometry: dict[str, Any]) -> Mesh:
-    start, end, radius = _in_space(geometry["a"]), _in_space(geometry["b"]), geometry["radius"]
+    start, end, radius = (
+        _place(geometry["a"]),
+        _place(geometry["b"]),
+        geometry["radius"],
+    )
     angle = np.linspace(-np.pi / 2, 0, AROUND // 4 + 1)
     lower = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     normals = np.concatenate([lower, lower[::-1] * (1, -1)])
@@ -133,7 +125,11 @@ def _rod(geometry: dict[str, Any]) -> Mesh:
 
 
 def _cone(geometry: dict[str, Any]) -> Mesh:
-    apex, base, radius = _in_space(geometry["a"]), _in_space(geometry["b"]), geometry["radius"]
+    apex, base, radius = (
+        _place(geometry["a"]),
+        _place(geometry["b"]),
+        geometry["radius"],
+    )
     height = float(np.linalg.norm(apex - base))
     rim, tip = np.array([radius, 0.0]), np.array([0.0, height])
     # Rings close enough that a texture is not bent where their four-sided patches are split in two.
@@ -142,8 +138,10 @@ def _cone(geometry: dict[str, Any]) -> Mesh:
     slope = _lathe(rim + up * (tip - rim), np.tile(outwards, (25, 1)), base, apex - base)
     lid = _lathe(np.array([[0.0, 0.0], [radius, 0.0]]), np.tile([0.0, -1.0], (2, 1)), base, apex - base)
     across = (lid.points - base) @ _frame(apex - base)[:, :2]
-    flat = Mesh(lid.points, lid.normals, 0.5 + across / (2 * np.pi * radius), lid.triangles)
-    return _joined(slope, flat)
+    uv, triangles = 0.5 + across / (2 * np.pi * radius), lid.triangles + np.int32(len(slope.points))
+    flat = lid._replace(uv=uv, triangles=triangles)
+    pairs: Any = zip(slope, flat, strict=True)
+    return Mesh(*(np.concatenate(pair) for pair in pairs))
 
 
 def _block(geometry: dict[str, Any]) -> Mesh:
@@ -160,15 +158,10 @@ def _block(geometry: dict[str, Any]) -> Mesh:
     normals = np.zeros_like(points)
     normals[surface.triangles] = np.cross(b - a, c - a)[:, None]  # a face has its own vertices, and is flat
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(points + _in_space(geometry["a"]), normals, np.array(surface.uv), surface.triangles)
+    return Mesh(points + _place(geometry["a"]), normals, np.array(surface.uv), surface.triangles)
 
 
-_MESHES: dict[type, Callable[[dict[str, Any]], Mesh]] = {
-    Sphere: _ball,
-    Box: _block,
-    Capsule: _rod,
-    Cone: _cone,
-}
+_MESHES: dict[type, Callable[[dict[str, Any]], Mesh]] = {Sphere: _ball, Box: _block, Capsule: _rod, Cone: _cone}
 
 
 def _frame(axis: NDArray) -> NDArray[np.float64]:
@@ -209,13 +202,4 @@ def _lathe(profile: NDArray, normals: NDArray, origin: NDArray, axis: NDArray) -
         directions.reshape(-1, 3),
         np.stack([u.ravel(), v.ravel()], axis=1),
         np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int32),
-    )
-
-
-def _joined(first: Mesh, second: Mesh) -> Mesh:
-    return Mesh(
-        np.concatenate([first.points, second.points]),
-        np.concatenate([first.normals, second.normals]),
-        np.concatenate([first.uv, second.uv]),
-        np.concatenate([first.triangles, second.triangles + np.int32(len(first.points))]),
     )

@@ -1,19 +1,20 @@
 """What moves in pictures: the triangles that follow the particles and the colliders, and their colours."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from warp.utils import array_cast
 
 from .. import checks
-from ..bodies import System, in_space
-from ..kernels.pictures import STRAIN_STOPS, VALUE_STOPS, lift
-from ..quiet import in_turn
-from ..world import Collider, Look, Scene
-from .atlas import atlas, plain
-from .collider_meshes import Mesh, meshes, walls
+from ..bodies import AXES, System, in_space
+from ..kernels.pictures import drawing
+from ..runtime import in_turn
+from ..world import Look, Scene
+from .collider_meshes import meshes, walls
 from .dressing import (
     inside_of,
     look_of_particles,
@@ -23,20 +24,20 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, towards_key
-from .parts import Balls, BodyPart, Finish, Obstacle, Paint, Part, StrainPaint, SurfacePart, Tubes, ValuePaint
+from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, towards
+from .parts import Balls, Finish, Obstacle, Paint, Part, SurfacePart, Tubes, strain_paint, value_paint
 from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
-"""Radii of connections and of particles over the median rest length, unless a look says otherwise."""
+"""Radii of springs and of particles over the median rest length, unless a look says otherwise."""
 INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 """Colours of free and of pinned particles."""
 MOST_BALLS, LARGE_BALLS = 200, 50
 """Particles of the largest system whose particles are drawn as balls unless the look says otherwise, and of the
 largest whose balls are large enough in the picture to deserve 162 corners, else 42."""
 MOST_TUBES = 6000
-"""Where strain is shown of more connections, those inside a body, which others hide, are not drawn."""
+"""Where strain is shown of more springs, those inside a body, which others hide, are not drawn."""
 FULL_STRAIN = 0.2
 """The strain at the ends of its scale where neither a look nor a run says what it is."""
 ROUND, MOST_JOINTS = 8, 2000
@@ -55,17 +56,13 @@ class ColourScale(NamedTuple):
 
 
 class PlacedPart(NamedTuple):
-    """A part of a drawing, and its own vertices: a slice of each of the drawing's arrays, on the device."""
+    """A part of a drawing, and which vertices are its own: a slice of each of the drawing's arrays."""
 
     part: Part
     vertices: slice
-    """Which vertices of the drawing are its own."""
     points: wp.array
-    """Where they are [m], vec3."""
     normals: wp.array
-    """Unit vectors, vec3."""
     colours: wp.array
-    """Red, green and blue in 0 … 1, vec3."""
 
     @property
     def triangles(self) -> NDArray[np.int32]:
@@ -80,13 +77,13 @@ class PlacedPart(NamedTuple):
 class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    The surface of the system, and a tube along each connection of bodies that have none, or between bodies. Where
+    The surface of the system, and a tube along each spring of bodies that have none, or between bodies. Where
     `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    connection and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
+    spring and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
     system's `broken_at` says is broken by the time of a frame is not drawn. `points`, `normals` and `colours` are
     float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `body` are the parts that follow the
-    particles, `obstacles` those of the colliders. `scale` is what colours tell: of values of the particles, of the
-    strain of connections, or None where they tell nothing.
+    particles, `obstacles` those of the colliders. `scale` is what colours show: values of the particles, the
+    strain of springs, or None for nothing.
     """
 
     @in_turn
@@ -100,32 +97,41 @@ class Drawing:
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self._paints: dict[Part, Paint] = {}
-        self.scale = self._scale_of(colouring)
-        even = self.by_value
-        self.ambient, self.diffuse = (EVEN_AMBIENT, EVEN_SHARE) if even else (AMBIENT, 1.0)
-        self.bounce = 0.0 if even else BOUNCE
+        self.scale: ColourScale | None = None
+        if isinstance(colouring, ColourScale):
+            self.scale = colouring._replace(full=checks.positive("colouring.full", colouring.full))
+        else:
+            checks.one_of("colouring", colouring, COLOURINGS)
+            if self.shows_strain:
+                self.scale = ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
+        even = (EVEN_AMBIENT, EVEN_SHARE, 0.0)
+        self.ambient, self.diffuse, self.bounce = even if self.by_value else (AMBIENT, 1.0, BOUNCE)
         self.device = device
         body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
-        obstacles = [
-            Obstacle(one, mesh, system.dim, finish, device) for one, mesh in [*meshes(scene), *_walls(scene)]
-        ]
+        right, _, back = axes_of(look)
+        solids = [*meshes(scene), *walls(scene, [back, towards(KEY_FROM, right, -back)])]
+        obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         parts = [*body, *obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
 
-        vertex_count = sum(len(part.uv) for part in parts)
-        self.points = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
-        self.normals = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
-        self.colours = wp.zeros(vertex_count, dtype=wp.vec3, device=device)
-        placed = self._placed(parts)
+        ends = np.cumsum([0, *(len(part.uv) for part in parts)]).tolist()
+        vertex_count = ends[-1]
+        arrays: list[Any] = [wp.zeros(vertex_count, dtype=wp.vec3, device=device) for _ in range(3)]
+        self.points, self.normals, self.colours = arrays
+        slices = [slice(*pair) for pair in pairwise(ends)]
+        placed = [
+            PlacedPart(part, own, *(one[own] for one in arrays)) for part, own in zip(parts, slices, strict=True)
+        ]
         self.triangles = np.concatenate([one.triangles for one in placed])
-        self.gloss = np.repeat([part.finish.gloss for part in parts], [len(part.triangles) for part in parts])
-        self.closed = np.repeat([part.closed for part in parts], [len(part.triangles) for part in parts])
+        counts = [len(part.triangles) for part in parts]
+        self.gloss = np.repeat([part.finish.gloss for part in parts], counts)
+        self.closed = np.repeat([part.closed for part in parts], counts)
         """Which triangles have backs that are never seen, shape [triangle_count]."""
         takes_shadows = [not (self.colours_move and k < len(body)) for k in range(len(parts))]
-        self.takes_shadows = np.repeat(takes_shadows, [len(part.triangles) for part in parts])
-        """Which triangles are darker in shadow, shape [triangle_count]: those whose colours tell nothing."""
+        self.takes_shadows = np.repeat(takes_shadows, counts)
+        """Which triangles are darker in shadow, shape [triangle_count]: those whose colours show no values."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
@@ -140,35 +146,11 @@ class Drawing:
         self.in_sight = slice(0, vertex_count)
         """The vertices of what is drawn at all: those of obstacles where it follows without the body."""
         if self.by_value:
-            self._paints = {part: ValuePaint(part, device) for part in body}
-        self._painted = [
-            (self._paints[part], one) for part, one in zip(body, self.body, strict=True) if part in self._paints
-        ]
-        self._moving = [one for one, obstacle in zip(self.obstacles, obstacles, strict=True) if obstacle.moves]
+            self._paints = {part: value_paint(part, device) for part in body}
+        self._painted = [(self._paints[one.part], one) for one in self.body if one.part in self._paints]
+        self._moving = [one for one in self.obstacles if one.part.moves]
         for one in self.obstacles:
             one.follow(self._x, 0.0)
-
-    def _placed(self, parts: Sequence[Part]) -> list[PlacedPart]:
-        """Return the parts with the vertices that are their own, one part's behind another's."""
-        arrays: list[Any] = [self.points, self.normals, self.colours]  # Warp's types say too little of slices
-        placed: list[PlacedPart] = []
-        first = 0
-        for part in parts:
-            own = slice(first, first + len(part.uv))
-            placed.append(PlacedPart(part, own, *(array[own] for array in arrays)))
-            first = own.stop
-        return placed
-
-    def _scale_of(self, colouring: str | ColourScale) -> ColourScale | None:
-        """Return what the colours tell; raise ValueError if there is no such colouring."""
-        if isinstance(colouring, ColourScale):
-            return colouring._replace(full=checks.positive("colouring.full", colouring.full))
-        checks.one_of("colouring", colouring, COLOURINGS)
-        return (
-            ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
-            if self.shows_strain
-            else None
-        )
 
     @property
     def colours_move(self) -> bool:
@@ -178,9 +160,9 @@ class Drawing:
     @property
     def stops(self) -> tuple[tuple[float, float, float], ...]:
         """Colours of the scale, evenly spaced from its start to its end."""
-        return VALUE_STOPS if self.by_value else STRAIN_STOPS
+        return drawing.VALUE_STOPS if self.by_value else drawing.STRAIN_STOPS
 
-    def _body_of(self, scene: Scene) -> list[BodyPart]:
+    def _body_of(self, scene: Scene) -> list[Part]:
         """Return the parts that follow the particles, look by look."""
         system, of_particle = scene.system, look_of_particles(scene)
         surface = None if self.shows_strain else system.surface
@@ -193,17 +175,17 @@ class Drawing:
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
-        body: list[BodyPart] = []
+        body: list[Part] = []
         for k, look in enumerate((scene.look, *scene.looks.values())):
             finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
             if surface is not None and (mine := of_triangle == k).any():
                 part = part_of(surface, mine)
                 parted = None if tears is None else tears.parted_at[mine]
                 body.append(SurfacePart(part, finish, look.smooth, self.device, parted))
-            if tears is not None and (bare := of_particle[tears.bare.triangles].max(axis=1) == k).any():
+            if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():
                 crumb = Finish(np.array(checks.colour("inside", look.inside or look.colour)))
-                times = tears.bare.until[bare], tears.bare.since[bare]
-                body.append(SurfacePart(inside_of(tears.bare.triangles[bare]), crumb, False, self.device, *times))
+                times = tears.until[bare], tears.since[bare]
+                body.append(SurfacePart(inside_of(tears.triangles[bare]), crumb, False, self.device, *times))
             own = shown[of_connection == k]
             particles = np.flatnonzero(of_particle == k)
             if self._plain_tubes and len(own) + len(particles):
@@ -212,46 +194,51 @@ class Drawing:
                 body += self._ropes(system, look, own, finish._replace(texture=None))
         return body
 
-    def _tubes_and_balls(
-        self, system: System, look: Look, connections: NDArray, particles: NDArray
-    ) -> list[BodyPart]:
-        """Return connections as thin tubes, and particles as dark balls if there are few."""
-        rest_length = system.rest_length[connections]
-        unit = _unit(look, rest_length)
-        ends, broken_at = system.connections[connections], _broken_at(system, connections)
-        tubes = Tubes(ends, TUBE * unit, Finish(np.ones(3)), self.device, broken_at=broken_at)
-        if self.shows_strain:
-            self._paints[tubes] = StrainPaint(tubes, rest_length, self._full_strain, self.device)
+    def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
+        """Return springs as thin tubes, and particles as dark balls if there are few; else balls at bends."""
+        tubes, unit = self._tubes(system, look, shown, Finish(np.ones(3)))
+        ends, rest_length = system.connections[shown], system.rest_length[shown]
+        self._paint(tubes, rest_length)
         few = system.particle_count <= MOST_BALLS
-        if not (look.particles or (look.particles is None and few)):
-            return [tubes, *self._bends(ends, rest_length, TUBE * unit)]
-        dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
-        halvings = 2 if system.particle_count <= LARGE_BALLS else 1
-        return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings=halvings)]
+        if look.particles or (look.particles is None and few):
+            dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
+            halvings = 2 if system.particle_count <= LARGE_BALLS else 1
+            return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings=halvings)]
+        # Where two springs meet, in the colour of one of them: between more, no gap is seen.
+        particle, first, count = np.unique(ends, return_index=True, return_counts=True)
+        bends, along = particle[count == 2], first[count == 2] // 2
+        if not len(bends):
+            return [tubes]
+        balls = Balls(bends, TUBE * unit, tubes.finish, self.device, halvings=0, along=ends[along])
+        self._paint(balls, rest_length[along])
+        return [tubes, balls]
 
-    def _ropes(self, system: System, look: Look, connections: NDArray, finish: Finish) -> list[BodyPart]:
-        """Return connections as round tubes in the colour of a look, with balls where they meet."""
-        ends, unit = system.connections[connections], _unit(look, system.rest_length[connections])
-        broken_at = _broken_at(system, connections)
-        tubes = Tubes(ends, TUBE * unit, finish, self.device, sides=ROUND, broken_at=broken_at)
-        joints = np.unique(ends)
+    def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
+        """Return springs as round tubes in the colour of a look, with balls where they meet."""
+        tubes, unit = self._tubes(system, look, shown, finish, sides=ROUND)
+        joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
         radius = (BALL if look.particles else TUBE) * unit
         return [tubes, Balls(joints, radius, finish, self.device, halvings=halvings)]
 
-    def _bends(self, ends: NDArray, rest_length: NDArray, radius: float) -> list[BodyPart]:
-        """Return balls where two connections meet, in the colour of one of them: between more, no gap is seen."""
-        particle, first, count = np.unique(ends, return_index=True, return_counts=True)
-        bends, along = particle[count == 2], first[count == 2] // 2
-        if not len(bends):
-            return []
-        balls = Balls(bends, radius, Finish(np.ones(3)), self.device, halvings=0, along=ends[along])
+    def _tubes(
+        self, system: System, look: Look, shown: NDArray, finish: Finish, sides: int = 3
+    ) -> tuple[Tubes, float]:
+        """Return some springs as tubes, and the length unit of TUBE and BALL [m]."""
+        rest_length = system.rest_length[shown]
+        unit = float(np.median(rest_length)) if len(rest_length) else 0.0
+        unit = unit if look.tube is None else look.tube / TUBE
+        broken_at = np.array(system.broken_at[shown]) if system.tears else None
+        ends = system.connections[shown]
+        return Tubes(ends, TUBE * unit, finish, self.device, sides=sides, broken_at=broken_at), unit
+
+    def _paint(self, part: Tubes | Balls, rest_length: NDArray) -> None:
+        """Have a part show the strain of its springs, if that is shown."""
         if self.shows_strain:
-            self._paints[balls] = StrainPaint(balls, rest_length[along], self._full_strain, self.device)
-        return [balls]
+            self._paints[part] = strain_paint(part, rest_length, self._full_strain, self.device)
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
-        """Return what a part looks like, which does not shine where colours tell something."""
+        """Return what a part looks like, which does not shine where colours show something."""
         return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
@@ -263,12 +250,14 @@ class Drawing:
         keys: list[object] = []
         for colour, texture, _ in finishes:
             keys.append(tuple(colour) if texture is None else id(texture))
-            images.setdefault(keys[-1], plain(tuple(colour)) if texture is None else np.asarray(texture))
+            one_pixel = np.round(255 * colour).astype(np.uint8)[None, None]
+            images.setdefault(keys[-1], one_pixel if texture is None else np.asarray(texture))
         if len(images) == 1:
             return images[keys[0]], uvs
-        texture, moves = atlas(list(images.values()))
-        move_of = dict(zip(images, moves, strict=True))
-        return texture, [move_of[key](uv) for key, uv in zip(keys, uvs, strict=True)]
+        texture, places = atlas(list(images.values()))
+        place_of = dict(zip(images, places, strict=True))
+        in_whole = [place_of[key] for key in keys]
+        return texture, [corner + scale * uv for (corner, scale), uv in zip(in_whole, uvs, strict=True)]
 
     @in_turn
     def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
@@ -279,7 +268,8 @@ class Drawing:
         """
         self.in_sight = slice(0, len(self.points))
         if isinstance(position, wp.array):
-            wp.launch(lift(position.dtype), len(position), [position], [self._x], device=self.device)
+            for k, axis in enumerate(AXES[wp.types.type_size(position.dtype)]):
+                array_cast(_coordinate(position, k), _coordinate(self._x, axis))
         else:
             self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
@@ -287,7 +277,7 @@ class Drawing:
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for paint, one in self._painted:
-            paint.apply(self._x, self._shares, one.colours)
+            paint(self._x, self._shares, one.colours)
 
     @in_turn
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
@@ -299,19 +289,27 @@ class Drawing:
             one.follow(self._x, time)
 
 
-def _walls(scene: Scene) -> list[tuple[Collider, Mesh]]:
-    """Return the planes beside the ground that the camera and the key light see."""
-    right, _, back = axes_of(scene.look)
-    return walls(scene, [back, towards_key(right, -back)])
+def _coordinate(vectors: Any, k: int) -> wp.array:
+    """Return one coordinate of an array of vectors, in the same memory."""
+    scalar = vectors.dtype._wp_scalar_type_
+    start = vectors.ptr + k * wp.types.type_size_in_bytes(scalar)
+    return wp.array(ptr=start, dtype=scalar, shape=vectors.shape, strides=vectors.strides, device=vectors.device)
 
 
-def _broken_at(system: System, connections: NDArray) -> NDArray[np.float64] | None:
-    """Return when some connections broke [s], shape [any]; None where none can."""
-    return np.array(system.broken_at[connections]) if system.tears else None
+def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
+    """Return one image of several, on top of each other, and (c, s) of each: its uv is at c + s uv in the whole.
 
-
-def _unit(look: Look, rest_length: NDArray) -> float:
-    """Return that of which TUBE and BALL are shares [m]."""
-    if look.tube is not None:
-        return look.tube / TUBE
-    return float(np.median(rest_length)) if len(rest_length) else 0.0
+    Each is framed by its own outermost pixels, so that its edges, where half a pixel beyond them is looked at, are
+    the same as without the others.
+    """
+    framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
+    width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)
+    whole = np.zeros((height, width, 3), dtype=np.uint8)
+    places, row = [], 0
+    for image in framed:
+        rows, columns, _ = image.shape
+        whole[row : row + rows, :columns] = image
+        corner = np.array([1 / width, 1 - (row + rows - 1) / height])
+        places.append((corner, np.array([(columns - 2) / width, (rows - 2) / height])))
+        row += rows
+    return whole, places

@@ -1,10 +1,8 @@
-"""Dressing: which look each part of a body has, and which connections are drawn although there is a surface.
+"""Dressing: which look each part of a body has, and which springs are drawn although there is a surface.
 
 Looks are numbered: 0 is the scene's, and those of groups follow in their order. Where several meet the later one
 counts.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +32,9 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
     if chosen.all():
         return surface
     needed = np.unique(surface.triangles[chosen])
-    if surface.normal_of is not None:
-        needed = np.union1d(needed, surface.normal_of[needed])
+    normal_of = surface.normal_of
+    if normal_of is not None:
+        needed = np.union1d(needed, normal_of[needed])
     number = np.zeros(len(surface.particle), dtype=np.int32)
     number[needed] = np.arange(len(needed))
     return Surface(
@@ -43,28 +42,19 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
         weights=None if surface.weights is None else surface.weights[needed],
         uv=surface.uv[needed],
         triangles=number[surface.triangles[chosen]],
-        normal_of=None if surface.normal_of is None else number[surface.normal_of[needed]],
+        normal_of=None if normal_of is None else number[normal_of[needed]],
     )
 
 
-class Torn(NamedTuple):
-    """The triangles of a system that tears."""
-
-    parted_at: NDArray[np.float64]
-    """When each triangle of its surface goes [s], shape [triangle_count]."""
-    bare: Bare
-    """What its solids show of their inside."""
-
-
-def torn(system: System) -> Torn | None:
-    """Return how the surface of a system tears; None where it does not, or is carried by a body inside it.
+def torn(system: System) -> Bare | None:
+    """Return what is seen of a system that tears; None where it does not, or a body inside carries its surface.
 
     A solid is drawn as the cells that hang together; a sheet, as triangles that do.
     """
     if not system.tears or system.surface is None or system.surface.weights is not None:
         return None
     bare, parted_at = laid_bare(system), Edges(system).parted_at(system.broken_at)
-    return Torn(np.where(np.isnan(bare.parted_at), parted_at, bare.parted_at), bare)
+    return bare._replace(parted_at=np.where(np.isnan(bare.parted_at), parted_at, bare.parted_at))
 
 
 def inside_of(triangles: NDArray[np.int32]) -> Surface:
@@ -74,11 +64,11 @@ def inside_of(triangles: NDArray[np.int32]) -> Surface:
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return which connections lie inside no body that has a surface, shape [connection_count].
+    """Return which springs lie inside no body that has a surface, shape [connection_count].
 
-    These are the connections of bodies without a triangle, such as ropes, and those between bodies. A body is what
+    These are the springs of bodies without a triangle, such as ropes, and those between bodies. A body is what
     the lattice directions of one entry of `System.directions` join; particles that are in none are one body with
-    those that their connections lead to. So what ties a rope to a ball, in no direction of either, is in neither.
+    those that their springs lead to. So what ties a rope to a ball, in no direction of either, is in neither.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
@@ -109,7 +99,7 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 
 
 def outermost_connections(system: System) -> NDArray[np.bool_]:
-    """Return which connections lie on the outside of a body, shape [connection_count].
+    """Return which springs lie on the outside of a body, shape [connection_count].
 
     They are between particles at its surface. Where a lattice inside carries the surface, and where there is
     none, these are the particles that have fewer neighbours than others.

@@ -1,12 +1,14 @@
 """Films and frames on disk."""
 
 import importlib.util
+import itertools
 import math
 import os
 import struct
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from queue import Full, Queue
 from typing import Any
@@ -27,10 +29,11 @@ MOST_WRITERS, WAITING = 8, 3
 """Threads that write frames, at most, and pictures that wait for the film: so much memory and no more."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
+Picture = NDArray[np.uint8]
 
 
 def check_formats(frames: str, video: str) -> None:
-    """Raise ValueError unless both formats are known, and mp4 can be written if it is asked for."""
+    """Raise ValueError unless both formats are known, and mp4 can be written if it is requested."""
     checks.one_of("frames", frames, FRAME_FORMATS)
     checks.one_of("video", video, FILM_FORMATS)
     if video == "mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
@@ -38,7 +41,7 @@ def check_formats(frames: str, video: str) -> None:
 
 
 def write_film(
-    images: Iterable[NDArray[np.uint8]],
+    images: Iterable[Picture],
     count: int,
     folder: Path,
     *,
@@ -47,117 +50,73 @@ def write_film(
     frames: str = "png",
     video: str = "webp",
 ) -> Path | None:
-    """Write pictures as they come: `frame_0000.png` and so on, and a film.
+    """Write pictures as they come, `frame_0000.png` and so on, and a film; return that, if one is requested.
 
-    Parameters
-    ----------
-    images
-        Pictures, uint8 of shape [height, width, 3], all of one size; never more than a few are kept.
-    count
-        How many there are.
-    folder
-        Where to, an existing folder.
-    name
-        Name of the film, without its ending.
-    fps
-        Pictures per second of the film.
-    frames, video
-        Formats, see FRAME_FORMATS and FILM_FORMATS.
-
-    Returns
-    -------
-    Path | None
-        The film, if one was asked for. It has its name only once it is whole.
+    There are `count` pictures, uint8 of shape [height, width, 3], all of one size; never more than a few are kept.
+    The film has its name only once it is whole. Formats: FRAME_FORMATS and FILM_FORMATS.
     """
     check_formats(frames, video)
-    if video == "none":
-        with _FrameWriter(folder, frames) as keep:
-            for image in images:
-                keep(image)
-        return None
-    path = folder / f"{name}.{video}"
-    with (
-        replacing(path) as unfinished,
-        _FrameWriter(folder, frames) as keep,
-        _InThread(lambda passed_on: _write_film(passed_on, count, unfinished, video, fps)) as film,
-    ):
-        for image in images:
-            keep(image)
-            film(image)
-    return path
+    with closing(_written(images, folder if frames == "png" else None)) as pictures:
+        if video == "none":
+            deque(pictures, maxlen=0)
+            return None
+        path = folder / f"{name}.{video}"
+        with replacing(path) as unfinished:
+            _in_thread(pictures, lambda passed_on: _write_film(passed_on, count, unfinished, video, fps))
+        return path
 
 
-class _FrameWriter:
-    """Writes pictures as PNG in threads, as many at a time as there are processors."""
-
-    def __init__(self, folder: Path, frames: str) -> None:
-        self._folder, self._frames, self._count = folder, frames, 0
-        self._workers = max(1, min(MOST_WRITERS, processors()))
-        self._pending: deque[Future[int]] = deque()
-
-    def __enter__(self) -> Callable[[NDArray[np.uint8]], None]:
-        self._pool = ThreadPoolExecutor(self._workers)
-        return self._keep
-
-    def _keep(self, image: NDArray[np.uint8]) -> None:
-        if self._frames == "none":
-            return
-        while len(self._pending) > self._workers:
-            self._pending.popleft().result()
-        path = self._folder / f"frame_{self._count:04d}.png"
-        self._count += 1
-        self._pending.append(self._pool.submit(lambda: path.write_bytes(png(image))))
-
-    def __exit__(self, kind: Any, error: Any, traceback: Any) -> None:
-        self._pool.shutdown()  # what was drawn is kept, also where drawing fails
-        if kind is None:
-            for each in self._pending:
-                each.result()
+def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Picture]:
+    """Pass pictures on, and write them as PNG in threads, as many at a time as there are processors."""
+    workers = max(1, min(MOST_WRITERS, processors()))
+    pending: deque[Future[None]] = deque()
+    with ThreadPoolExecutor(workers) as pool:  # which ends what was drawn, also where drawing fails
+        for k, image in enumerate(images):
+            if folder is not None:
+                while len(pending) > workers:
+                    pending.popleft().result()
+                pending.append(pool.submit(_write_png, folder / f"frame_{k:04d}.png", image))
+            yield image
+        for each in pending:
+            each.result()
 
 
-class _InThread:
-    """Has a thread take pictures one after another while the next are made; a few wait at most.
+def _write_png(path: Path, image: Picture) -> None:
+    path.write_bytes(png(image))
 
-    What goes wrong in the thread is raised when the next picture is handed over, or at the end.
+
+def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], None]) -> None:
+    """Have a thread take pictures one after another while the next are made; a few wait at most.
+
+    What goes wrong in the thread is raised when the next picture is there, or at the end.
     """
+    waiting: Queue[Picture | None] = Queue(WAITING)
 
-    def __init__(self, take: Callable[[Iterator[NDArray[np.uint8]]], None]) -> None:
-        self._take, self._ended = take, False
-        self._waiting: Queue[NDArray[np.uint8] | None] = Queue(WAITING)
-
-    def __enter__(self) -> Callable[[NDArray[np.uint8]], None]:
-        self._pool = ThreadPoolExecutor(1)
-        self._done = self._pool.submit(self._run)
-        return self._hand_over
-
-    def _run(self) -> None:
-        try:
-            self._take(self._pictures())
-        finally:
-            self._ended = True
-
-    def _pictures(self) -> Iterator[NDArray[np.uint8]]:
-        while (image := self._waiting.get()) is not None:
+    def pictures() -> Iterator[Picture]:
+        while (image := waiting.get()) is not None:
             yield image
 
-    def _hand_over(self, image: NDArray[np.uint8] | None) -> None:
-        while not self._ended:
-            try:
-                self._waiting.put(image, timeout=0.1)
-            except Full:
-                continue
-            return
-        if image is not None:
-            self._done.result()
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(take, pictures())
 
-    def __exit__(self, kind: Any, error: Any, traceback: Any) -> None:
-        self._hand_over(None)  # the end, also of a film that was broken off
-        self._pool.shutdown()
-        if kind is None:
-            self._done.result()
+        def hand_over(image: Picture | None) -> None:
+            while not done.done():
+                try:
+                    return waiting.put(image, timeout=0.1)
+                except Full:
+                    pass
+
+        try:
+            for image in images:
+                hand_over(image)
+                if done.done():
+                    break
+        finally:
+            hand_over(None)  # the end, also of a film that was broken off
+        done.result()
 
 
-def png(image: NDArray[np.uint8]) -> bytes:
+def png(image: Picture) -> bytes:
     """Return a picture, uint8 of shape [height, width, 3], as a PNG file (ISO/IEC 15948).
 
     Every row is stored as its differences from the one above. Intel's ISA-L compresses them in a quarter of zlib's
@@ -188,7 +147,7 @@ class _Reel(Image.Image):
     As `append_images` they would all be in memory at once: Pillow makes a list of those for WebP.
     """
 
-    def __init__(self, images: Iterator[NDArray[np.uint8]], count: int) -> None:
+    def __init__(self, images: Iterator[Picture], count: int) -> None:
         super().__init__()
         self.n_frames = count
         self._images, self._at = images, -1
@@ -210,7 +169,7 @@ class _Reel(Image.Image):
         return self._at
 
 
-def _write_film(images: Iterator[NDArray[np.uint8]], count: int, path: Path, video: str, fps: float) -> None:
+def _write_film(images: Iterator[Picture], count: int, path: Path, video: str, fps: float) -> None:
     if video == "mp4":
         import imageio.v2 as imageio  # pyright: ignore[reportMissingImports]
 
@@ -219,14 +178,11 @@ def _write_film(images: Iterator[NDArray[np.uint8]], count: int, path: Path, vid
             for image in images:
                 film.append_data(image)
         return
-    every = 1
-    if video == "gif":  # counts whole hundredths of a second, and viewers slow down anything below 2
-        every = math.ceil(fps * 0.02)
-        images = (image for k, image in enumerate(images) if k % every == 0)
-    reel = _Reel(images, math.ceil(count / every))
+    # GIF counts whole hundredths of a second, and viewers slow down anything below 2.
+    every = math.ceil(fps * 0.02) if video == "gif" else 1
+    reel = _Reel(itertools.islice(images, 0, None, every), math.ceil(count / every))
     # Method 2: half the time of the default method at 6 % more bytes. Key frames are compressed twice, and Pillow
     # would write them at every fifth picture at least. Without any, specks stay where something has passed.
     options: dict[str, Any] = {"quality": 75, "method": 2, "kmin": 29, "kmax": 30} if video == "webp" else {}
     reel.save(path, save_all=True, duration=1000 * every / fps, loop=0, **options)
-    for _ in images:  # those behind the last one shown
-        pass
+    deque(images, maxlen=0)  # those behind the last one shown

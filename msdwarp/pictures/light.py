@@ -14,14 +14,16 @@ SHADOW + (1 - SHADOW) s of its colour.
 import numpy as np
 from numpy.typing import NDArray
 
+KEY_FROM, FILL_FROM = (-0.75, -0.35, 1.1), (0.9, -0.4, 0.1)
+"""Where the key light is, over the camera's left shoulder, and the fill light: to the right, forwards, upwards."""
 AMBIENT, KEY, HEAD, FILL = 0.42, 0.44, 0.32, 0.15
-"""Light from all around, the key light from the upper left behind the camera, a weaker one at the camera, and one
-that fills what is turned away from the key light, from the right; only the key light casts shadows."""
+"""Light from all around, the key light, a weaker one at the camera, and one that fills what is turned away from
+the key light; only the key light casts shadows."""
 BOUNCE = 0.18
 """Light from below, as a bright floor sends it up: without it faces that look down are dark. A face sees the share
 (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""The light from all around, and the share left of the two lights, where colours tell values: even light, and none
+"""The light from all around, and the share left of the two lights, where colours show values: even light, and none
 from below, so that they look on all sides as they do in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow over that in light."""
@@ -39,21 +41,13 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 """The golden angle [rad]."""
 
 
-def towards_key(right: NDArray, forward: NDArray) -> NDArray[np.float64]:
-    """Return the direction towards the key light, of unit length: over the left shoulder of a camera.
+def towards(light: tuple[float, float, float], right: NDArray, forward: NDArray) -> NDArray[np.float64]:
+    """Return the direction towards a light, such as KEY_FROM, of unit length.
 
-    `right` and `forward` are unit vectors of its view, shape [3].
+    `right` and `forward` are unit vectors of the camera's view, shape [3].
     """
-    direction = -0.75 * right - 0.35 * forward * (1, 1, 0) + np.array([0, 0, 1.1])
-    return direction / np.linalg.norm(direction)
-
-
-def towards_fill(right: NDArray, forward: NDArray) -> NDArray[np.float64]:
-    """Return the direction towards the fill light, of unit length: from the right, and a little from behind.
-
-    `right` and `forward` are unit vectors of its view, shape [3].
-    """
-    direction = 0.9 * right - 0.4 * forward * (1, 1, 0) + np.array([0, 0, 0.1])
+    aside, ahead, up = light
+    direction = aside * right + ahead * forward * (1, 1, 0) + np.array([0, 0, up])
     return direction / np.linalg.norm(direction)
 
 
@@ -62,10 +56,11 @@ def spread(count: int) -> NDArray[np.float64]:
 
     Any some of them that follow each other are spread over the disc too: a spiral by the golden angle (H. Vogel,
     "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order
-    of the van der Corput sequence.
+    of the van der Corput sequence 0, 1/2, 1/4, 3/4, 1/8 ...
     """
     angle = GOLDEN * np.arange(count)
-    radius = np.sqrt(_van_der_corput(count) + 0.5 / count)
+    in_order = np.array([int(f"{k:032b}"[::-1], 2) / 2**32 for k in range(count)])
+    radius = np.sqrt(in_order + 0.5 / count)
     return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
@@ -75,13 +70,3 @@ def across(direction: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]
     first = np.cross(aside, direction)
     first /= np.linalg.norm(first)
     return first, np.cross(direction, first)
-
-
-def _van_der_corput(count: int) -> NDArray[np.float64]:
-    """Return the first numbers of the van der Corput sequence, shape [count]: 0, 1/2, 1/4, 3/4, 1/8 ..."""
-    number, result = np.arange(count), np.zeros(count)
-    share = 0.5
-    while number.any():
-        result += share * (number % 2)
-        number, share = number // 2, share / 2
-    return result

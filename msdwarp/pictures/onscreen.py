@@ -1,5 +1,6 @@
-"""OnScreen: a drawing in a window, through PyVista, which acts on no key and no mouse by itself."""
+"""A drawing in a window, through PyVista, which acts on no key and no mouse by itself."""
 
+import math
 import os
 import sys
 import warnings
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
-from .actors import Actors, ShadedGround, add_lights, ground_square, ground_texture
+from .actors import Actors, add_lights, ground_actor
 from .drawing import Drawing
 from .opengl_window import no_display
-from .orbit import Orbit
-from .stage import VIEW_ANGLE, Camera, Stage
+from .stage import VIEW_ANGLE, Camera, Stage, view_axes
 
 GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
 """Layers, each drawn over those before it; PyVista has two of its own at 1 and 2, which are empty."""
@@ -39,32 +39,16 @@ EVENTS = {
     "MouseWheelBackwardEvent": "wheel out",
 }
 """What VTK says happened, and what it is called here."""
+STEEPEST = math.radians(89.0)
+"""How far above or below the horizon the camera may be, short of where up is no direction."""
 
 
 class OnScreen:
-    """A window in which a drawing is seen from a camera that can be moved.
+    """A window in which a drawing is seen from a camera that can be moved, `orbit`.
 
-    Parameters
-    ----------
-    title
-        What stands over the window.
-    size
-        Its width and height at first, in pixels.
-    happened
-        Called as something happens: one of the values of `EVENTS`, with x and y in pixels from the lower left, the
-        name of the key as X has it, and whether shift is held.
-
-    Attributes
-    ----------
-    orbit
-        The camera.
-    is_open
-        Whether nobody has closed the window.
-
-    Raises
-    ------
-    RuntimeError
-        If there is no display to open a window on.
+    `size` are its width and height at first, in pixels. `happened` is called with each event: one of the values of
+    `EVENTS`, x and y in pixels from the lower left, the name of the key as X has it, and whether shift is held.
+    `is_open` until somebody closes the window. Where there is no display, RuntimeError is raised.
     """
 
     def __init__(
@@ -87,7 +71,6 @@ class OnScreen:
         self.orbit = Orbit(Camera(*np.array([[0, -1, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1.0]])))
         self.is_open = True
         self._actors: Actors | None = None
-        self._shaded: ShadedGround | None = None
         self._panels: dict[str, Any] = {}
         self._stacked: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
@@ -112,20 +95,19 @@ class OnScreen:
         return ground, shadows, panels
 
     def _listen(self) -> None:
-        """Have what happens be told here, and by nothing that VTK or PyVista would do about it."""
+        """Report events here, and have neither VTK nor PyVista act on them."""
         listener: Any = self._plotter.iren
         listener.remove_observers()
         self._interactor = listener.interactor
         self._interactor.SetInteractorStyle(None)
-        self._tags = [self._interactor.AddObserver(event, self._heard) for event in EVENTS]
-        self._tags.append(self._interactor.AddObserver("ExitEvent", self._exits))
+        self._tags = [self._interactor.AddObserver(event, self._heard) for event in (*EVENTS, "ExitEvent")]
 
     def _heard(self, interactor: Any, event: str) -> None:
+        if event == "ExitEvent":
+            self.is_open = False
+            return
         x, y = interactor.GetEventPosition()
         self._happened(EVENTS[event], x, y, interactor.GetKeySym() or "", bool(interactor.GetShiftKey()))
-
-    def _exits(self, interactor: Any, event: str) -> None:
-        self.is_open = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -138,7 +120,7 @@ class OnScreen:
         self._plotter.render_window.SetWindowName(title)
 
     def poll(self) -> bool:
-        """Have what happened be told; return whether the window is still open."""
+        """Report what has happened; return whether the window is still open."""
         if self.is_open:
             self._interactor.ProcessEvents()
         return self.is_open
@@ -151,42 +133,26 @@ class OnScreen:
         if self._actors is not None:
             self._actors.remove()
         if not keep_camera or self._actors is None:
+            self._stage, self._ground, back = stage, None, self._stacked[0]
             plotter.renderer.remove_all_lights()
             add_lights(pv, plotter, stage.camera)
-            self._stacked[1].remove_all_lights()
-            for light in plotter.renderer.lights:
-                self._stacked[1].add_light(light)
-            self._stand(stage)
-        self._actors = Actors(pv, plotter, drawing, self._stage.ground, self._stage.camera.light)
-        shadows = self._stacked[1]
+            back.RemoveAllViewProps()
+            back.SetBackground(*checks.colour("background", stage.look.background))
+            if stage.ground is not None:
+                self._ground = ground_actor(pv, stage.ground)
+                self._ground.prop.culling = "back"  # from below it hides nothing
+                back.AddActor(self._ground)
+        now, shadows = self._stage, self._stacked[1]
+        self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera.light)
         shadows.RemoveAllViewProps()
-        self._shaded = None
-        if self._stage.ground is not None:
-            self._shaded = ShadedGround(pv, self._stage.ground, self._texture, self._actors)
-            shadows.AddActor(self._shaded.actor)
-
-    def _stand(self, stage: Stage) -> None:
-        """Have the ground and the background be those of a stage."""
-        pv, back = self._pv, self._stacked[0]
-        self._stage, self._texture = stage, None
-        back.RemoveAllViewProps()
-        back.SetBackground(*checks.colour("background", stage.look.background))
-        if stage.ground is None:
-            return
-        self._texture = ground_texture(pv, stage.ground)
-        square = pv.Actor(mapper=pv.DataSetMapper(ground_square(pv, stage.ground)))
-        square.prop.color, square.prop.lighting = "white", False
-        square.prop.culling = "back"  # from below it hides nothing
-        square.texture = self._texture
-        back.AddActor(square)
+        if now.ground is not None:
+            shadows.AddActor(self._actors.on_ground)
 
     def draw(self) -> None:
         """Draw all as it is now."""
         if self._actors is None or not self.is_open:
             return
-        points = self._actors.follow()
-        if self._shaded is not None:
-            self._shaded.follow(points)
+        self._actors.follow()
         self.redraw()
 
     def redraw(self) -> None:
@@ -208,63 +174,41 @@ class OnScreen:
     def panel(self, name: str, image: Image.Image | None, x: float = 0.0, y: float = 0.0) -> None:
         """Lay an image over the drawing, in place of the one of the same name; None takes it away.
 
-        Parameters
-        ----------
-        name
-            Which it is.
-        image
-            Red, green, blue and alpha.
-        x, y
-            Where its lower left corner is, in pixels from that of the window.
+        It has red, green, blue and alpha; its lower left corner is at (x, y), in pixels from that of the window.
         """
-        self._replace(name, None)
-        if image is None:
-            return
-        pv = self._pv
-        corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-        points = np.zeros((4, 3), np.float32)
-        points[:, :2] = np.round([x, y]) + corners * image.size
-        square = pv.PolyData.from_regular_faces(points, [[0, 1, 2, 3]])
-        square.active_texture_coordinates = corners
-        actor = pv.Actor(mapper=pv.DataSetMapper(square))
-        actor.texture, actor.prop.color = pv.Texture(np.asarray(image)), "white"
-        self._replace(name, actor)
+        self._remove(name)
+        if image is not None:
+            corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
+            square, actor = self._lay(name, np.round([x, y]) + corners * image.size, 4)
+            square.active_texture_coordinates = corners
+            actor.texture, actor.prop.color = self._pv.Texture(np.asarray(image)), "white"
+            actor.ForceTranslucentOn()
 
     def shape(self, name: str, points: NDArray | None, colour: tuple[float, float, float] = (0, 0, 0)) -> None:
         """Lay triangles over the drawing, in place of those of the same name; None takes them away.
 
-        Parameters
-        ----------
-        name
-            Which they are.
-        points
-            Their corners in pixels from the lower left of the window, shape [any, 3, 2].
-        colour
-            Red, green and blue in 0 … 1.
+        Their corners are in pixels from the lower left of the window, shape [any, 3, 2].
         """
-        self._replace(name, None)
-        if points is None:
-            return
-        pv = self._pv
-        flat = np.zeros((points.size // 2, 3), np.float32)
-        flat[:, :2] = points.reshape(-1, 2)
-        mesh = pv.PolyData.from_regular_faces(flat, np.arange(len(flat)).reshape(-1, 3))
-        actor = pv.Actor(mapper=pv.DataSetMapper(mesh))
-        actor.prop.color = colour
-        self._replace(name, actor)
+        self._remove(name)
+        if points is not None:
+            _, actor = self._lay(name, points.reshape(-1, 2), 3)
+            actor.prop.color = colour
 
-    def _replace(self, name: str, actor: Any) -> None:
-        """Have an actor stand before the drawing, in place of the one of the same name."""
-        front = self._stacked[2]
+    def _lay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
+        """Add faces of so many points each before the drawing, shape [any, 2]; return the mesh and its actor."""
+        flat = np.zeros((len(points), 3), np.float32)
+        flat[:, :2] = points
+        mesh = self._pv.PolyData.from_regular_faces(flat, np.arange(len(flat)).reshape(-1, corners))
+        actor = self._panels[name] = self._pv.Actor(mapper=self._pv.DataSetMapper(mesh))
+        actor.prop.lighting = False
+        self._stacked[2].AddActor(actor)
+        return mesh, actor
+
+    def _remove(self, name: str) -> None:
+        """Take away what lies before the drawing by this name, if anything does."""
         if (before := self._panels.pop(name, None)) is not None:
-            front.RemoveActor(before)
+            self._stacked[2].RemoveActor(before)
             before.ReleaseGraphicsResources(self._plotter.render_window)
-        if actor is not None:
-            actor.prop.lighting = False
-            if actor.texture is not None:
-                actor.ForceTranslucentOn()
-            front.AddActor(actor)
-            self._panels[name] = actor
 
     def image(self) -> NDArray[np.uint8]:
         """Return what the window shows, shape [height, width, 3]."""
@@ -284,9 +228,66 @@ class OnScreen:
             window.RemoveRenderer(renderer)
             renderer.deep_clean()
         self._stacked = ()
-        self._actors = self._shaded = None
+        self._actors = self._ground = None
         self._plotter.close()
         self._plotter.deep_clean()
+
+
+class Orbit:
+    """A camera that a mouse moves around what it looks at; z stays up. It begins as another camera.
+
+    All shares are of the window's height.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        away = camera.eye - camera.target
+        self.target, self.distance = np.array(camera.target), float(np.linalg.norm(away))
+        self.azimuth = math.atan2(away[1], away[0]) if away[:2].any() else math.atan2(camera.up[1], camera.up[0])
+        self.elevation = math.asin(away[2] / self.distance)
+        self._start = self.distance
+        self.turn(0.0, 0.0)
+
+    @property
+    def camera(self) -> Camera:
+        """Where it is now."""
+        right, up, back = view_axes(self.azimuth, self.elevation)
+        return Camera(self.target + self.distance * back, self.target, -back, right, up)
+
+    @property
+    def eye(self) -> NDArray:
+        """Where the camera is [m], shape [3]."""
+        return self.camera.eye
+
+    def turn(self, right: float, up: float) -> None:
+        """Move around the target as a mouse that moves by these shares turns it: the height is half a turn."""
+        self.azimuth -= math.pi * right
+        self.elevation = min(max(self.elevation - math.pi * up, -STEEPEST), STEEPEST)
+
+    def shift(self, right: float, up: float) -> None:
+        """Move the target so that what it was follows the mouse, by these shares."""
+        unit, camera = 2.0 * self.distance * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
+        self.target = self.target - unit * (right * camera.right + up * camera.up)
+
+    def zoom(self, by: float) -> None:
+        """Come so many times nearer to the target."""
+        self.distance = min(max(self.distance / by, 1e-3 * self._start), 20.0 * self._start)
+
+    def ray(self, right: float, up: float) -> tuple[NDArray, NDArray, NDArray]:
+        """Return the ray through a point, by shares from the middle: origin [m], direction, direction of view."""
+        unit, camera = 2.0 * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
+        way = camera.forward + unit * (right * camera.right + up * camera.up)
+        return camera.eye, way / np.linalg.norm(way), camera.forward
+
+    def pixels(self, points: NDArray, height: int, width: int) -> NDArray[np.float64] | None:
+        """Return where points [m], shape [any, 3], are in the window: pixels from its lower left, shape [any, 2].
+
+        None where one of them is behind the camera.
+        """
+        camera = self.camera
+        if ((points - camera.eye) @ camera.forward).min() <= 0:
+            return None
+        row, column = camera.pixels(points, height, width)
+        return np.stack([column, height - row], axis=-1)
 
 
 @contextmanager

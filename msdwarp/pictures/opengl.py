@@ -9,8 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..kernels.pictures import halve_over
-from .actors import Actors, ShadedGround, add_lights, ground_square, ground_texture
+from ..kernels.pictures import drawing
+from .actors import Actors, add_lights, ground_actor, mesh_actor
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .stage import VIEW_ANGLE, Stage
@@ -31,35 +31,38 @@ class OpenGL:
             warnings.simplefilter("ignore")  # of VTK's and PyVista's own making, at import
             import pyvista as pv
 
-        self.drawing, self.ground, self.camera = drawing, stage.ground, stage.camera
+        self._camera = stage.camera
         shape = (stage.height, stage.width)
         height, width = (2 * n for n in shape)
         self._plotter = self._new_plotter(pv, (width, height))
         # What OpenGL draws is read back into memory that Warp sees too.
         self._read = pv.convert_array(np.zeros((width * height, 4), np.uint8))
         fine = pv.convert_array(self._read).reshape(height, width, 4)
-        self._fine = wp.array(fine.view(np.uint32)[..., 0], dtype=wp.uint32, device="cpu", copy=False)
-        red, green, blue = (round(255 * c) for c in checks.colour("background", stage.look.background))
-        self._backdrop = wp.full(shape, red + (green << 8) + (blue << 16), dtype=wp.uint32, device="cpu")
-        self._pixels = wp.zeros(shape, dtype=wp.uint32, device="cpu")
+        self._fine = wp.array(fine, dtype=wp.vec4ub, device="cpu", copy=False)
+        sky = [round(255 * c) for c in checks.colour("background", stage.look.background)]
+        self._backdrop = wp.array(np.full((*shape, 4), [*sky, 255], np.uint8), dtype=wp.vec4ub, device="cpu")
+        self._pixels = wp.zeros(shape, dtype=wp.vec4ub, device="cpu")
         weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
-        self._behind = self._layer(BEHIND)
-        self._ground: ShadedGround | None = None
-        texture = None
-        if self.ground is not None:
-            texture = ground_texture(pv, self.ground)
-            bare = self._plotter.add_mesh(ground_square(pv, self.ground), texture=texture, lighting=False)
+        ground = None
+        if stage.ground is not None:
+            ground = ground_actor(pv, stage.ground)
+            self._plotter.add_actor(ground)
             self._picture((0, 0, *shape))
             wp.copy(self._backdrop, self._pixels)
-            self._plotter.remove_actor(bare, render=False)
-        self._actors = Actors(pv, self._plotter, drawing, self.ground, self.camera.light)
-        if self.ground is not None:
-            self._ground = ShadedGround(pv, self.ground, texture, self._actors)
-            self._behind.AddActor(self._ground.actor)
+            self._plotter.remove_actor(ground, render=False)
+        self._actors = Actors(pv, self._plotter, drawing, stage.ground, ground, self._camera.light)
+        behind = self._layer(BEHIND)  # the first layer: VTK clears the window with it
+        if ground is not None:
+            behind.AddActor(self._actors.on_ground)
         self._arrows = arrows
         if arrows is not None:
-            self._front, self._arrow_mesh = self._add_in_front(pv, arrows)
+            what = arrows.triangles, arrows.points.numpy(), arrows.normals.numpy()
+            self._arrow_mesh, actor = mesh_actor(pv, *what)
+            actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
+            # VTK lights them, which knows no light from below: half of it is what an upright face has.
+            actor.prop.ambient, actor.prop.diffuse = drawing.ambient + 0.5 * drawing.bounce, drawing.diffuse
+            self._layer(FRONT).AddActor(actor)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
@@ -73,26 +76,10 @@ class OpenGL:
         plotter.disable_anti_aliasing()
         plotter.set_background("black")
         plotter.renderer.SetBackgroundAlpha(0.0)
-        add_lights(pv, plotter, self.camera)
-        plotter.camera.position, plotter.camera.focal_point = self.camera.eye, self.camera.target
-        plotter.camera.up, plotter.camera.view_angle = self.camera.up, VIEW_ANGLE
+        add_lights(pv, plotter, self._camera)
+        plotter.camera.position, plotter.camera.focal_point = self._camera.eye, self._camera.target
+        plotter.camera.up, plotter.camera.view_angle = self._camera.up, VIEW_ANGLE
         return plotter
-
-    def _add_in_front(self, pv: Any, arrows: Arrows) -> tuple[Any, Any]:
-        """Add arrows in a layer in front of all else; return its renderer, and their mesh."""
-        mesh = pv.PolyData.from_regular_faces(np.zeros((len(arrows.points), 3), np.float32), arrows.triangles)
-        mesh.points = arrows.points.numpy()  # Warp's memory, as that of bodies
-        mesh.point_data["Normals"] = arrows.normals.numpy()
-        mesh.GetPointData().SetActiveNormals("Normals")
-        actor = pv.Actor(mapper=pv.DataSetMapper(mesh))
-        actor.mapper.scalar_visibility = False
-        actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
-        # VTK lights them, which knows no light from below: half of it is what an upright face has.
-        actor.prop.ambient = self.drawing.ambient + 0.5 * self.drawing.bounce
-        actor.prop.diffuse = self.drawing.diffuse
-        front = self._layer(FRONT)
-        front.AddActor(actor)
-        return front, mesh
 
     def _layer(self, layer: int) -> Any:
         """Return a renderer of one layer, with the same camera and lights; it hides nothing by being nearer."""
@@ -109,18 +96,12 @@ class OpenGL:
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
-        seen = self.drawing.in_sight
-        drawn = [self._actors.follow(shadows=shadows, seen=seen)[seen]]
-        if self._ground is not None:
-            shadows = shadows and len(drawn[0]) > 0
-            self._ground.actor.SetVisibility(shadows)
-            if shadows:
-                drawn.append(self._ground.follow(drawn[0]))
+        drawn = self._actors.follow(shadows=shadows)
         if self._arrows is not None:
             self._arrow_mesh.GetPoints().Modified()
             self._arrow_mesh.GetPointData().GetNormals().Modified()
-            drawn.append(self._arrows.points.numpy())
-        return self._picture(self.camera.frame(np.concatenate(drawn), *self._pixels.shape))
+            drawn = np.concatenate([drawn, self._arrows.points.numpy()])
+        return self._picture(self._camera.frame(drawn, *self._pixels.shape))
 
     def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
         """Render, read back, and average the fine picture down over what does not move.
@@ -132,6 +113,5 @@ class OpenGL:
         plotter.render()
         plotter.render_window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, self._read)
         wp.copy(self._pixels, self._backdrop)
-        wp.launch(halve_over, part[2:], [self._fine, *part[:2]], [self._pixels], device="cpu")
-        rgbx = self._pixels.numpy().view(np.uint8).reshape(*self._pixels.shape, 4)
-        return np.ascontiguousarray(rgbx[..., :3])
+        wp.launch(drawing.halve_over, part[2:], [self._fine, *part[:2]], [self._pixels], device="cpu")
+        return self._pixels.numpy()[..., :3].astype(np.uint8)  # a copy

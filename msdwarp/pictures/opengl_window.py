@@ -4,7 +4,6 @@ import ctypes
 import functools
 import os
 import sys
-from typing import Any
 
 ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 
@@ -37,25 +36,18 @@ def _egl_works() -> bool:
         ctypes.CDLL("libGL.so.1")
     except OSError:
         return False
-    egl.eglGetProcAddress.restype = ctypes.c_void_p
-    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
-
-    def extension(name: bytes, result: Any, *arguments: Any) -> Any:
-        address = egl.eglGetProcAddress(name)
-        return ctypes.CFUNCTYPE(result, *arguments)(address) if address else None
-
     integer, pointer = ctypes.c_int, ctypes.c_void_p
-    query = extension(b"eglQueryDevicesEXT", integer, integer, pointer, pointer)
-    display_of = extension(b"eglGetPlatformDisplayEXT", pointer, integer, pointer, pointer)
-    if query is None or display_of is None:
+    egl.eglGetProcAddress.restype, egl.eglGetProcAddress.argtypes = pointer, [ctypes.c_char_p]
+    query, display_of = map(egl.eglGetProcAddress, (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT"))
+    if not query or not display_of:
         return False
     devices, found = (pointer * 16)(), integer(0)
-    if not query(16, devices, ctypes.byref(found)):
+    if not ctypes.CFUNCTYPE(integer, integer, pointer, pointer)(query)(16, devices, ctypes.byref(found)):
         return False
-    egl.eglInitialize.argtypes = [pointer, pointer, pointer]
-    egl.eglTerminate.argtypes = [pointer]
+    egl.eglInitialize.argtypes, egl.eglTerminate.argtypes = [pointer] * 3, [pointer]
     for device in devices[: found.value]:
-        display = display_of(0x313F, device, None)  # EGL_PLATFORM_DEVICE_EXT
+        # 0x313F is EGL_PLATFORM_DEVICE_EXT.
+        display = ctypes.CFUNCTYPE(pointer, integer, pointer, pointer)(display_of)(0x313F, device, None)
         if display and egl.eglInitialize(display, None, None):
             egl.eglTerminate(display)
             return True

@@ -1,8 +1,7 @@
 """The parts of a drawing, each a set of triangles that moves, and what gives some of them colours that move."""
 
-import functools
-import itertools
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -10,61 +9,53 @@ from numpy.typing import NDArray
 
 from ..bodies import Surface
 from ..kernels.pictures import drawing
+from ..shapes import icosphere
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
 
 NO_CONNECTIONS = np.zeros((0, 2), np.int32)
+Paint = Callable[[wp.array, wp.array, wp.array], None]
+"""Writes colours, the last, where the particles are at x and have such shares of the full value."""
 
 
 class Finish(NamedTuple):
-    """What a part looks like, as long as its colours tell nothing."""
+    """What a part looks like, as long as its colours show no values.
 
-    colour: NDArray[np.float64]
-    """Red, green and blue in 0 … 1, shape [3], or of each vertex, shape [vertex_count, 3]."""
-    texture: NDArray[np.uint8] | None = None
-    """The image in place of the colour, shape [height, width, 3]."""
-    gloss: float = 0.0
-    """Strength of highlights, 0 … 1."""
-
-
-class Part(Protocol):
-    """Some of the triangles of a drawing.
-
-    `uv` of shape [vertex_count, 2] are where its vertices are in its texture; `triangles` of shape
-    [triangle_count, 3] counts its own vertices from 0; `radius` is how far it reaches around the particles [m];
-    `moves` tells whether it is not always in the same place, `closed` whether its backs are hidden by its fronts.
+    `colour` is of shape [3], or [vertex_count, 3], in 0 … 1; the image `texture` replaces it.
     """
 
+    colour: NDArray[np.float64]
+    texture: NDArray[np.uint8] | None = None
+    gloss: float = 0.0
+
+
+class Part:
+    """Some of the triangles of a drawing."""
+
     uv: NDArray[np.float64]
-    finish: Finish
+    """Where its vertices are in its texture, shape [vertex_count, 2]."""
     triangles: NDArray[np.int32]
-    radius: float
-    moves: bool
-    closed: bool
+    """Shape [triangle_count, 3], of its own vertices."""
+    finish: Finish
+    radius = 0.0
+    """How far it reaches around the particles [m]."""
+    moves = True
+    """Whether it is not always in the same place."""
+    closed = True
+    """Whether its backs are hidden by its fronts."""
+    mixture: tuple[wp.array, wp.array]
+    """Of what follows the particles: those that each vertex mixes, and their shares, shape [vertex_count, k]."""
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
-        ...
 
 
-class BodyPart(Part, Protocol):
-    """Triangles that follow the particles."""
-
-    def mixture(self) -> tuple[NDArray, NDArray]:
-        """Return the particles whose values each vertex mixes, and its shares of them: [vertex_count, k] both."""
-        ...
-
-
-class SurfacePart:
+class SurfacePart(Part):
     """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
 
     A triangle is not drawn once it has parted: when is in `parted_at` [s], shape [triangle_count]; None where none
     can. One that tearing lays bare is drawn only `since` then [s], of the same shape.
     """
-
-    radius = 0.0
-
-    moves = True
 
     def __init__(
         self,
@@ -75,57 +66,37 @@ class SurfacePart:
         parted_at: NDArray | None = None,
         since: NDArray | None = None,
     ) -> None:
-        vertices, own = len(surface.particle), not smooth or parted_at is not None
-        self._parted_at = None if parted_at is None else wp.array(parted_at, dtype=float, device=device)
-        self._since = None if since is None else wp.array(since, dtype=float, device=device)
-        use = surface.triangles.ravel() if own else np.arange(vertices)
-        self.uv, self.finish = surface.uv[use], finish
-        self.triangles = surface.triangles
+        own = not smooth or parted_at is not None
+        self._times = _times(since, parted_at, device)
+        use = surface.triangles.ravel() if own else np.arange(len(surface.particle))
+        self.uv, self.finish, self.triangles = surface.uv[use], finish, surface.triangles
         self.closed = parted_at is None and is_closed(surface)
         normal_of = surface.normal_of
         if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
             normal_of = _normals_shared(use, normal_of) if smooth else None
-        self._particle = wp.array(surface.particle[use], dtype=int, device=device)
-        self._weights = None
-        if surface.weights is not None:
-            self._weights = wp.array(surface.weights[use], dtype=float, device=device)
+        if surface.weights is None:
+            self.mixture = _alone(surface.particle[use], device)
+        else:
+            weights = wp.array(surface.weights[use], dtype=float, device=device)
+            self.mixture = wp.array(surface.particle[use], dtype=int, device=device), weights
         self._triangles = wp.array(self.triangles, dtype=wp.vec3i, device=device)
-        self._normal_of = wp.array(
-            np.arange(len(use)) if normal_of is None else normal_of, dtype=int, device=device
-        )
+        normal_of = np.arange(len(use)) if normal_of is None else normal_of
+        self._normal_of = wp.array(normal_of, dtype=int, device=device)
         self._sums = wp.zeros(len(use), dtype=wp.vec3, device=device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Move the vertices with their particles, and find the normals anew."""
-        if self._weights is None:
-            _launch(drawing.place_vertices, len(points), [x, self._particle], [points])
-        else:
-            _launch(drawing.place_mixtures, len(points), [x, self._particle, self._weights], [points])
-        if self._parted_at is not None:
-            _launch(drawing.collapse, len(self._parted_at), [self._parted_at, time, 3], [points])
-        if self._since is not None:
-            _launch(drawing.collapse_until, len(self._since), [self._since, time, 3], [points])
+        _launch(drawing.place_vertices, len(points), [x, *self.mixture], [points])
+        _collapse(self._times, time, 3, points)
         self._sums.zero_()
-        _launch(
-            drawing.add_face_normals,
-            len(self._triangles),
-            [points, self._triangles, self._normal_of],
-            [self._sums],
-        )
+        inputs = [points, self._triangles, self._normal_of]
+        _launch(drawing.add_face_normals, len(self._triangles), inputs, [self._sums])
         _launch(drawing.take_normals, len(points), [self._sums, self._normal_of], [normals])
 
-    def mixture(self) -> tuple[NDArray, NDArray]:
-        """Return the particles and weights of the surface's vertices."""
-        if self._weights is None:
-            return _alone(self._particle.numpy())
-        return self._particle.numpy(), self._weights.numpy()
 
-
-class Tubes:
-    """A tube of some sides along each of some connections, shape [any, 2], while these are whole."""
-
-    moves = True
+class Tubes(Part):
+    """A tube of some sides along each of some springs, shape [any, 2], while these are whole."""
 
     def __init__(
         self,
@@ -147,28 +118,21 @@ class Tubes:
         self.radius = radius
         self.closed = sides == 3  # so thin that no end is seen from inside
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
-        self._broken_at = None if broken_at is None else wp.array(broken_at, dtype=float, device=device)
+        self.mixture = _alone(np.tile(connections, (1, sides)).ravel(), device)  # start and end in turn
+        self._times = _times(None, broken_at, device)
 
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Lay the tubes between their particles."""
         inputs = [x, self.connections, self.radius, self.corners // 2]
         _launch(drawing.place_tubes, len(self.connections), inputs, [points, normals])
-        if self._broken_at is not None:
-            _launch(drawing.collapse, len(self._broken_at), [self._broken_at, time, self.corners], [points])
-
-    def mixture(self) -> tuple[NDArray, NDArray]:
-        """Return the particle at the end where each vertex is: at the start and the end in turn."""
-        return _alone(np.tile(self.connections.numpy(), (1, self.corners // 2)).ravel())
+        _collapse(self._times, time, self.corners, points)
 
 
-class Balls:
+class Balls(Part):
     """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3].
 
-    Those that have the colours of connections have one each, `along`, shape [any, 2].
+    Those that have the colours of springs have one each, `along`, shape [any, 2].
     """
-
-    moves = True
-    closed = True
 
     def __init__(
         self,
@@ -180,15 +144,15 @@ class Balls:
         halvings: int = 1,
         along: NDArray = NO_CONNECTIONS,
     ) -> None:
-        directions, triangles = round_solid(halvings)
+        directions, triangles = icosphere(1.0, halvings)
         n, count = len(directions), len(particles)
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((n * count, 2)), finish
         if finish.colour.ndim > 1:
             self.finish = finish._replace(colour=np.repeat(finish.colour, n, axis=0))
-        self.radius = radius
-        self.corners = n
+        self.radius, self.corners = radius, n
         self.connections = wp.array(along, dtype=wp.vec2i, device=device)
+        self.mixture = _alone(np.repeat(particles, n), device)
         self._particles = wp.array(particles, dtype=int, device=device)
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
@@ -196,19 +160,12 @@ class Balls:
     def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
         """Put the balls where their particles are."""
         inputs = [x, self._particles, self._directions, self.radius]
-        _launch(drawing.place_balls, (len(self._particles), len(self._directions)), inputs, [points])
+        _launch(drawing.place_balls, (len(self._particles), self.corners), inputs, [points])
         wp.copy(normals, self._normals)
 
-    def mixture(self) -> tuple[NDArray, NDArray]:
-        """Return the particle in the middle of each vertex's ball."""
-        return _alone(np.repeat(self._particles.numpy(), len(self._directions)))
 
-
-class Obstacle:
+class Obstacle(Part):
     """A solid collider; one that `moves` follows its pose."""
-
-    radius = 0.0
-    closed = True
 
     def __init__(self, collider: Collider, mesh: Mesh, dim: int, finish: Finish, device: str) -> None:
         self.uv, self.finish, self.triangles = mesh.uv, finish, mesh.triangles
@@ -224,43 +181,26 @@ class Obstacle:
         _launch(drawing.place_rigid, len(points), [self._points, self._normals, *pose], [points, normals])
 
 
-class Paint(Protocol):
-    """What gives a part of the body its colours when they change."""
+def strain_paint(part: Tubes | Balls, rest_length: NDArray, full_strain: float, device: str) -> Paint:
+    """Return what colours tubes or balls by the strain of springs, from blue (shorter than at rest) to red."""
+    lengths = wp.array(rest_length, dtype=float, device=device)
+    stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
 
-    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
-        """Write colours, where the particles are at x and have values that are such shares of the full one."""
-        ...
+    def paint(x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        inputs = [x, part.connections, lengths, full_strain, part.corners, stops]
+        _launch(drawing.colour_by_strain, len(part.connections), inputs, [colours])
 
-
-class StrainPaint:
-    """Colours of tubes or balls by the strain of their connections, from blue (shorter than at rest) to red."""
-
-    def __init__(self, tubes: Tubes | Balls, rest_length: NDArray, full_strain: float, device: str) -> None:
-        self._tubes = tubes
-        self._rest_length = wp.array(rest_length, dtype=float, device=device)
-        self._full_strain = full_strain
-        self._stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
-
-    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
-        """Colour the tubes of connections between particles at x."""
-        connections = self._tubes.connections
-        inputs = [x, connections, self._rest_length, self._full_strain, self._tubes.corners, self._stops]
-        _launch(drawing.colour_by_strain, len(connections), inputs, [colours])
+    return paint
 
 
-class ValuePaint:
-    """Colours of a part of the body by values of its particles."""
+def value_paint(part: Part, device: str) -> Paint:
+    """Return what colours a part of the body by values of its particles."""
+    stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
 
-    def __init__(self, part: BodyPart, device: str) -> None:
-        particle, weights = part.mixture()
-        self._particle = wp.array(particle, dtype=int, device=device)
-        self._weights = wp.array(weights, dtype=float, device=device)
-        self._stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
+    def paint(x: wp.array, shares: wp.array, colours: wp.array) -> None:
+        _launch(drawing.colour_by_value, len(colours), [shares, *part.mixture, stops], [colours])
 
-    def apply(self, x: wp.array, shares: wp.array, colours: wp.array) -> None:
-        """Colour the part by values that are such shares of the full one."""
-        inputs = [shares, self._particle, self._weights, self._stops]
-        _launch(drawing.colour_by_value, len(colours), inputs, [colours])
+    return paint
 
 
 def is_closed(surface: Surface) -> bool:
@@ -286,34 +226,27 @@ def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
     return first[which.ravel()]
 
 
-def _alone(particle: NDArray) -> tuple[NDArray, NDArray]:
+def _alone(particle: NDArray, device: Any) -> tuple[wp.array, wp.array]:
     """Return the mixtures of vertices that are each of one particle, shape [vertex_count]."""
-    return particle[:, None], np.ones((len(particle), 1), np.float32)
+    return wp.array(particle[:, None], dtype=int, device=device), wp.full((len(particle), 1), 1.0, device=device)
+
+
+def _times(since: NDArray | None, until: NDArray | None, device: str) -> list[wp.array] | None:
+    """Return when pieces are seen first, by default at once, and last [s]; None where that is never."""
+    if until is None:
+        return None
+    return [
+        wp.array(each, dtype=float, device=device)
+        for each in (np.zeros(len(until)) if since is None else since, until)
+    ]
+
+
+def _collapse(times: list[wp.array] | None, time: float, corners: int, points: wp.array) -> None:
+    """Hide the pieces of so many corners each that are not seen at this time [s]."""
+    if times is not None:
+        _launch(drawing.collapse, len(times[0]), [*times, time, corners], [points])
 
 
 def _launch(kernel: Any, dim: int | tuple[int, ...], inputs: list, outputs: list[wp.array]) -> None:
     """Launch on the device of the first output."""
     wp.launch(kernel, dim, inputs, outputs, device=outputs[0].device)
-
-
-@functools.cache
-def round_solid(halvings: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return (points, triangles) of an icosahedron on the unit sphere, its edges halved so many times."""
-    golden = (1 + np.sqrt(5)) / 2
-    plane = [(0.0, s, t * golden) for s in (-1, 1) for t in (-1, 1)]
-    points = np.array([np.roll(corner, k) for k in range(3) for corner in plane])
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    triples = np.array(list(itertools.combinations(range(12), 3)))
-    sides = np.linalg.norm(points[triples] - points[np.roll(triples, 1, axis=1)], axis=2)
-    triangles = triples[(sides < 1.1).all(axis=1)]  # edges are 1.05 long, and other distances 1.7 at least
-    inwards = np.linalg.det(points[triangles]) < 0
-    triangles[inwards] = triangles[inwards][:, ::-1]
-    for _ in range(halvings):
-        a, b, c = triangles.T
-        pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-        edges, edge = np.unique(pairs, axis=0, return_inverse=True)
-        ab, bc, ca = len(points) + edge.reshape(3, -1)
-        points = np.concatenate([points, points[edges].mean(axis=1)])
-        points /= np.linalg.norm(points, axis=1, keepdims=True)
-        triangles = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
-    return points, triangles

@@ -1,18 +1,16 @@
 """Pictures by a ray caster on Warp, on any device: with OpenGL's camera and look, and no need of OpenGL."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.pictures import raycast
-from ..quiet import in_turn
+from ..runtime import in_turn
 from .arrows import Arrows
 from .drawing import Drawing
 from .light import CORNERS, spread
 from .stage import Camera, Stage
-from .surroundings import body_of, body_of_arrows, look_from, surroundings_of
+from .surroundings import body_of, look_from, surroundings_of
 
 POINTS = {"cpu": 4, "cuda": 16}
 """Points of the light that each of four rays a pixel looks at where a shadow fades, on a CPU and on a GPU."""
@@ -31,18 +29,12 @@ class RayCaster:
     @in_turn
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self.drawing, device = drawing, drawing.device
-        self._arrows = arrows
-        self._over: Any = None if arrows is None else body_of_arrows(arrows, device)
-        self._mesh: wp.Mesh | None = None
-        self._over_mesh: wp.Mesh | None = None
-        self._refits = 0
-        self._triangles = wp.array(drawing.triangles.ravel(), dtype=int, device=device)
-        on_gpu = wp.get_device(device).is_cuda
-        self._points = POINTS["cuda" if on_gpu else "cpu"]
-        spots = np.concatenate([CORNERS, spread(16 * self._points)])
-        self._body, self._view = body_of(drawing), surroundings_of(drawing, stage, spots)
-        self._threads, self._lanes = (THREADS, LANES) if on_gpu else (1, 1)
-        self._on_gpu, self._size = on_gpu, (0, 0)
+        self._searched = _Searched(drawing)
+        self._over = None if arrows is None else _Searched(arrows)
+        self._on_gpu, self._size = wp.get_device(device).is_cuda, (0, 0)
+        self._points = POINTS["cuda" if self._on_gpu else "cpu"]
+        self._view = surroundings_of(drawing, stage, np.concatenate([CORNERS, spread(16 * self._points)]))
+        self._threads, self._lanes = (THREADS, LANES) if self._on_gpu else (1, 1)
         self.look_from(stage.camera, (stage.width, stage.height))
 
     @in_turn
@@ -55,10 +47,8 @@ class RayCaster:
         self._rays = wp.zeros((height, width), dtype=wp.vec4, device=device)
         self._chosen = wp.zeros((2, height * width), dtype=int, device=device)
         self._count = wp.zeros(2, dtype=int, device=device)
-        self._pixels = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
-        # From a GPU bytes go fastest into memory that is pinned.
-        self._host = self._pixels
-        if self._on_gpu:
+        self._pixels = self._host = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
+        if self._on_gpu:  # from there bytes go fastest into memory that is pinned
             self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
 
     @in_turn
@@ -73,7 +63,7 @@ class RayCaster:
         self._view.shadows = int(shadows)
         width, height = self._size
         device = self.drawing.device
-        inputs = [self._body, self._view]
+        inputs = [self._searched.body, self._view]
         tiles = -(-width // raycast.TILE) * -(-height // raycast.TILE)
         every = tiles * raycast.TILE**2
         wp.launch(raycast.cast, every, inputs, [self._rays], device=device)
@@ -81,33 +71,36 @@ class RayCaster:
         wp.launch(raycast.choose, every, [self._rays], [self._pixels, self._chosen, self._count], device=device)
         chosen = [self._points, self._threads, self._chosen, self._count]
         wp.launch(raycast.refine(self._lanes), self._threads, [*inputs, *chosen], [self._pixels], device=device)
-        if self._arrows is not None:
-            over = self._body_of(self._arrows)
-            wp.launch(raycast.lay_over, (height, width), [over, self._view], [self._pixels], device=device)
-        if self._host is not self._pixels:
+        if self._over is not None:
+            self._over.refit()
+            inputs = [self._over.body, self._view]
+            wp.launch(raycast.lay_over, (height, width), inputs, [self._pixels], device=device)
+        if self._on_gpu:
             wp.copy(self._host, self._pixels)
             wp.synchronize_stream(device)
         return self._host.numpy().astype(np.uint8)  # a copy
 
     @in_turn
     def refit(self) -> None:
-        """Have what is searched by rays be where the drawing is; every so often make its search tree anew.
+        """Have rays meet the drawing where it is now."""
+        self._searched.refit()
+
+
+class _Searched:
+    """Triangles that are searched by rays."""
+
+    def __init__(self, drawn: Drawing | Arrows) -> None:
+        self.body, self._points, self._refits = body_of(drawn), drawn.points, REFITS
+        self._indices = wp.array(drawn.triangles.ravel(), dtype=int, device=drawn.device)
+
+    def refit(self) -> None:
+        """Have the search tree follow the triangles; every so often make it anew.
 
         The first one is made with the first picture, since it is as good as the points that it is made for.
         """
-        if self._mesh is None or self._refits == REFITS:
-            self._mesh = wp.Mesh(points=self.drawing.points, indices=self._triangles)
-            self._body.mesh, self._refits = self._mesh.id, 0
+        if self._refits == REFITS:
+            self._mesh = wp.Mesh(points=self._points, indices=self._indices)
+            self.body.mesh, self._refits = self._mesh.id, 0
         else:
             self._mesh.refit()
             self._refits += 1
-
-    def _body_of(self, arrows: Arrows) -> Any:
-        """Return the arrows as they are now, as what rays can meet."""
-        over = self._over
-        if self._over_mesh is None:
-            triangles = wp.array(arrows.triangles.ravel(), dtype=int, device=self.drawing.device)
-            self._over_mesh = wp.Mesh(points=arrows.points, indices=triangles)
-            over.mesh = self._over_mesh.id
-        self._over_mesh.refit()
-        return over

@@ -3,18 +3,17 @@
 import importlib.util
 import os
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..quiet import in_turn, start_warp
+from ..runtime import in_turn, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import ColourScale, Drawing
-from .legend import ROOM, with_arrow, with_bar
+from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
 from .raster import Rasteriser
@@ -23,14 +22,6 @@ from .stage import Stage
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
 """What can draw; "auto" is one of the others."""
-
-
-class Backend(Protocol):
-    """Draws one picture of a drawing in its current state."""
-
-    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture, with shadows or without, uint8 of shape [height, width, 3]."""
-        ...
 
 
 class Renderer:
@@ -46,8 +37,8 @@ class Renderer:
     resolution
         Width and height in pixels.
     colouring
-        "texture" for the surface with its texture; "strain" for connections from blue (shorter than at rest) to
-        red (longer); or a `ColourScale`, which colours the surface (or connections, if there is none) by values
+        "texture" for the surface with its texture; "strain" for springs from blue (shorter than at rest) to
+        red (longer); or a `ColourScale`, which colours the surface (or springs, if there is none) by values
         given with each frame. Default: set by the scene's look.
     backend
         "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray caster
@@ -90,8 +81,7 @@ class Renderer:
         start_warp()
         self.backend = _chosen(backend, device)
         """What draws: "raster", "raycast" or "opengl"."""
-        place = _device(device) if self.backend == "raycast" else "cpu"
-        self.drawing = Drawing(scene, colouring, place)
+        self.drawing = Drawing(scene, colouring, _device(device) if self.backend == "raycast" else "cpu")
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
@@ -101,12 +91,9 @@ class Renderer:
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         what = self.drawing, self.stage, self.arrows
-        if self.backend == "opengl":
-            if window := opengl_window():
-                os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
-            self._backend: Backend = OpenGL(*what)
-        else:
-            self._backend = RayCaster(*what) if self.backend == "raycast" else Rasteriser(*what)
+        if self.backend == "opengl" and (window := opengl_window()):
+            os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
+        self._backend = {"opengl": OpenGL, "raycast": RayCaster, "raster": Rasteriser}[self.backend](*what)
 
     def image(
         self,
@@ -153,8 +140,7 @@ class Renderer:
         Raises
         ------
         ValueError
-            If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are given without a `ColourScale` or arrows.
+            As for `image`.
         """
         if forces is not None and self.arrows is None:
             raise ValueError("forces is given; it must be None unless the renderer was made with arrows")
@@ -165,51 +151,38 @@ class Renderer:
             self.drawing.follow_without_body(camera.eye - camera.forward, time)
             return self._backend.draw(shadows=shadows)
         checks.non_negative("time", time)
+        shape, by_value = self._shape, self.drawing.by_value
         if not self._is_here(position):
-            position = self._vectors("position", position.numpy() if isinstance(position, wp.array) else position)
+            position = _checked("position", _on_host(position), shape)
         if self.arrows is not None:
-            there = position.numpy() if isinstance(position, wp.array) else position
-            self.arrows.follow(there, None if forces is None else self._vectors("forces", forces))
-        self.drawing.follow(position, time, self._checked(values))
+            given = None if forces is None else _checked("forces", forces, shape)
+            self.arrows.follow(_on_host(position), given)
+        if values is None and by_value:
+            raise ValueError(
+                f"values is None; it must have the shape {shape[:1]} where the colouring is a ColourScale"
+            )
+        if values is not None and not by_value:
+            raise ValueError("values is given; it must be None unless the colouring is a ColourScale")
+        own = None if values is None else _checked("values", values, shape[:1]).astype(np.float64)
+        self.drawing.follow(position, time, own)
         return self._backend.draw(shadows=shadows)
 
     def _is_here(self, position: NDArray | wp.array) -> bool:
-        """Tell whether positions are where the drawing is, so that they need not be copied to the host."""
-        if not isinstance(position, wp.array):
-            return False
-        if position.device != wp.get_device(self.drawing.device) or position.shape != self._shape[:1]:
-            return False
-        return wp.types.type_size(position.dtype) == self._shape[1]
-
-    def _vectors(self, name: str, value: ArrayLike) -> NDArray:
-        """Return a vector for each particle; raise ValueError unless it is that."""
-        given = _numbers(name, value)
-        if given.shape != self._shape:
-            raise ValueError(f"{name} has shape {given.shape}; it must be {self._shape}")
-        checks.every(name, given, np.isfinite(given), "finite")
-        return given
-
-    def _checked(self, values: ArrayLike | None) -> NDArray[np.float64] | None:
-        """Return values of the particles, where the drawing is by value; raise ValueError unless they are."""
-        if not self.drawing.by_value:
-            if values is not None:
-                raise ValueError("values is given; it must be None unless the colouring is a Scale")
-            return None
-        shape = self._shape[:1]
-        if values is None:
-            raise ValueError(f"values is None; it must have the shape {shape}, since the colouring is a Scale")
-        given = checks.array("values", values)
-        if given.shape != shape:
-            raise ValueError(f"values has shape {given.shape}; it must be {shape}")
-        checks.every("values", given, np.isfinite(given), "finite")
-        return given
+        """Tell whether positions are on the drawing's device, so that they need not be copied to the host."""
+        return (
+            isinstance(position, wp.array)
+            and position.device == wp.get_device(self.drawing.device)
+            and position.shape == self._shape[:1]
+            and wp.types.type_size(position.dtype) == self._shape[1]
+        )
 
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a picture with its legend: the colour bar and the longest arrow, if it has them."""
-        scale = self.drawing.scale
         if self.arrows is not None:
-            image = with_arrow(image, f"{self.arrows.full:g} N or more", LONGEST)
-        return image if scale is None else with_bar(image, scale, self.drawing.stops)
+            image = with_corner(image, arrow(len(image), f"{self.arrows.full:g} N or more", LONGEST), right=False)
+        if self.drawing.scale is not None:
+            image = with_corner(image, bar(len(image), self.drawing.scale, self.drawing.stops), right=True)
+        return image
 
 
 def no_opengl() -> str | None:
@@ -220,7 +193,7 @@ def no_opengl() -> str | None:
 
 
 def _chosen(backend: str, device: str | None) -> str:
-    """Return what draws; raise RuntimeError if OpenGL is asked for where it cannot."""
+    """Return what draws; raise RuntimeError if OpenGL is requested where it cannot."""
     if backend == "auto":
         if device is not None and device != "cpu":
             return "raycast"
@@ -241,17 +214,30 @@ def _device(device: str | None) -> str:
         raise ValueError(f"device is {checks.repr_short(device)}; it must be one of {known}") from error
 
 
+def _on_host(value: NDArray | wp.array) -> NDArray:
+    """Return an array as NumPy's."""
+    return value.numpy() if isinstance(value, wp.array) else value
+
+
 def _numbers(name: str, value: ArrayLike) -> NDArray:
     """Return an array uncopied, since a whole run may be in it; raise ValueError if it is not one of numbers."""
     given = np.asarray(value)
     return given if given.dtype.kind in "iuf" else checks.array(name, value)
 
 
+def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
+    """Return an array; raise ValueError unless it has this shape and is finite."""
+    given = _numbers(name, value)
+    if given.shape != shape:
+        raise ValueError(f"{name} has shape {given.shape}; it must be {shape}")
+    checks.every(name, given, np.isfinite(given), "finite")
+    return given
+
+
 def _pixels(resolution: object) -> tuple[int, int]:
     """Return the width and height of pictures; raise ValueError if they are none."""
     if not isinstance(resolution, Sequence | np.ndarray) or isinstance(resolution, str) or len(resolution) != 2:
-        raise ValueError(
-            f"resolution is {checks.repr_short(resolution)}; it must be two whole numbers, width and height"
-        )
+        given = checks.repr_short(resolution)
+        raise ValueError(f"resolution is {given}; it must be two whole numbers, width and height")
     width, height = (checks.count("resolution", n, 16) for n in resolution)
     return width, height

@@ -100,17 +100,7 @@ _ON_GROUND = f"""
 
 
 class Shading:
-    """The key light and its shadows, for what is to be drawn by OpenGL.
-
-    Parameters
-    ----------
-    pv
-        PyVista.
-    shadow_map
-        What the light sees.
-    bounce
-        Strength of the light from below.
-    """
+    """The key light and its shadows, and light from below so strong, for what is to be drawn by OpenGL."""
 
     def __init__(self, pv: Any, shadow_map: ShadowMap, bounce: float) -> None:
         from vtkmodules.vtkCommonMath import vtkMatrix4x4
@@ -129,40 +119,30 @@ class Shading:
             actor.prop.SetTexture(name, texture)
         program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
         program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", (1.0, 1.0, 0.0, 0.0))
+        vertex, fragment = program.AddVertexShaderReplacement, program.AddFragmentShaderReplacement
 
-        def behind(tag: str, code: str) -> str:
-            return f"{tag}\n{code}\n"
+        def add(to: Any, tag: str, code: str) -> None:
+            to(tag, True, f"{tag}\n{code}\n", False)
 
-        def write(tag: str, code: str, *, vertex: bool = False) -> None:
-            add = program.AddVertexShaderReplacement if vertex else program.AddFragmentShaderReplacement
-            add(tag, True, code, False)
-
-        for tag, code in (
-            ("//VTK::PositionVC::Dec", "out vec3 lampVSOutput;"),
-            ("//VTK::PositionVC::Impl", "  lampVSOutput = (toLamp * vertexMC).xyz;"),
-        ):
-            write(tag, behind(tag, code), vertex=True)
+        add(vertex, "//VTK::PositionVC::Dec", "out vec3 lampVSOutput;")
+        add(vertex, "//VTK::PositionVC::Impl", "  lampVSOutput = (toLamp * vertexMC).xyz;")
         # Behind the textures' own declarations, since these are used.
-        write("//VTK::TCoord::Dec", behind("//VTK::TCoord::Dec", _DECLARED))
-        write("//VTK::Light::Impl", _ON_GROUND if ground else _ON_BODIES)
+        add(fragment, "//VTK::TCoord::Dec", _DECLARED)
+        fragment("//VTK::Light::Impl", True, _ON_GROUND if ground else _ON_BODIES, False)
         if not ground:
-            write("//VTK::TCoord::Impl", behind("//VTK::TCoord::Impl", _GLINT))
-            declared, written = "//VTK::Normal::Dec", "//VTK::Normal::Impl"
+            add(fragment, "//VTK::TCoord::Impl", _GLINT)
             # What is up, as the camera sees it.
-            write(declared, behind(declared, "out vec3 upVSOutput;"), vertex=True)
-            write(written, behind(written, "  upVSOutput = normalMatrix[2];"), vertex=True)
-            write(declared, behind(declared, "in vec3 upVSOutput;"))
+            add(vertex, "//VTK::Normal::Dec", "out vec3 upVSOutput;")
+            add(vertex, "//VTK::Normal::Impl", "  upVSOutput = normalMatrix[2];")
+            add(fragment, "//VTK::Normal::Dec", "in vec3 upVSOutput;")
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
         """Light by what the shadow map sees now, or as if nothing hid the light."""
-        to_lamp, texel = self._map.to_lamp(), self._map.texel
-        for row in range(4):
-            for column in range(4):
-                self._matrix.SetElement(column, row, to_lamp[row, column])  # OpenGL reads column by column
+        self._matrix.DeepCopy(self._map.to_lamp().T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
-            units = (1 / self._map.width, texel, self._bounce, float(shadows and takes_shadows))
+            units = (1 / self._map.width, self._map.texel, self._bounce, float(shadows and takes_shadows))
             program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", units)
         for image, texture in self._textures.values():
             image.GetPointData().GetScalars().Modified()

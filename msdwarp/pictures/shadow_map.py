@@ -1,7 +1,6 @@
 """What the key light sees of a drawing: all that it sees is lit, and what lies behind that is in shadow."""
 
 import math
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,10 +8,13 @@ from numpy.typing import NDArray
 
 from ..kernels.pictures import shadow
 from .drawing import Drawing
-from .light import across
+from .light import SOFTNESS, across, spread
+from .stage import Ground
 
 SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
+LOOKS = 16
+"""Texels that kernels look at where a shadow fades."""
 MARGIN = 14
 """Empty texels around what is drawn, so that soft edges of shadows end inside the map."""
 EDGE = 13.0
@@ -24,37 +26,28 @@ STEPS = 4
 class ShadowMap:
     """A square across the key light, of texels that hold how far towards it the nearest surface is.
 
-    After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978.
-
-    Parameters
-    ----------
-    drawing
-        The triangles, on the CPU.
-    light
-        Direction towards the key light, of unit length, shape [3].
-
-    Attributes
-    ----------
-    depth, around
-        Distances towards the light [m], float32, of the nearest surface: in each texel, shape [SIZE, SIZE], and in
-        each block of texels and the blocks around it, four times the same, shape [SIZE / BLOCK, SIZE / BLOCK, 4].
+    After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978. The drawing is on the CPU;
+    `light` is the unit vector towards it. `depth` are distances towards it [m], float32 of shape [SIZE, SIZE], and
+    `around` the largest of each block and those beside it, four times, of shape [SIZE / BLOCK, SIZE / BLOCK, 4].
     """
 
     def __init__(self, drawing: Drawing, light: NDArray) -> None:
-        self._drawing, device = drawing, drawing.device
+        self._drawing = drawing
         self.axes = np.stack([*across(light), light])
         """Unit vectors across and towards the light, shape [3, 3]."""
         self.corner, self.width = np.zeros(3), 1.0
         """The square's first corner in these directions, and its edge [m]."""
-        self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device=device)
-        self.lamp = shadow.Lamp()
-        """The square, as kernels read it."""
-        self._depth = wp.zeros((SIZE, SIZE), dtype=float, device=device)
-        self._closed = wp.array(drawing.closed, dtype=wp.bool, device=device)
-        blocks = SIZE // shadow.BLOCK
-        self._nearest = wp.zeros((blocks, blocks), dtype=float, device=device)
-        self._around = wp.zeros((blocks, blocks), dtype=wp.vec4, device=device)
-        self.depth, self.around = self._depth.numpy(), self._around.numpy()  # Warp's memory, on the CPU
+        self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device="cpu")
+        self._closed = wp.array(drawing.closed, dtype=wp.bool, device="cpu")
+        blocks = (SIZE // shadow.BLOCK,) * 2
+        self._nearest = wp.zeros(blocks, dtype=float, device="cpu")
+        self.seen = shadow.Seen()
+        """The map as kernels read it."""
+        self.seen.u, self.seen.v, self.seen.towards = (wp.vec3(*axis) for axis in self.axes)
+        self.seen.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
+        self.seen.around = wp.zeros(blocks, dtype=wp.vec4, device="cpu")
+        self.seen.softness, self.seen.spots = SOFTNESS, wp.array(spread(LOOKS), dtype=wp.vec2, device="cpu")
+        self.depth, self.around = self.seen.depth.numpy(), self.seen.around.numpy()  # the same memory
 
     @property
     def texel(self) -> float:
@@ -67,17 +60,10 @@ class ShadowMap:
         matrix[:3, :3], matrix[:3, 3] = self.axes, -self.corner
         return matrix
 
-    def seen(self, softness: float, spots: NDArray) -> Any:
-        """Return the map as kernels read it, with points of the light; it follows, but for the square."""
-        seen = shadow.Seen()
-        seen.depth, seen.around, seen.softness = self._depth, self._around, softness
-        seen.spots = wp.array(spots, dtype=wp.vec2, device=self._drawing.device)
-        return seen
+    def on_ground(self, points: NDArray, ground: Ground, count: int) -> NDArray[np.float64]:
+        """Return corners on the ground [m], shape [count, 3], around the shadows of points and their soft edges.
 
-    def outline(self, points: NDArray, count: int) -> NDArray[np.float64]:
-        """Return corners [m], shape [count, 3], around points seen from the light and the soft edges of shadows.
-
-        They are where the lines meet that touch the points from evenly spaced directions.
+        Seen from the light they are where the lines meet that touch the points from evenly spaced directions.
         """
         across = points @ self.axes[:2].T.astype(np.float32)
         angle = 2 * np.pi * np.arange(count) / count
@@ -89,24 +75,24 @@ class ShadowMap:
         corners = np.stack(
             [reach * onward[:, 1] - ahead * outwards[:, 1], ahead * outwards[:, 0] - reach * onward[:, 0]], axis=1
         )
-        return (corners / turn) @ self.axes[:2] + self.corner[2] * self.axes[2]
+        corners = (corners / turn) @ self.axes[:2] + self.corner[2] * self.axes[2]
+        height = (corners - ground.centre) @ ground.normal
+        return corners - height[:, None] * (self.axes[2] / (self.axes[2] @ ground.normal))
 
-    def follow(self, seen: NDArray) -> None:
-        """Look at the drawing as it stands; `seen` are the points that must be in view [m], shape [any, 3]."""
-        along = seen @ self.axes.T.astype(np.float32)
+    def follow(self, points: NDArray) -> None:
+        """Look at the drawing as it stands, so that some points are in view [m], shape [any, 3]."""
+        along = points @ self.axes.T.astype(np.float32)
         low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
         extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
         self.width = 2.0 ** (math.ceil(STEPS * math.log2(extent)) / STEPS)
         # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
-        lamp = self.lamp
-        lamp.u, lamp.v, lamp.towards = (wp.vec3(*axis) for axis in self.axes)
-        lamp.corner, lamp.scale = wp.vec3(*self.corner), 1 / self.texel
-        device = self._drawing.device
+        seen = self.seen
+        seen.corner, seen.scale = wp.vec3(*self.corner), 1 / self.texel
         # Where nothing is it is as if something were far below all else.
-        self._depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
-        inputs = [self._drawing.points, self._triangles, self._closed, lamp]
-        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [self._depth], device=device)
-        wp.launch(shadow.nearest_in_blocks, self._nearest.shape, [self._depth], [self._nearest], device=device)
-        wp.launch(shadow.nearest_around, self._around.shape, [self._nearest], [self._around], device=device)
+        seen.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
+        inputs = [self._drawing.points, self._triangles, self._closed]
+        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [seen], device="cpu")
+        wp.launch(shadow.nearest_in_blocks, self._nearest.shape, [seen.depth], [self._nearest], device="cpu")
+        wp.launch(shadow.nearest_around, self._nearest.shape, [self._nearest], [seen.around], device="cpu")

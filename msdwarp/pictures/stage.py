@@ -10,7 +10,7 @@ from .. import checks
 from ..bodies import in_space
 from ..world import Look, Scene
 from .collider_meshes import extent
-from .light import towards_fill, towards_key
+from .light import FILL_FROM, KEY_FROM, towards
 
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
@@ -19,18 +19,6 @@ MARGIN = 1.12
 UNSEEN = 1e-3
 """How far below the ground things may reach and still be drawn, over the extent of all that the camera sees.
 Contact lets what lies on the ground sink in by as little, and it would vanish in spots."""
-
-
-def in_view(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
-    """Return what the camera must see: the particles, and what of the solid colliders is not below the ground.
-
-    `positions` are of shape [..., d]; the points [m] returned are of shape [any, 3].
-    """
-    obstacles = extent(scene)
-    if scene.ground is not None:
-        normal = in_space(scene.ground.unit_normal(scene.system.dim), np.float64)
-        obstacles = obstacles - np.minimum(obstacles @ normal - scene.ground.offset, 0.0)[:, None] * normal
-    return np.concatenate([in_space(positions, np.float64).reshape(-1, 3), obstacles])
 
 
 def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
@@ -47,8 +35,12 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
 
 
 def axes_of(look: Look) -> tuple[NDArray, NDArray, NDArray]:
-    """Return what is right, up and back for a camera, as unit vectors."""
-    azimuth, elevation = math.radians(look.azimuth), math.radians(look.elevation)
+    """Return what is right, up and back for the camera of a look, as unit vectors."""
+    return view_axes(math.radians(look.azimuth), math.radians(look.elevation))
+
+
+def view_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return what is right, up and back for a camera in a direction [rad], as unit vectors."""
     flat = math.cos(elevation)
     back = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
     right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
@@ -81,10 +73,10 @@ class Camera:
         zoom: float = 1.0,
         above: float = 0.0,
     ) -> "Camera":
-        """Return the camera in the direction of the look that is as near as it can be and sees all points.
+        """Return the nearest camera in the direction of the look that sees all points, shape [any, 3].
 
-        `points` are of shape [any, 3]; `aspect` is the picture's width over its height. With a `zoom` it is so
-        many times nearer to what it looks at. The share `above` of the height, from the upper edge, is kept free.
+        `aspect` is the picture's width over its height. A `zoom` brings it so many times nearer to its target.
+        The share `above` of the height, from the upper edge, is kept free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
         # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
@@ -120,19 +112,19 @@ class Camera:
         bounds = []
         for at, size in zip(self.pixels(points, height, width), (height, width), strict=True):
             low = int(np.clip(at.min() - 1, 0, size - 1))
-            high = int(np.clip(at.max() + 2, low + 1, size))
-            bounds.append((low, high - low))
-        return bounds[0][0], bounds[1][0], bounds[0][1], bounds[1][1]
+            bounds.append((low, int(np.clip(at.max() + 2, low + 1, size)) - low))
+        (row, rows), (column, columns) = bounds
+        return row, column, rows, columns
 
     @property
     def light(self) -> NDArray:
-        """Direction towards the key light, of unit length: over the camera's left shoulder."""
-        return towards_key(self.right, self.forward)
+        """Direction towards the key light, of unit length."""
+        return towards(KEY_FROM, self.right, self.forward)
 
     @property
     def fill(self) -> NDArray:
         """Direction towards the fill light, of unit length."""
-        return towards_fill(self.right, self.forward)
+        return towards(FILL_FROM, self.right, self.forward)
 
 
 class Ground:
@@ -152,20 +144,16 @@ class Ground:
         self.half = 6.0 * self.reach
         self.tile = 10.0 ** math.floor(math.log10(0.5 * self.reach))
         """Side of a square of the chequered pattern [m]: a power of ten."""
-        self.texture = self._paint(look)
-
-    def _paint(self, look: Look, size: int = 2048) -> NDArray[np.uint8]:
+        size = 2048
         along = (self.half * (2 * (np.arange(size) + 0.5) / size - 1)).astype(np.float32)
         u, v = (along + np.float32(self.centre @ axis) for axis in (self.u, self.v))
         odd = (np.floor(u / self.tile)[None, :] + np.floor(v / self.tile)[:, None]) % 2
         far = np.sqrt(along[None, :] ** 2 + along[:, None] ** 2) / self.half
         fade = np.clip(1.25 - 1.35 * far, 0, 1) ** 2
-        image = np.empty((size, size, 3), np.uint8)
-        for k, (ground, sky) in enumerate(
-            zip(checks.colour("ground", look.ground), checks.colour("background", look.background), strict=True)
-        ):
-            image[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
-        return image
+        self.texture = np.empty((size, size, 3), np.uint8)
+        colours = checks.colour("ground", look.ground), checks.colour("background", look.background)
+        for k, (ground, sky) in enumerate(zip(*colours, strict=True)):
+            self.texture[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
 
     def uv(self, points: NDArray) -> NDArray:
         """Return texture coordinates of points on the ground, shape [any, 2]."""
@@ -176,24 +164,18 @@ class Ground:
 class Stage:
     """What stands still in all pictures of a scene: the camera, the ground, and the colours around.
 
-    Parameters
-    ----------
-    scene
-        What is drawn.
-    positions
-        Positions that the camera must keep in view [m], shape [..., d].
-    size
-        Width and height of the pictures in pixels.
-    zoom
-        How many times nearer the camera comes than where it sees everything.
-    above
-        Share of the height, from the upper edge, that is kept free for a legend.
+    The camera keeps `positions` in view [m], shape [..., d]; `size` is the width and height of pictures in pixels.
+    A `zoom` brings it so many times nearer. The share `above` of the height, from the upper edge, is kept free.
     """
 
     def __init__(
         self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0, above: float = 0.0
     ) -> None:
-        points = in_view(scene, positions)
+        solids = extent(scene)
+        if (plane := scene.ground) is not None:  # what is below the ground need not be seen
+            normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
+            solids = solids - np.minimum(solids @ normal - plane.offset, 0.0)[:, None] * normal
+        points = np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])
         self.look = scene.look
         self.width, self.height = size
         self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom, above=above)

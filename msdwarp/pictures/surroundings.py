@@ -9,41 +9,33 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import shading
-from .arrows import COLOUR, Arrows
+from .arrows import Arrows
 from .drawing import Drawing
 from .light import FILL, HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across
 from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
 
+_NO_SPOTS = np.zeros((0, 2))
 _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
-def body_of(drawing: Drawing) -> Any:
-    """Return a drawing as what kernels shade, less its mesh; it follows the drawing."""
-    body, device = shading.Body(), drawing.device
-    body.normals, body.colours = drawing.normals, drawing.colours
-    body.uv = wp.array(drawing.uv, dtype=wp.vec2, device=device)
-    body.texture = _image(_BLANK if drawing.texture is None else drawing.texture, device)
-    body.textured = int(drawing.texture is not None)
-    body.gloss = wp.array(drawing.gloss, dtype=float, device=device)
-    # A lattice of tubes would be covered all over by its own fine shadows, which hide what its colours tell.
-    if drawing.shows_strain:
-        body.first_shaded = sum(len(one.part.triangles) for one in drawing.body)
+def body_of(drawn: Drawing | Arrows) -> Any:
+    """Return a drawing or arrows as what kernels shade, less what rays search; it follows them."""
+    body, device = shading.Body(), drawn.device
+    body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
+    body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)
+    body.triangles = wp.array(drawn.triangles, dtype=wp.vec3i, device=device)
+    body.closed = wp.array(drawn.closed, dtype=wp.bool, device=device)
+    body.gloss = wp.array(drawn.gloss, dtype=float, device=device)
+    body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
+    body.textured = int(drawn.texture is not None)
+    # A lattice of tubes would be covered all over by its own fine shadows, which hide what its colours show.
+    if isinstance(drawn, Drawing) and drawn.shows_strain:
+        body.first_shaded = sum(len(one.part.triangles) for one in drawn.body)
     return body
 
 
-def body_of_arrows(arrows: Arrows, device: str) -> Any:
-    """Return arrows as what kernels shade, less their mesh; it follows them."""
-    body, count = shading.Body(), len(arrows.points)
-    body.normals, body.textured = arrows.normals, 0
-    body.colours = wp.full(count, wp.vec3(*COLOUR), dtype=wp.vec3, device=device)
-    body.uv = wp.zeros(count, dtype=wp.vec2, device=device)
-    body.texture = _image(_BLANK, device)
-    body.gloss = wp.zeros(len(arrows.triangles), dtype=float, device=device)
-    return body
-
-
-def surroundings_of(drawing: Drawing, stage: Stage, spots: NDArray) -> Any:
-    """Return the camera, the lights and the ground; `spots` are the light's points, shape [any, 2]."""
+def surroundings_of(drawing: Drawing, stage: Stage, spots: NDArray = _NO_SPOTS) -> Any:
+    """Return the camera, the lights and the ground; `spots` are the light's points for rays, shape [any, 2]."""
     view, device, ground, light = shading.Surroundings(), drawing.device, stage.ground, stage.camera.light
     view.background = wp.vec3(*checks.colour("background", stage.look.background))
     view.ambient, view.bounce = drawing.ambient, drawing.bounce

@@ -28,24 +28,16 @@ def timelapse(
     ----------
     renderer
         Draws the poses; its camera should see them all.
-    positions
-        Particle positions of the poses [m], shape [pose_count, particle_count, d].
-    times
-        When they are [s], shape [pose_count].
+    positions, times
+        Particle positions of the poses [m], shape [pose_count, particle_count, d], and when they are [s].
     values
-        A number per particle and pose, in the unit of the `ColourScale` that the renderer's colouring is, shape
-        [pose_count, particle_count]; None where it is none.
-
-    Returns
-    -------
-    NDArray[np.uint8]
-        The picture, shape [height, width, 3].
+        As for `Renderer.image`, of each pose: shape [pose_count, particle_count].
 
     Raises
     ------
     ValueError
-        If there is no pose, `times` does not hold one time for each, positions are not the system's, or values
-        are missing, not asked for, not finite or not one for each particle and pose.
+        If there is no pose, a pose lacks its time or the values that the colouring needs, or an array is not
+        finite or not of the right shape.
     """
     count = len(positions)
     if not count:

@@ -52,12 +52,9 @@ _LEAST = 0.5
 def flexural_rigidity(
     bending: float | str | None, material: Material | None, thickness: float, diagonals: bool, dim: int
 ) -> float:
-    """Return the flexural rigidity D that is asked for [N m], 0 if none is.
+    """Return the requested flexural rigidity D [N m], 0 if it is None.
 
-    Raises
-    ------
-    ValueError
-        If it is none, there is no material to take it from, or nothing can leave the plane.
+    Raises ValueError if it is invalid, there is no material to take it from, or nothing can leave the plane.
     """
     if bending is None:
         return 0.0
@@ -81,31 +78,16 @@ def resisting_bending(
 ) -> System:
     """Return a flat sheet with springs to second neighbours; see the module.
 
-    There is one wherever there are both connections that it spans, so that none bridges a hole or a notch. Its
-    damper has the ratio b/k of those. It lies along the chord, and so it damps bending of a flat sheet to second
-    order alone.
+    `flat` is the sheet without them as `lattice` makes it, `mask` tells which points of its lattice are particles,
+    and the rigidity D [N m] is above 0. A spring is where there are both connections that it spans, so that none
+    bridges a hole or a notch. Its damper has the ratio b/k of those. It lies along the chord, and so it damps
+    bending of a flat sheet to second order alone.
 
-    Parameters
-    ----------
-    flat
-        The sheet that resists no bending, as `lattice` makes it.
-    mask
-        Which points of its lattice are particles, shape [nx, ny].
-    spacing
-        Distance of neighbours along an axis [m].
-    rigidity
-        D [N m], above 0.
-    diagonals
-        Whether there are 8 neighbours.
-    solid
-        Whether it is of a material. Then each spring has the share of cells beside it that are whole, and forces
-        are balanced up to the margin. Else constants are alike within a direction, so that the stencil holds
-        them, and the outermost cells, with half of the springs to second neighbours, are drawn together by P/k.
+    In a `solid` sheet, of a material, each spring has the share of cells beside it that are whole, and forces are
+    balanced up to the margin. Else constants are alike within a direction, so that the stencil holds them, and the
+    outermost cells, with half of the springs to second neighbours, are drawn together by P/k.
 
-    Raises
-    ------
-    ValueError
-        If connections are too weak for the tension.
+    Raises ValueError if connections are too weak for the tension.
     """
     damping_time = np.zeros(flat.connection_count)
     np.divide(flat.damping, flat.stiffness, out=damping_time, where=flat.stiffness > 0)

@@ -15,7 +15,7 @@ from ..bodies import Surface, pieces
 
 
 def check_memory(name: str, value: object, count: int, dim: int, neighbours: int) -> None:
-    """Check that there is memory for so many particles: their places, and pairs and lengths of connections."""
+    """Raise ValueError if positions, connections and rest lengths of so many particles do not fit into memory."""
     count = min(count, 10**300)  # no float is larger than some 10**308
     joined = count * neighbours // 2
     size = count * (8 * dim + 4) + joined * (2 * 4 + 8)
@@ -85,12 +85,9 @@ def ends_of(step: Sequence[int], shape: Sequence[int]) -> tuple[tuple[slice, ...
 
 def whole_cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which cells have particles at all their corners, shape [nx − 1, ny − 1, nz − 1]."""
-    whole = mask
     for axis in range(mask.ndim):
-        low, high = [slice(None)] * mask.ndim, [slice(None)] * mask.ndim
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        whole = whole[tuple(low)] & whole[tuple(high)]
-    return whole
+        mask = np.delete(mask, -1, axis) & np.delete(mask, 0, axis)
+    return mask
 
 
 def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:
@@ -101,17 +98,12 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
     count = whole.astype(np.uint8)
     for axis, s in enumerate(step):
         if s == 0:  # between the cells on either side; along the other axes there is one cell between the ends
-            beyond = [(0, 0)] * count.ndim
-            beyond[axis] = (1, 1)
-            count = np.pad(count, beyond)
-            low, high = [slice(None)] * count.ndim, [slice(None)] * count.ndim
-            low[axis], high[axis] = slice(None, -1), slice(1, None)
-            count = count[tuple(low)] + count[tuple(high)]
+            count = np.insert(count, 0, 0, axis) + np.insert(count, count.shape[axis], 0, axis)
     return count
 
 
 def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the part that whole cells make up of all cells around each connection along a step, from 0 to 1.
+    """Return the share of whole cells around each connection along a step, from 0 to 1.
 
     In the order of `lattice_connections` with whole cells; for the step 0 in the order of the particles.
     """
@@ -120,9 +112,9 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
 
 
 def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the part of cells beside a connection over two steps that are whole along both, from 0 to 1.
+    """Return the share of cells beside a connection over two steps that are whole along both, from 0 to 1.
 
-    At the points of a grid of two axes that have a neighbour two steps further: see `ends_of`.
+    In the order of `ends_of` the points of a plane grid that have a neighbour two steps further.
     """
     here, there = ends_of(step, whole.shape)
     count = _cells_of(whole[here] & whole[there], step)
@@ -133,11 +125,6 @@ def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int,
     """Return the first point of a mask that is no corner of a whole cell, if there is one."""
     loose = mask & (_cells_of(whole, (0,) * mask.ndim) == 0)
     return tuple(map(int, np.argwhere(loose.T)[0][::-1])) if loose.any() else None
-
-
-def longest_extent(mask: NDArray[np.bool_]) -> int:
-    """Return how many spacings the particles of a mask reach along the axis where they reach furthest."""
-    return int(max(np.ptp(points) for points in np.nonzero(mask)))
 
 
 def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
@@ -159,7 +146,7 @@ def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) ->
     if len(shape) == 2:
         particle, uv, triangles = _squares(index[None], whole[None])
         return Surface(particle=particle, uv=uv, triangles=triangles)
-    particles, uvs, triangles, vertices = [], [], [], 0
+    parts, vertices = [], 0
     for k in range(6):
         axis, outwards = k // 2, k % 2  # towards −x, +x, −y, +y, −z, +z
         first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -172,11 +159,10 @@ def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) ->
             cells = np.pad(cells, ((1, 1), (0, 0), (0, 0)))
             squares = cells[:-1] & ~cells[1:] if outwards else cells[1:] & ~cells[:-1]
         particle, uv, triangle = _squares(points, squares)
-        particles.append(particle)
-        uvs.append((uv + np.array([k % 3, k // 3])) / (3, 2))
-        triangles.append(triangle + vertices)
+        parts.append((particle, (uv + np.array([k % 3, k // 3])) / (3, 2), triangle + vertices))
         vertices += len(particle)
-    return Surface(particle=np.concatenate(particles), uv=np.concatenate(uvs), triangles=np.concatenate(triangles))
+    particle, uv, triangles = map(np.concatenate, zip(*parts, strict=True))
+    return Surface(particle=particle, uv=uv, triangles=triangles)
 
 
 def _squares(index: NDArray, squares: NDArray[np.bool_]) -> tuple[NDArray, NDArray, NDArray]:

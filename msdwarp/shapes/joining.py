@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, System, joined, selected
+from ..bodies import CONNECTION_FIELDS, System, joined, particles_meant
 
 NOW = "now"
 """The rest length that is the present distance."""
 ROUNDING = 1e-9
-"""By so much, relatively, a distance may be above the one given: 3 × 0.1 is no more than 0.3."""
+"""Relative tolerance of a reach: 3 × 0.1 counts as within 0.3."""
 _MOST_CELLS = 1 << 20
-"""Cells along an axis in which particles are looked for, at most."""
+"""Most cells along an axis in the search for near particles."""
 _MOST_AT_ONCE = 1 << 22
-"""Distances that are computed together, about."""
+"""About how many distances are computed together."""
 
 
 def join(
@@ -66,7 +66,7 @@ def join(
     if b is not None:
         checks.instance("b", b, System, "box((3, 3, 3))")
     if (within is None) == (pairs is None):
-        raise ValueError("within and pairs are two ways to say which particles are joined; one must be given")
+        raise ValueError("within and pairs both select particles to join; one of them must be given")
     system, behind = (a, 0) if b is None else (a + b, a.particle_count)
     if pairs is None:
         assert within is not None
@@ -78,11 +78,13 @@ def join(
             )
         found = _pairs(pairs, a.particle_count, a.particle_count if b is None else b.particle_count)
     connections = found + np.array([0, behind], dtype=np.int32)
-    _check_two(connections)
+    same = connections[:, 0] == connections[:, 1]
+    if same.any():
+        k = int(np.argmax(same))
+        raise ValueError(f"pairs[{k}] is particle {connections[k, 0]} with itself; it must be two")
     if isinstance(rest_length, str):
         checks.one_of("rest_length", rest_length, [NOW, "a number above 0"])
-        _check_apart(system, connections, found)
-        rest_length = np.linalg.norm(np.subtract(*np.moveaxis(system.position[connections], 1, 0)), axis=1)
+        rest_length = _distances(system, connections, found)
     ties = System(
         position=system.position,
         connections=connections,
@@ -105,21 +107,12 @@ def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
     if not len(given):
         raise ValueError("pairs is empty; it must name one pair at least")
     for end, count in enumerate((of_a, of_b)):
-        holds, allowed = checks.index_below(count)
-        checks.every(f"pairs[:, {end}]", given[:, end], holds(given[:, end]), allowed)
+        checks.within(f"pairs[:, {end}]", given[:, end], checks.index_below(count))
     return given
 
 
-def _check_two(connections: NDArray[np.int32]) -> None:
-    """Raise ValueError for a particle that would be joined with itself."""
-    same = connections[:, 0] == connections[:, 1]
-    if same.any():
-        k = int(np.argmax(same))
-        raise ValueError(f"pairs[{k}] is particle {connections[k, 0]} with itself; it must be two")
-
-
-def _check_apart(system: System, connections: NDArray[np.int32], found: NDArray[np.int32]) -> None:
-    """Raise ValueError for particles that lie in one place, where a connection has no direction."""
+def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return how far apart pairs are [m]; raise ValueError where they coincide, and a spring has no direction."""
     first, second = np.moveaxis(system.position[connections], 1, 0)
     together = (first == second).all(axis=1)
     if together.any():
@@ -128,6 +121,7 @@ def _check_apart(system: System, connections: NDArray[np.int32], found: NDArray[
             f"rest_length is 'now', but particles {one} and {other} lie in one place, where a spring has no "
             "direction and no length: put the bodies a little apart, or give a length above 0"
         )
+    return np.linalg.norm(first - second, axis=1)
 
 
 def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> NDArray[np.int32]:
@@ -138,106 +132,59 @@ def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> ND
         )
     bodies = (a, a if b is None else b)
     one, other = (
-        np.flatnonzero(_chosen(f"on[{k}]", body, which))
+        np.flatnonzero(particles_meant(f"on[{k}]", which, body))
         for k, (body, which) in enumerate(zip(bodies, on, strict=True))
     )
     if b is None and len(np.intersect1d(one, other)):
         raise ValueError("on must name two parts of a body that is joined with itself, with no particle in both")
     x, y = a.position[one], bodies[1].position[other]
     there, back = nearest(x, y, within), nearest(y, x, within)
-    forth = np.flatnonzero(there >= 0)
-    backwards = np.flatnonzero(back >= 0)
-    pairs = np.concatenate(
-        [np.stack([forth, there[forth]], axis=1), np.stack([back[backwards], backwards], axis=1)]
-    )
+    pairs = np.concatenate([np.c_[np.arange(len(x)), there], np.c_[back, np.arange(len(y))]])
+    pairs = np.unique(pairs[(pairs >= 0).all(axis=1)], axis=0)
     if not len(pairs):
         raise ValueError(f"within is {within:g} m; no particle of one body is that near to one of the other")
-    pairs = np.unique(pairs, axis=0)
     return np.stack([one[pairs[:, 0]], other[pairs[:, 1]]], axis=1).astype(np.int32)
-
-
-def _chosen(name: str, body: System, which: Any) -> NDArray[np.bool_]:
-    """Return which particles of a body are meant."""
-    if which is None:
-        return np.ones(body.particle_count, dtype=bool)
-    if isinstance(which, str):
-        return body.group(which, name)
-    return selected(name, which, body.particle_count)
 
 
 def nearest(x: NDArray[np.float64], y: NDArray[np.float64], within: float) -> NDArray[np.int64]:
     """Return which of the points y [m] is nearest to each of x, shape [x_count]; −1 where none is within reach.
 
-    Points y are sorted into cells as large as the reach, so that what is near lies in a cell beside; along the
-    last coordinate cells lie one behind the other, and three of them are one range of points.
+    Of several at the same distance it is the first. Points y are sorted into cells as large as the reach, so that
+    near ones lie in a cell beside. Cells along the last coordinate follow each other, so that three are one range.
     """
-    found = np.full(len(x), -1)
+    found, least = np.full(len(x), -1), np.full(len(x), np.inf)
     reach = within * (1 + ROUNDING)
     if not len(x) or not len(y):
         return found
-    low = y.min(axis=0) - reach
-    high = y.max(axis=0) + reach
-    close = np.flatnonzero(((x >= low) & (x <= high)).all(axis=1))
+    low, high = y.min(axis=0) - reach, y.max(axis=0) + reach
     edge = np.maximum(reach, (high - low) / _MOST_CELLS)
-    cells = np.floor((high - low) / edge).astype(np.int64) + 3  # one beyond either end
-    cell_of_y = np.floor((y - low) / edge).astype(np.int64) + 1
-    order = np.argsort(_key(cell_of_y, cells), kind="stable")
-    keys = _key(cell_of_y, cells)[order]
-    aside = list(itertools.product((-1, 0, 1), repeat=x.shape[1] - 1))
-    chunk = max(1, _MOST_AT_ONCE // max(1, len(aside) * _most_in_a_cell(keys)))
+    shape = tuple(np.floor((high - low) / edge).astype(np.int64) + 3)  # one beyond either end
+
+    def cells_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
+        return np.floor((points - low) / edge).astype(np.int64) + 1
+
+    def numbers_of(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.asarray(np.ravel_multi_index(tuple(cells.T), shape, mode="clip"))
+
+    number = numbers_of(cells_of(y))
+    order = np.argsort(number, kind="stable")
+    number = number[order]
+    fullest = int(np.unique(number, return_counts=True)[1].max())
+    close = np.flatnonzero(((x >= low) & (x <= high)).all(axis=1))
+    chunk = max(1, _MOST_AT_ONCE // (3 ** x.shape[1] * fullest))
     for start in range(0, len(close), chunk):
         some = close[start : start + chunk]
-        cell = np.floor((x[some] - low) / edge).astype(np.int64) + 1
-        best = np.full(len(some), np.inf)
-        for step in aside:
-            near = cell + np.array([*step, 0])
-            first = np.searchsorted(keys, _key(near - _last(near), cells), side="left")
-            end = np.searchsorted(keys, _key(near + _last(near), cells), side="right")
-            _take_nearer(x[some], y, order, first, end, best, found, some)
-        found[some[best > reach * reach]] = -1
+        point, candidate = [], []
+        for step in itertools.product((-1, 0, 1), repeat=x.shape[1] - 1):
+            first, last = (numbers_of(cells_of(x[some]) + np.array([*step, along])) for along in (-1, 1))
+            begin, end = np.searchsorted(number, first), np.searchsorted(number, last, side="right")
+            count = np.maximum(end - begin, 0)
+            point.append(np.repeat(some, count))
+            candidate.append(order[np.arange(count.sum()) + np.repeat(begin - np.cumsum(count) + count, count)])
+        mine, other = np.concatenate(point), np.concatenate(candidate)
+        square = ((x[mine] - y[other]) ** 2).sum(axis=1)
+        np.minimum.at(least, mine, square)
+        best = (square == least[mine]) & (square <= reach * reach)
+        found[mine[best]] = len(y)
+        np.minimum.at(found, mine[best], other[best])
     return found
-
-
-def _last(cell: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a step of one cell along the last coordinate."""
-    return np.eye(cell.shape[1], dtype=np.int64)[-1]
-
-
-def _key(cell: NDArray[np.int64], cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for each cell; those of cells side by side along the last coordinate follow each other."""
-    return np.asarray(np.ravel_multi_index(tuple(cell.T), tuple(map(int, cells)), mode="clip"))
-
-
-def _most_in_a_cell(keys: NDArray[np.int64]) -> int:
-    """Return how many points the fullest cell holds, times the three of a range."""
-    return 3 * int(np.diff(np.flatnonzero(np.diff(keys, prepend=-1, append=-1))).max(initial=1))
-
-
-def _take_nearer(
-    x: NDArray,
-    y: NDArray,
-    order: NDArray,
-    first: NDArray,
-    end: NDArray,
-    best: NDArray,
-    found: NDArray,
-    numbers: NDArray,
-) -> None:
-    """Look among the points order[first … end − 1] of each x for one that is nearer than the `best` so far."""
-    count = end - first
-    some = np.flatnonzero(count > 0)
-    if not len(some):
-        return
-    count = count[some]
-    begin = np.cumsum(count) - count
-    place = np.arange(count.sum()) - np.repeat(begin - first[some], count)
-    candidate = order[place]
-    square = ((np.repeat(x[some], count, axis=0) - y[candidate]) ** 2).sum(axis=1)
-    least = np.minimum.reduceat(square, begin)
-    # Of several at the same distance the first.
-    those = np.where(square == np.repeat(least, count), candidate, len(y))
-    which = np.minimum.reduceat(those, begin)
-    mine = numbers[some]
-    nearer = (least < best[some]) | ((least == best[some]) & (which < found[mine]))
-    best[some[nearer]] = least[nearer]
-    found[mine[nearer]] = which[nearer]

@@ -18,7 +18,6 @@ from .grid import (
     grid_surface,
     lattice_connections,
     lattice_directions,
-    longest_extent,
     whole_cells,
 )
 
@@ -47,17 +46,13 @@ def _stuff(
             if value is not None:
                 raise ValueError(f"{name} is {value!r}; without a material it must be left out")
         return _Stuff(constants)
-    if not isinstance(material, Material):
-        raise ValueError(f"material is {material!r}; it must be a Material, such as msdwarp.RUBBER")
-    if constants:
-        name, value = next(iter(constants.items()))
+    checks.instance("material", material, Material, "msdwarp.RUBBER")
+    for name, value in constants.items():
         raise ValueError(f"{name} is {value!r}; with a material, which determines it, it must be left out")
-    size = 1.0
     for name, value in section.items():
         if value is None:
             raise ValueError(f"{name} is None; with a material it must be a number above 0")
-        size *= checks.positive(name, value)
-    return _Stuff({}, material, size)
+    return _Stuff({}, material, math.prod(checks.positive(name, value or 0.0) for name, value in section.items()))
 
 
 def _lattice(
@@ -70,29 +65,28 @@ def _lattice(
     mask: NDArray[np.bool_] | None = None,
     bending: float | str | None = None,
 ) -> System:
-    """Return the lattice of `shape` points, x fastest, in a space of `dim` coordinates.
-
-    With a mask, shape [nx, ny, nz], only where it is True.
-    """
+    """Return the lattice of `shape` points, or those where a mask is True, in a space of `dim` coordinates."""
     spacings = _spacings(spacing, len(shape))
-    rigidity = flexural_rigidity(bending, stuff.material, stuff.section, diagonals, dim)
-    if (stuff.material is not None or rigidity) and len(set(spacings)) > 1:
-        why = "the stiffness of a Material" if stuff.material is not None else "that of bending"
-        what = "a material" if stuff.material is not None else "bending"
+    material, constants = stuff.material, stuff.constants
+    rigidity = flexural_rigidity(bending, material, stuff.section, diagonals, dim)
+    if (material is not None or rigidity) and len(set(spacings)) > 1:
+        what, whose = ("bending", "the") if material is None else ("a material", "a Material's")
         raise ValueError(
-            f"spacing is {spacing!r}; with {what} it must be the same along all axes: "
-            f"{why} is derived for such cells"
+            f"spacing is {spacing!r}; with {what} it must be the same along all axes: {whose} stiffness is "
+            "derived for such cells"
         )
-    axes = [one * (np.arange(n) - (n - 1) / 2) for one, n in zip(spacings, shape, strict=True)]
     position = np.zeros((*shape[::-1], dim))  # z, y, x
+    axes = [one * (np.arange(n) - (n - 1) / 2) for one, n in zip(spacings, shape, strict=True)]
     for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
         position[..., k] = coordinates
     position = position.reshape(-1, dim) if mask is None else position[mask.T]
     directions = lattice_directions(len(shape), diagonals=diagonals)
-    # A material fills whole cells: what joins particles across a gap between them is not of it.
-    whole = None if stuff.material is None or mask is None else whole_cells(mask)
-    if mask is not None and whole is not None:
-        _check_no_loose_particle(mask, whole)
+    # A material fills whole cells: it does not join particles across a gap between them.
+    whole = None if material is None or mask is None else whole_cells(mask)
+    if mask is not None and whole is not None and (loose := first_loose(mask, whole)):
+        raise ValueError(
+            f"mask{list(loose)} is True, but it is a corner of no whole cell; a material fills whole cells"
+        )
     connections, slices = lattice_connections(shape, directions, mask, whole)
     if mask is not None:
         _check_one_piece(mask, connections)
@@ -101,51 +95,42 @@ def _lattice(
         along = [one for one, s in zip(spacings, step, strict=True) if s]
         longest = max(along)  # taken out of the root, so that equal spacings give exactly 1, √2 or √3 of them
         rest_length[slices[name]] = longest * np.sqrt(sum((one / longest) ** 2 for one in along))
-    # What is made here is valid, but for a spacing so large that it overflows.
     for name, values in {"position": position, "rest_length": rest_length}.items():
-        checks.within(name, values, checks.FINITE)
+        checks.within(name, values, checks.FINITE)  # a large spacing may overflow
     lattice = System.trusted(
-        position=position,
-        connections=connections,
-        rest_length=rest_length,
-        surface=surface,
-        directions=(slices,),
+        position=position, connections=connections, rest_length=rest_length, surface=surface, directions=(slices,)
     )
-    solid = stuff.material is not None
-    if not solid and not rigidity:
-        return lattice.replace(**stuff.constants)
-    mask, constants = np.ones(shape, dtype=bool) if mask is None else mask, stuff.constants
-    if stuff.material is not None:
-        constants = _constants_of(stuff.material, stuff.section, mask, spacings[0], diagonals)
+    if material is None and not rigidity:
+        return lattice.replace(**constants)
+    mask = np.ones(shape, dtype=bool) if mask is None else mask
+    if material is not None:
+        constants = _constants_of(material, stuff.section, mask, spacings[0], diagonals)
     lattice = lattice.replace(**constants)
     if not rigidity:
         return lattice
-    return resisting_bending(lattice, mask, spacings[0], rigidity, diagonals=diagonals, solid=solid)
+    return resisting_bending(lattice, mask, spacings[0], rigidity, diagonals=diagonals, solid=material is not None)
 
 
 def _constants_of(
     material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
 ) -> dict[str, NDArray[np.float64]]:
     """Return mass, stiffness and damping of a lattice of a material, each cell's share by share."""
-    whole = whole_cells(mask)
-    by_axes = material.cell_stiffness(mask.ndim, spacing, section, diagonals=diagonals)
-    stiffness = np.concatenate(
-        [
-            by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step)
-            for step in lattice_directions(mask.ndim, diagonals=diagonals).values()
-        ]
-    )
+    whole, axes = whole_cells(mask), mask.ndim
+    by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
+    steps = lattice_directions(axes, diagonals=diagonals).values()
+    shares = [by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step) for step in steps]
+    stiffness = np.concatenate(shares)
+    longest = max(int(np.ptp(points)) for points in np.nonzero(mask))
     return {
-        "mass": material.cell_mass(mask.ndim, spacing, section) * cell_shares(whole, (0,) * mask.ndim),
+        "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
         "stiffness": stiffness,
-        "damping": material.damping_time(spacing * longest_extent(mask)) * stiffness,
+        "damping": material.damping_time(spacing * longest) * stiffness,
     }
 
 
 def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
     """Return the spacing along each axis, given as one number or, of several axes, as one for each."""
-    several = isinstance(spacing, list | tuple) or (isinstance(spacing, np.ndarray) and spacing.ndim > 0)
-    if axes == 1 or not several:
+    if axes == 1 or not (isinstance(spacing, list | tuple) or np.ndim(spacing) > 0):
         return (checks.positive("spacing", cast(float, spacing)),) * axes
     each = cast(Sequence[float], spacing)
     if len(each) != axes:
@@ -183,12 +168,11 @@ def chain(
         Number of particles, at least 2.
     spacing
         Distance of neighbours and rest length [m].
-    material
-        Material, instead of mass, stiffness and damping; see `Material`.
+    material, mass, stiffness, damping
+        A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By
+        default 1, 1000 and 0.
     area
         Cross section [m²]; only with a material.
-    mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     dim
         Number of coordinates: 1, 2 or 3.
 
@@ -227,12 +211,10 @@ def sheet(
     neighbours
         4 connects neighbours along the axes (such a sheet collapses by shearing: figure 7 of the 2014 report); 8
         adds the diagonals (figure 8).
-    material
-        Material, instead of mass, stiffness and damping; see `Material`.
+    material, mass, stiffness, damping
+        A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
     thickness
         Thickness [m]; only with a material.
-    mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     bending
         Bending resistance: the flexural rigidity D [N m], or "material" for D = E t³ / (12 (1 − ν²)). By default
         there is none. It uses springs between second neighbours, which push while connections between neighbours
@@ -277,10 +259,8 @@ def box(
     neighbours
         6 connects neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals of faces
         and cells.
-    material
-        Material, instead of mass, stiffness and damping; see `Material`.
-    mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
+    material, mass, stiffness, damping
+        A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
 
     Raises
     ------
@@ -321,14 +301,12 @@ def lattice(
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbours
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
-    material
-        Material, instead of mass, stiffness and damping; see `Material`. It fills the complete cells, those with
-        particles at all corners. Every particle must belong to one, and particles without a common cell are not
-        connected.
+    material, mass, stiffness, damping
+        A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`. A
+        material fills the complete cells, those with particles at all corners. Every particle must belong to one,
+        and particles without a common cell are not connected.
     thickness
         Thickness of a sheet [m]; only with a material.
-    mass, stiffness, damping
-        Of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By default 1, 1000 and 0.
     bending
         Bending resistance of a sheet, as for `sheet`.
     dim
@@ -359,25 +337,13 @@ def lattice(
     checks.one_of("neighbours", neighbours, allowed)
     dim = 3 if dim is None else dim
     checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
-    if axes == 2:
-        stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
-    else:
-        stuff = _stuff(material, mass, stiffness, damping)
-        if thickness is not None:
-            raise ValueError(f"thickness is {thickness!r}; for a solid body it must be left out")
-        if bending is not None:
-            raise ValueError(f"bending is {bending!r}; for a solid body it must be left out")
+    section = {"thickness": thickness} if axes == 2 else {}
+    stuff = _stuff(material, mass, stiffness, damping, **section)
+    for name, value in {"thickness": thickness, "bending": bending}.items():
+        if axes == 3 and value is not None:
+            raise ValueError(f"{name} is {value!r}; for a solid body it must be left out")
     surface = grid_surface(points.shape, points) if surface is None else surface
     return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points, bending)
-
-
-def _check_no_loose_particle(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> None:
-    """Check that every particle of a mask is a corner of a whole cell."""
-    loose = first_loose(mask, whole)
-    if loose is not None:
-        raise ValueError(
-            f"mask{list(loose)} is True, but it is a corner of no whole cell; a material fills whole cells"
-        )
 
 
 def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:

@@ -2,18 +2,21 @@
 
 import itertools
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System
-from ..quiet import in_turn, start_warp
-from .skin import SAMPLED, Skin, cell_centres, embedded, held
+from ..runtime import in_turn, start_warp
+from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
+Mesh = tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]
+"""Points [m], texture coordinates if there are any, and triangles."""
 _SAME = 1e-6
-"""Points of a mesh that are nearer than this, over its longest extent, are one: single precision errs by less."""
+"""Points nearer than this, over the mesh's longest extent, are merged: single precision errs by less."""
 _SHARP = math.cos(math.radians(30))
 """Where triangles at a point meet at more than this angle, coincident vertices keep normals of their own."""
 
@@ -67,15 +70,12 @@ def from_mesh(
     centre = (low + high) / 2
     points, triangles = _closed(points - centre, triangles, _SAME * float(extent.max()))
     points, uv, triangles = _used(points, uv, triangles)
-    if across is not None and spacing is None:
-        h = float(extent.max()) / checks.count("across", across, 1)
-    elif spacing is not None and across is None:
-        h = checks.positive("spacing", spacing)
-    else:
+    longest = float(extent.max())
+    if (across is None) == (spacing is None):
         raise ValueError(f"spacing is {spacing} and across is {across}; one of them must be given, not both")
-    if h > extent.max():
-        raise ValueError(f"spacing is {h:g}; it must be at most {extent.max():g}, the longest extent of the mesh")
-    shape = np.maximum(np.ceil(extent / h * (1 - 1e-12)), 1).astype(int)
+    h = longest / checks.count("across", across, 1) if across is not None else spacing
+    h = fine_enough(cast(float, h), {"longest extent of the mesh": longest})
+    shape = [max(cells_along(one, h), 1) for one in extent]
     samples, _, _ = _subdivided(points / h, None, triangles, SAMPLED)
     cells = held(_filled(points / h, triangles, shape), samples)
     points, uv, triangles = _subdivided(points, uv, triangles, 2 * h)
@@ -88,8 +88,8 @@ def from_mesh(
     return body.translate(centre)
 
 
-def read_mesh(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
-    """Return (points, uv, triangles) of a mesh, uv None where it has none, without points that no triangle has."""
+def read_mesh(mesh: Any) -> Mesh:
+    """Return a mesh without points that no triangle has; raise ValueError if it is none."""
     uv = None
     if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):
         surface = mesh.triangulate()
@@ -113,10 +113,8 @@ def read_mesh(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.float64] | Non
     return _used(points, uv, triangles)
 
 
-def _used(
-    points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
-    """Return (points, uv, triangles) without the points that no triangle has."""
+def _used(points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.integer]) -> Mesh:
+    """Return a mesh without the points that no triangle has."""
     used, numbers = np.unique(triangles, return_inverse=True)
     return points[used], None if uv is None else uv[used], numbers.reshape(-1, 3)
 
@@ -124,10 +122,9 @@ def _used(
 def _closed(
     points: NDArray[np.float64], triangles: NDArray[np.intp], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return (points, triangles) of a mesh that is closed, turned to face outwards.
+    """Return (points, triangles) of a closed mesh that faces outwards; raise ValueError if it is none.
 
-    Points that are nearer than the tolerance are given one and the same place, and triangles without a
-    third corner are left out.
+    Points nearer to each other than the tolerance are merged, and triangles without a third corner left out.
     """
     one = _coincident(points, tolerance)
     corners = one[triangles]
@@ -135,7 +132,7 @@ def _closed(
     triangles, corners, points = triangles[proper], corners[proper], points[one]
     if not len(corners):
         raise ValueError("mesh is but a point or a line; it must be a closed surface")
-    edges, edge, forwards = _edges(corners)
+    edges, edge, forwards = sides_of(corners)
     times = np.bincount(edge.ravel(), minlength=len(edges))
     wrong = times != 2
     if wrong.any():
@@ -160,10 +157,10 @@ def _closed(
     return points, triangles
 
 
-def _edges(triangles: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the edges of triangles, shape [any, 2], and each side's edge and whether it is walked forwards.
+def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the edges of triangles, shape [any, 2], each side's edge, and whether it is walked forwards.
 
-    Sides are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
+    The sides of a triangle are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
     """
     start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
     count = int(triangles.max()) + 1
@@ -195,9 +192,7 @@ def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.int
 
 
 @in_turn
-def _filled(
-    points: NDArray[np.float64], triangles: NDArray[np.intp], shape: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def _filled(points: NDArray[np.float64], triangles: NDArray[np.intp], shape: Sequence[int]) -> NDArray[np.bool_]:
     """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
     import warp as wp  # which no other shape needs
 
@@ -219,31 +214,39 @@ def _filled(
 
 def _subdivided(
     points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.intp], longest: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]:
-    """Return (points, uv, triangles) of a mesh with edges halved until none is longer than `longest` [m]."""
-    while True:
-        edges, edge, _ = _edges(triangles)
-        halved = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1) > longest
-        if not halved.any():
-            return points, uv, triangles
-        middle = np.where(halved, len(points) + np.cumsum(halved) - 1, -1)[edge]
-        points = np.concatenate([points, points[edges[halved]].mean(axis=1)])
-        if uv is not None:
-            uv = np.concatenate([uv, uv[edges[halved]].mean(axis=1)])
-        # Turn each triangle a, b, c so that of its middles ab, bc, ca those that there are come first.
-        count = np.count_nonzero(middle >= 0, axis=1)
-        lone = np.where(count == 2, np.argmin(middle >= 0, axis=1) + 1, np.argmax(middle >= 0, axis=1))
-        turn = (np.arange(3) + lone[:, None]) % 3
-        corner, middle = np.take_along_axis(triangles, turn, 1).T, np.take_along_axis(middle, turn, 1).T
-        (a, b, c), (ab, bc, ca) = corner, middle
-        parts = [triangles[count == 0]]
-        for n, split in (
-            (1, ((a, ab, c), (ab, b, c))),
-            (2, ((ab, b, bc), (a, ab, bc), (a, bc, c))),
-            (3, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))),
-        ):
-            parts += [np.stack(triangle, axis=1)[count == n] for triangle in split]
-        triangles = np.concatenate(parts)
+) -> Mesh:
+    """Return a mesh with edges halved until none is longer than `longest` [m]."""
+    count = 0
+    while len(triangles) > count:
+        count = len(triangles)
+        points, uv, triangles = halved(points, uv, triangles, longest)
+    return points, uv, triangles
+
+
+def halved(
+    points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.intp], longest: float
+) -> Mesh:
+    """Return a mesh with its edges that are longer than `longest` [m] halved, once."""
+    edges, edge, _ = sides_of(triangles)
+    long = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1) > longest
+    middle = np.where(long, len(points) + np.cumsum(long) - 1, -1)[edge]
+    points = np.concatenate([points, points[edges[long]].mean(axis=1)])
+    if uv is not None:
+        uv = np.concatenate([uv, uv[edges[long]].mean(axis=1)])
+    # Turn each triangle a, b, c so that of its middles ab, bc, ca those that there are come first.
+    count = np.count_nonzero(middle >= 0, axis=1)
+    lone = np.where(count == 2, np.argmin(middle >= 0, axis=1) + 1, np.argmax(middle >= 0, axis=1))
+    turn = (np.arange(3) + lone[:, None]) % 3
+    corner, middle = np.take_along_axis(triangles, turn, 1).T, np.take_along_axis(middle, turn, 1).T
+    (a, b, c), (ab, bc, ca) = corner, middle
+    parts = [triangles[count == 0]]
+    for n, split in (
+        (1, ((a, ab, c), (ab, b, c))),
+        (2, ((ab, b, bc), (a, ab, bc), (a, bc, c))),
+        (3, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))),
+    ):
+        parts += [np.stack(triangle, axis=1)[count == n] for triangle in split]
+    return points, uv, np.concatenate(parts)
 
 
 def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System
-from .skin import SAMPLED, Skin, cell_centres, embedded, held
+from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
 _FINER = 4
 """How many times finer than its lattice a cloth is drawn."""
@@ -56,17 +56,12 @@ def cloth(
     ValueError
         If an argument is out of range, the outline crosses or touches itself, or the spacing is too large.
     """
-    spacing = checks.positive("spacing", spacing)
     corners = _polygon(outline)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    if spacing > (high - low).max():
-        longest = (high - low).max()
-        raise ValueError(
-            f"spacing is {spacing:g}; it must be at most {longest:g}, the longest extent of the outline"
-        )
+    spacing = fine_enough(spacing, {"longest extent of the outline": (high - low).max()})
     centre, extent = (low + high) / 2, (high - low) / spacing
     corners = (corners - centre) / spacing
-    shape = np.maximum(np.ceil(extent * (1 - 1e-12)), 1).astype(int)
+    shape = np.array([max(cells_along(one, 1.0), 1) for one in extent])
     cells = _cells_of(corners, shape)
     points, triangles = _fitted(corners * _FINER, _cells_of(corners * _FINER, shape * _FINER))
     skin = Skin(points * (spacing / _FINER), np.clip(points / _FINER / extent + 0.5, 0, 1), triangles)
@@ -100,9 +95,7 @@ def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
         # Both have the other's ends not on the same side, and their bounding boxes meet, if they are in line.
         parted = _cross(b - a, c - a) * _cross(b - a, d - a) > 0
         parted |= _cross(d - c, a - c) * _cross(d - c, b - c) > 0
-        parted |= (np.minimum(a, b) > np.maximum(c, d)).any(axis=1) | (np.maximum(a, b) < np.minimum(c, d)).any(
-            axis=1
-        )
+        parted |= ((np.minimum(a, b) > np.maximum(c, d)) | (np.maximum(a, b) < np.minimum(c, d))).any(axis=1)
         if not parted.all():
             raise ValueError(
                 f"outline crosses or touches itself: its sides from outline[{i}] and "

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Surface, System
-from .meshes import read_mesh
+from .joining import join
+from .meshes import halved, read_mesh, sides_of
 
 
 def shell(
@@ -57,25 +58,16 @@ def shell(
     )
     if checks.non_negative("bending", bending) == 0.0 or not len(across):
         return system
-    folds = System(position=points, connections=across, stiffness=bending)
-    return System(
-        position=points,
-        mass=system.mass,
-        connections=np.concatenate([edges, across]),
-        rest_length=np.append(system.rest_length, folds.rest_length),
-        stiffness=np.append(system.stiffness, folds.stiffness),
-        damping=np.append(system.damping, folds.damping),
-        surface=system.surface,
-    )
+    count = len(across)  # constants are stored for each, by which the digests of scenes know them
+    return join(system, pairs=across, stiffness=np.full(count, bending), damping=np.zeros(count))
 
 
 def edges_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the edges of triangles, each once, and the far corners of each two that share one, shape [any, 2]."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    far = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
-    edges, which = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
-    order = np.argsort(which.ravel(), kind="stable")
-    first = np.flatnonzero(np.diff(which.ravel()[order], append=-1) == 0)
+    edges, side, _ = sides_of(triangles)
+    far, side = np.roll(triangles, 1, axis=1).T.ravel(), side.T.ravel()
+    order = np.argsort(side, kind="stable")
+    first = np.flatnonzero(np.diff(side[order], append=-1) == 0)
     across = np.stack([far[order][first], far[order][first + 1]], axis=1)
     return edges.astype(np.int32), np.sort(across, axis=1).astype(np.int32)
 
@@ -109,15 +101,8 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
     outwards = np.einsum("td,td->t", np.cross(a, b), c)
     triangles[outwards < 0] = triangles[outwards < 0][:, ::-1]
     for _ in range(subdivisions):
-        n, count = len(points), len(triangles)
-        sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-        edges, which = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
-        points = np.concatenate([points, points[edges].sum(axis=1)])
+        points, _, triangles = halved(points, None, triangles, 0.0)
         points /= np.linalg.norm(points, axis=1)[:, None]
-        ab, bc, ca = (n + which.ravel()[k * count : (k + 1) * count] for k in range(3))
-        a, b, c = triangles.T
-        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     points *= radius / np.linalg.norm(points, axis=1)[:, None]
     return points, np.asarray(triangles, dtype=np.int32)
 

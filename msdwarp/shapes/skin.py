@@ -1,6 +1,8 @@
 """Skins: a drawn surface, carried by a lattice of cells."""
 
 import itertools
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +21,8 @@ def embed(
     """Return points as mixtures of the corners of lattice cells: (particle, weights), shape [any, 2^d] each.
 
     A point is interpolated, linearly along each axis, in the cell that contains it. Where that cell is not
-    whole, since a particle is missing at a corner, it is extrapolated from the nearest whole cell.
+    whole, since a particle is missing at a corner, it is extrapolated from the nearest whole cell. Raises
+    ValueError if no cell is whole, or a point is not finite.
 
     Parameters
     ----------
@@ -29,15 +32,8 @@ def embed(
         Number of the particle at each lattice point, shape [nx, ny] or [nx, ny, nz].
     whole
         Which cells have a particle at every corner, one fewer along each axis.
-    spacing
-        Distance of neighbours along an axis [m].
-    corner
-        Where number[0, 0, 0] is, or would be [m], shape [d].
-
-    Raises
-    ------
-    ValueError
-        If no cell is whole, or a point is not finite.
+    spacing, corner
+        Distance of neighbours along an axis [m], and position of number[0, 0, 0] [m], shape [d].
     """
     dim = number.ndim
     place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing
@@ -58,10 +54,9 @@ def embed(
 def nearest_cells(
     place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return which of some cells is nearest to each place, shape [any, d], and how far it is, shape [any].
+    """Return the cell nearest to each place, shape [any, d], and its distance, shape [any]; both in cells.
 
-    Places and distances are measured in cells; what is inside is 0 away. Where no cell is within that distance,
-    another may be returned, or none that is inf away.
+    The distance is 0 inside, and inf where no cell was found. One beyond `within` need not be the nearest.
 
     The cells around the one that a place lies in are searched shell by shell. Those of shell r + 1 are at
     least r away, so that a cell found within r stands. A place outside the grid starts at its margin.
@@ -89,12 +84,12 @@ def nearest_cells(
 
 
 AWAY, SAMPLED = 0.6, 0.4
-"""Distances in cells: beyond the first from all cells a part is lost; so densely is a skin looked at."""
+"""Distances in cells: further than the first from all cells the skin is lost; its samples are the second apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A surface as it is drawn, before the particles carry it."""
+    """A surface to be drawn, before particles carry it."""
 
     points: NDArray[np.float64]
     """Vertices [m], shape [vertex_count, d]."""
@@ -107,31 +102,18 @@ class Skin:
 
 
 def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) -> System:
-    """Return the lattice of the corners of some cells, centred at the origin, that carries a skin along.
+    """Return the lattice of some cells' corners, centred at the origin, that carries a skin.
 
-    Parameters
-    ----------
-    cells
-        Which cells the body is of, shape [nx, ny] or [nx, ny, nz].
-    spacing
-        Their size [m].
-    skin
-        What is drawn, where it is when the lattice is centred at the origin.
-    kind
-        What it is made of, how it is joined: keywords of `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If there is no cell, or they are several pieces, or as for `lattice`.
+    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keywords of `lattice`. Raises ValueError if
+    there is no cell, or they are several pieces, or as `lattice` does.
     """
     if not cells.any():
         raise ValueError(f"spacing is {spacing:g}; it must be smaller: no cell of that size has its centre inside")
-    mask = np.zeros([n + 1 for n in cells.shape], dtype=bool)
-    for corner in np.ndindex((2,) * cells.ndim):
-        mask[tuple(slice(c, n + c) for c, n in zip(corner, cells.shape, strict=True))] |= cells
+    mask = cells
+    for axis in range(cells.ndim):
+        mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
     whole = whole_cells(mask)
-    # The particles of a cell are joined along its edges, so that these alone tell what hangs together.
+    # The particles of a cell are joined along its edges, so that axes alone tell the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
     pieces = count_pieces(int(np.count_nonzero(mask)), joined)
     if pieces > 1:
@@ -141,10 +123,8 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
         )
     low = [-spacing * (n - 1) / 2 for n in mask.shape]
     particle, weights = embed(skin.points, particle_numbers(mask.shape, mask), whole, spacing, low)
-    surface = Surface(
-        particle=particle, weights=weights, uv=skin.uv, triangles=skin.triangles, normal_of=skin.normal_of
-    )
-    return lattice(mask, spacing, surface=surface, **kind)
+    drawn = {"uv": skin.uv, "triangles": skin.triangles, "normal_of": skin.normal_of}
+    return lattice(mask, spacing, surface=Surface(particle=particle, weights=weights, **drawn), **kind)
 
 
 def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
@@ -153,22 +133,29 @@ def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
     return list(np.meshgrid(*axes, indexing="ij", sparse=True))
 
 
+def fine_enough(spacing: float, sizes: Mapping[str, float]) -> float:
+    """Return the spacing; raise ValueError unless it is positive and at most each of the sizes."""
+    spacing = checks.positive("spacing", spacing)
+    for name, size in sizes.items():
+        if spacing > size:
+            raise ValueError(f"spacing is {spacing:g}; it must be at most {size:g}, the {name}")
+    return spacing
+
+
+def cells_along(length: float, spacing: float) -> int:
+    """Return how many cells cover a length, less what rounding adds: ten tenths are no more than one."""
+    return math.ceil(length / spacing * (1 - 1e-12))
+
+
 def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return cells with those added that thin parts of a body pass through, so that what hangs together does.
+    """Return cells, of size 1 around the origin, with those added that keep thin parts of a body connected.
 
     Added are the cells with a sample of the body's skin that is further than AWAY from every cell so far (where
     the body is thick, a plane skin is at most ½ from a cell with its centre inside); and then those with a sample
-    where the cells around hang together through nothing else that is around.
+    where the cells around are connected by nothing else that is around.
 
-    Cells hang together if they share a corner: those of samples less than a cell apart do. Samples are SAMPLED
-    apart, and AWAY + SAMPLED is 1, so that no gap is left.
-
-    Parameters
-    ----------
-    cells
-        Cells of size 1 of a grid around the origin, shape [nx, ny] or [nx, ny, nz].
-    samples
-        Points of the skin, shape [any, d], neighbours at most SAMPLED apart.
+    Cells are connected if they share a corner: those of samples less than a cell apart do. Samples, of shape
+    [any, d], are SAMPLED apart, and AWAY + SAMPLED is 1, so that no gap is left.
     """
     shape, dim = np.array(cells.shape), cells.ndim
     place = samples + shape / 2

@@ -2,14 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System
-from .skin import Skin, cell_centres, embedded
+from .skin import Skin, cell_centres, cells_along, embedded, fine_enough
 
 _AROUND = 64
 """Least number of vertices around a solid, so that a coarse one looks round too."""
@@ -48,17 +48,15 @@ def ball(
         If an argument is out of range.
     """
     radius = checks.positive("radius", radius)
-    spacing = _fine_enough(spacing, radius=radius)
+    spacing = fine_enough(spacing, {"radius": radius})
     columns = _columns(radius, spacing)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, columns // 2 + 1)
     ring = radius * np.cos(latitude)
     ring[[0, -1]] = 0.0  # the poles, which rounding would miss
     skin = _revolved(ring, radius * np.sin(latitude), columns, (0, 1, 0, 1), smooth=True)
 
-    def inside(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.bool_]:
-        return x**2 + y**2 + z**2 < radius**2
-
-    cells = _cells_inside(inside, [math.ceil(_cells(2 * radius, spacing))] * 3, spacing)
+    x, y, z = cell_centres([cells_along(2 * radius, spacing)] * 3, spacing)
+    cells = x**2 + y**2 + z**2 < radius**2
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
 
@@ -98,20 +96,18 @@ def cylinder(
         If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
-    spacing = _fine_enough(spacing, radius=radius, height=height)
+    spacing = fine_enough(spacing, {"radius": radius, "height": height})
     columns, half = _columns(radius, spacing), height / 2
-    across, along = _steps(radius, spacing), _steps(height, spacing)
+    across, along = cells_along(radius, spacing), cells_along(height, spacing)
     skin = _together(
         _disc(radius, -half, across, columns, up=False),
         _revolved(np.full(along + 1, radius), np.linspace(-half, half, along + 1), columns, (0, 1, 0, 0.5)),
         _disc(radius, half, across, columns, up=True),
     )
 
-    def inside(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.bool_]:
-        return (x**2 + y**2 < radius**2) & (np.abs(z) < half)
-
-    wide, high = math.ceil(_cells(2 * radius, spacing)), math.ceil(_cells(height, spacing))
-    cells = _cells_inside(inside, (wide, wide, high), spacing)
+    wide = cells_along(2 * radius, spacing)
+    x, y, z = cell_centres((wide, wide, along), spacing)
+    cells = (x**2 + y**2 < radius**2) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
 
@@ -151,46 +147,20 @@ def cone(
         If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
-    spacing = _fine_enough(spacing, radius=radius, height=height)
+    spacing = fine_enough(spacing, {"radius": radius, "height": height})
     columns, half = _columns(radius, spacing), height / 2
-    along = _steps(math.hypot(radius, height), spacing)
+    along = cells_along(math.hypot(radius, height), spacing)
     ring, z = np.linspace(radius, 0, along + 1), np.linspace(-half, half, along + 1)
     skin = _together(
-        _disc(radius, -half, _steps(radius, spacing), columns, up=False),
+        _disc(radius, -half, cells_along(radius, spacing), columns, up=False),
         _revolved(ring, z, columns, (0, 1, 0, 0.5)),
     )
 
-    def inside(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.bool_]:
-        return (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
-
-    wide = 2 * math.ceil((_cells(2 * radius, spacing) - 1) / 2) + 1  # odd: with cells on the axis
-    cells = _cells_inside(inside, (wide, wide, math.ceil(_cells(height, spacing))), spacing)
+    wide = cells_along(2 * radius, spacing) | 1  # odd: with cells on the axis
+    x, y, z = cell_centres((wide, wide, cells_along(height, spacing)), spacing)
+    cells = (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
-
-
-def _cells_inside(inside: Callable[..., NDArray[np.bool_]], shape: ArrayLike, spacing: float) -> NDArray[np.bool_]:
-    """Return which cells of a grid around the origin have their centre inside, shape [nx, ny, nz]."""
-    return inside(*cell_centres(shape, spacing))
-
-
-def _fine_enough(spacing: float, **sizes: float) -> float:
-    """Return the spacing; raise ValueError unless it is at most each of the sizes."""
-    spacing = checks.positive("spacing", spacing)
-    for name, size in sizes.items():
-        if spacing > size:
-            raise ValueError(f"spacing is {spacing:g}; it must be at most {size:g}, the {name}")
-    return spacing
-
-
-def _cells(length: float, spacing: float) -> float:
-    """Return how many cells fit into a length, less what rounding adds: ten tenths are no more than one."""
-    return length / spacing * (1 - 1e-12)
-
-
-def _steps(length: float, spacing: float) -> int:
-    """Return into how many steps of a spacing at most a length of the skin is divided."""
-    return math.ceil(_cells(length, spacing))
 
 
 def _columns(radius: float, spacing: float) -> int:
@@ -208,17 +178,9 @@ def _revolved(
 ) -> Skin:
     """Return the surface that a line sweeps around the z axis, facing outwards where it rises.
 
-    Parameters
-    ----------
-    ring, z
-        Distance from the axis and height of the line's points [m], shape [rows + 1] each. Only the first and
-        the last may be on the axis: there every column has a vertex of its own, halfway between its sides.
-    columns
-        Number of vertices around.
-    tile
-        The part of the texture that it takes: u from and to, v from and to.
-    smooth
-        Whether the vertices on the axis have a common normal.
+    The points of the line are at the distances `ring` from the axis [m] and at the heights z. Only the first and
+    the last may be on the axis: there every column has a vertex of its own, halfway between its sides, and if the
+    surface is `smooth` these have a common normal. `tile` is its part of the texture, from and to, of u and of v.
     """
     angle = math.tau * np.arange(columns) / columns - math.pi
     cosine, sine = (np.append(values, values[0]) for values in (np.cos(angle), np.sin(angle)))  # exactly closed
@@ -229,8 +191,8 @@ def _revolved(
         vertex = np.arange(len(u))
         points.append(np.stack([radius * cosine[vertex], radius * sine[vertex], np.full(len(u), height)], axis=1))
         uv.append(np.stack([u, np.full(len(u), r / (len(ring) - 1))], axis=1))
-        own = vertex if not pole else 0 * vertex if smooth else vertex
-        normal_of.append(count + (own if pole else vertex % columns))  # the seam: the last is the first
+        own = vertex * (not smooth) if pole else vertex % columns  # the seam: the last is the first
+        normal_of.append(count + own)
         index.append(count + vertex)
         count += len(u)
     triangles = []
@@ -256,12 +218,7 @@ def _disc(radius: float, z: float, rows: int, columns: int, *, up: bool) -> Skin
     ring = np.linspace(radius, 0, rows + 1) if up else np.linspace(0, radius, rows + 1)
     flat = _revolved(ring, np.full(rows + 1, z), columns, (0, 1, 0, 1), smooth=True)
     seen = flat.points[:, [0, 1]] if up else flat.points[:, [1, 0]]
-    return Skin(
-        flat.points,
-        np.array([0.5 if up else 0.0, 0.5]) + 0.25 * (1 + seen / radius),
-        flat.triangles,
-        flat.normal_of,
-    )
+    return replace(flat, uv=np.array([0.5 if up else 0.0, 0.5]) + 0.25 * (1 + seen / radius))
 
 
 def _together(*skins: Skin) -> Skin:

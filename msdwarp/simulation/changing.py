@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import BodyContact, resists
+from ..engine import resists
 from ..integrators import Integrator, UnstableStep
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..world import (
     Change,
     Collider,
@@ -64,9 +64,8 @@ class Changing(Present):
 
     def _stick(self, arrays: Mapping[str, NDArray]) -> None:
         """Begin with bodies that stick to each other as `BodyContact.checkpoint` says, where they may touch."""
-        for effect in self.model.effects:
-            if isinstance(effect, BodyContact):
-                effect.restore(arrays)
+        if self.assembly.body_contact is not None:
+            self.assembly.body_contact.restore(arrays)
         self.stepping.begin_anew()
         if self._pace is not None:
             self._pace.begin(self.stepping)
@@ -187,7 +186,7 @@ class Changing(Present):
         energy = self._energy()
         self.stepping.throw(velocity, chosen)
         added = self._energy() - energy
-        if resists(self.model):  # forces that depend on speed may be steeper now
+        if resists(self.assembly):  # forces that depend on speed may be steeper now
             try:
                 self._choose_anew()
             except UnstableStep:

@@ -21,7 +21,7 @@ Numbers = Mapping[str, Any]
 def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return the arrays of a system that moves, and the numbers of its substeps."""
     arrays = {name: np.array(array.numpy()) for name, array in _moving(stepping).items()}
-    for effect in stepping.model.effects:
+    for effect in stepping.assembly.all:
         arrays |= effect.checkpoint()
     absent = () if stepping.model.system.tears else TEARING_FIELDS
     for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
@@ -158,7 +158,7 @@ def take_back(stepping: Stepping, arrays: Arrays) -> None:
     kept = _kept_effects(stepping, arrays)
     for effect in kept:
         effect.restore(arrays)
-    if len(kept) < len(stepping.model.effects):
+    if len(kept) < len(stepping.assembly.all):
         stepping.begin_anew()
 
 
@@ -167,8 +167,8 @@ def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
 
     Older ones did not sum the work of obstacles that move, and knew none between the particles of a body.
     """
-    work, between = stepping.model.work, "straddle.partner"
-    known = [one for one in stepping.model.effects if one is not work or "work.before" in arrays]
+    work, between = stepping.assembly.external_work, "straddle.partner"
+    known = [one for one in stepping.assembly.all if one is not work or "work.before" in arrays]
     return known if between in arrays else [one for one in known if between not in one.checkpoint()]
 
 

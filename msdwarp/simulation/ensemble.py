@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import Baseline, EnsembleModel, Rates, State, world_rates
+from ..engine import Baseline, Rates, State, assemble_worlds, world_rates
 from ..integrators import (
     SAFETY,
     Integrator,
@@ -21,7 +21,7 @@ from ..integrators import (
     choose_forced,
     choose_stable,
 )
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import forced, frame_count
 from .changing import check_bears_touch
@@ -66,8 +66,8 @@ class Ensemble:
         [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or one number.
     friction
         Of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
-    colliders, loads, touch
-        With a `System`: fixed obstacles, constant `Force`s, and contact between bodies.
+    colliders, loads
+        With a `System`: obstacles, loads, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. All worlds have the same number of substeps; "auto" is that of the world that needs
         most.
@@ -88,8 +88,8 @@ class Ensemble:
     Raises
     ------
     ValueError
-        If an argument is out of range, or the scene has features that are not supported yet: loads other than
-        constant forces, moving obstacles, connections that yield or break, changes at set times.
+        If an argument is out of range, or the scene has features that are not supported yet: changes at set times,
+        contact of surfaces with obstacles, or loads that start from positions which differ between worlds.
     UnstableStep
         If `substeps` is too small for the stability of a world.
     """
@@ -136,8 +136,6 @@ class Ensemble:
             own_gravity = own_gravity if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
-        if callable(own_gravity):
-            raise ValueError("gravity is a function of time; in an ensemble it must be constant yet")
         if friction is not None and not self._colliders:
             raise ValueError("friction is given; there must be colliders then")
         self._gravity, self._contact = own_gravity, collider_rule
@@ -155,9 +153,9 @@ class Ensemble:
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
         around: dict[str, Any] = {"colliders": self._colliders, "collider_rule": collider_rule}
         around |= {"gravity": own_gravity, "loads": self._loads, "device": device, "precision": precision}
-        around["force_algorithm"] = force_algorithm
-        self._threads = threads
-        self.model = EnsembleModel(self._base, self.worlds, self._rows, **around)
+        around["force_algorithm"], self._threads = force_algorithm, threads
+        self.assembly = assemble_worlds(self._base, self.worlds, self._rows, **around)
+        self.model = self.assembly.model
         self.reset()
 
     @in_turn
@@ -165,13 +163,13 @@ class Ensemble:
         """Go back to the start."""
         self.frame_index = 0
         how: dict[str, Any] = {"energy_limit": self._energy_limit, "threads": self._threads}
-        self._stepping = EnsembleStepping(self.model, self._method, self._choices(), **how)
+        self._stepping = EnsembleStepping(self.assembly, self._method, self._choices(), **how)
         self._overrun_told = False
 
     def _choices(self) -> list[StepChoice]:
         """Return the substeps that each world asks for, of those that differ."""
         found = []
-        for k, (stiffness, damping) in enumerate(world_rates(self.model)):
+        for k, (stiffness, damping) in enumerate(world_rates(self.assembly)):
             rates = Rates(float(stiffness), float(damping), self._least_ratio(k))
             if self._forced is not None and self._allow_unstable:
                 found.append(choose_forced(rates, self._method, self.fps, self._forced))
@@ -228,9 +226,9 @@ class Ensemble:
     @in_turn
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
-        touching = self.model.touching
+        touching = self.assembly.body_contact
         for _ in range(checks.count("frames", frames, 1)):
-            self._stepping.advance()
+            self._stepping.advance(self.time)
             self.frame_index += 1
             if touching is not None and not self._overrun_told and (doubt := touching.warnings()):
                 self._overrun_told = True
@@ -331,6 +329,10 @@ class Ensemble:
         if not start:
             now = self.frame()
             fields |= {"position": now.position[world], "velocity": now.velocity[world]}
+            changed = self.assembly.checkpoints()[world]
+            if "rest_length" in changed:
+                fields["original_length"] = fields.get("rest_length", self._base.original_length)
+            fields |= {name: changed[name] for name in ("rest_length", "broken_at") if name in changed}
         return self._base.replace(**fields)
 
     @in_turn
@@ -342,10 +344,10 @@ class Ensemble:
         world = self._number(world)
         colliders = self._colliders
         if "friction" in self._rows:
-            each = self._of_rows("friction", world)
+            each = self._of_world("friction", world)
             colliders = [rubbing(one, float(own)) for one, own in zip(colliders, each, strict=True)]
         own: dict[str, Any] = {
-            "gravity": self._of_rows("gravity", world) if "gravity" in self._rows else self._gravity,
+            "gravity": self._of_world("gravity", world) if "gravity" in self._rows else self._gravity,
             "colliders": colliders,
             "collider_rule": self._contact,
             "loads": self._loads,
@@ -360,13 +362,9 @@ class Ensemble:
             "force_algorithm": self.model.force_algorithm,
         }
         alone = Simulation(self.system_of(world, start=start), **(own | options))
-        if not start and self.model.touching is not None:
-            alone._stick(self.model.touching.checkpoints()[world])
+        if not start and self.assembly.body_contact is not None:
+            alone._stick(self.assembly.body_contact.checkpoints()[world])
         return alone
-
-    def _of_rows(self, name: str, world: int) -> NDArray[np.float64]:
-        rows = self._rows[name]
-        return rows[world % len(rows)]
 
     def _number(self, world: int) -> int:
         """Return the number of a world; raise ValueError if there is none."""

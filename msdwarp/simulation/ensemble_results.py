@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..engine import GroupMeans, WorldEnergies
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..world import FRAME, POSITION, VELOCITY, Probe
-
-if TYPE_CHECKING:
-    from .ensemble import Ensemble
 
 MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
@@ -76,8 +73,8 @@ class Observation:
 
 
 @in_turn
-def observations(ensemble: "Ensemble", observe: Mapping[str, Any]) -> list[Observation]:
-    """Return what is to be observed; raise ValueError that names what cannot be."""
+def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]:
+    """Return what is to be observed of an `Ensemble`; raise ValueError that names what cannot be."""
     found = []
     for name, what in checks.mapping("observe", observe).items():
         checks.instance("a name in observe", name, str, "'top'")
@@ -88,7 +85,7 @@ def observations(ensemble: "Ensemble", observe: Mapping[str, Any]) -> list[Obser
     return found
 
 
-def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
+def _observation(ensemble: Any, name: str, what: Any) -> Observation:
     """Return one thing that is to be observed."""
     model, state = ensemble.model, ensemble.state
     if isinstance(what, Probe):
@@ -124,21 +121,22 @@ def _observation(ensemble: "Ensemble", name: str, what: Any) -> Observation:
     if what in WHOLE:
         field, unit = WHOLE[what]
         return Observation(name, ("particle", "axis"), unit, lambda: getattr(ensemble.frame(), field))
-    sums = WorldEnergies(model)
+    sums = WorldEnergies(ensemble.assembly)
 
     def energy() -> NDArray:
         each = sums.read(state.x, ensemble.velocity(), state.compensation.x)
         chosen = ENERGIES if what == "energy" else (what,)
         total = np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
-        if what == "energy" and model.touching is not None:
-            total += model.touching.energies(state.x, ensemble.velocity())
+        if what == "energy":
+            v = ensemble.velocity()
+            total = total + sum(effect.energies(state.x, v) for effect in ensemble.assembly.all)
         return total
 
     return Observation(name, (), "J", energy)
 
 
-def dataset(ensemble: "Ensemble", seen: list[Observation], times: list[float]) -> Any:
-    """Return what was seen at some times [s] as an `xarray.Dataset`, beside what differs between worlds."""
+def dataset(ensemble: Any, seen: list[Observation], times: list[float]) -> Any:
+    """Return what was seen of an `Ensemble` at some times [s] as an `xarray.Dataset`, with their parameters."""
     xarray = import_xarray()
     variables = {one.name: one.variable() for one in seen}
     coordinates: dict[str, Any] = {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..engine import EnsembleDivergenceMonitor, EnsembleDynamics, EnsembleModel, EnsembleStepper, Rates, Steps
+from ..engine import Assembly, Dynamics, EnsembleDivergenceMonitor, Rates, Stepper, Steps, starting_state
 from ..integrators import Integrator, StepChoice, choose_forced
 from .pinned_staging import CAPTURE_LOCK
 
@@ -17,8 +17,8 @@ class EnsembleStepping:
 
     Parameters
     ----------
-    model
-        The worlds; they begin where it says.
+    assembly
+        The worlds, and what acts on them; they begin where it says.
     method
         The time-stepping method.
     choices
@@ -38,14 +38,16 @@ class EnsembleStepping:
 
     def __init__(
         self,
-        model: EnsembleModel,
+        assembly: Assembly,
         method: Integrator,
         choices: Sequence[StepChoice],
         *,
         energy_limit: float,
         threads: int | str | None,
     ) -> None:
-        self._model, self.state = model, model.start(method.method_state)
+        self._assembly, model = assembly, assembly.model
+        fps = choices[0].fps
+        self.state = starting_state(model.system, assembly, method.method_state, 0.0, fps)
         self.choice = max(choices, key=lambda choice: (choice.substeps, choice.rates.stiffness))
         fitting = Rates(
             max(one.rates.stiffness for one in choices),
@@ -54,9 +56,10 @@ class EnsembleStepping:
         )
         fps, substeps, step = self.choice.fps, self.choice.substeps, self.choice.step
         own = self.integrator = method.fitted(fitting, step)
-        if model.touching is not None:
-            model.touching.forget()
-        self._dynamics = EnsembleDynamics(model)
+        self._contact: Any = assembly.body_contact
+        if self._contact is not None:
+            self._contact.forget()
+        self._dynamics = Dynamics(assembly)
         self._dynamics.begin(Steps(fps, substeps, own.stage_times, own.weights, own.lag, own.lagging))
         self._dynamics.hold(0.0)
         self._work = own.workspace(self.state)
@@ -64,31 +67,34 @@ class EnsembleStepping:
         limit = energy_limit * swing[np.arange(model.worlds) % len(swing)]
         self.watch = EnsembleDivergenceMonitor(self._dynamics, self.state, limit)
         take_substep = partial(own.step, self._dynamics, self.state, self._work, step)
-        self._stepper = EnsembleStepper(self._dynamics, self.state, take_substep, threads)
-        self.threads = self._stepper.threads
+        self._stepper = Stepper(self._dynamics, self.state, take_substep, blocks=threads)
+        self.threads = None if self._stepper.blocks is None else self._stepper.blocks[1]
         self._graph: Any = None
         self._generation = model.generation
         own.start(self._dynamics, self.state, self._work, step)
 
-    def advance(self) -> None:
-        """Advance all worlds that have not diverged by a frame; what diverges meanwhile is frozen."""
+    def advance(self, time: float) -> None:
+        """Advance all worlds that have not diverged by the frame that begins at `time` [s].
+
+        What diverges meanwhile is frozen.
+        """
+        self._dynamics.begin_frame(time)
         self._take_frame()
-        touching = self._model.touching
-        if touching is None:
+        if self._contact is None:
             return
         while self._is_void():
             self.watch.go_back()
             self._take_frame()
-        touching.frozen = self.watch.found()[0] != 0
+        self._contact.frozen = self.watch.found()[0] != 0
 
     def _take_frame(self) -> None:
         """Launch a frame."""
-        if self._graph is None or self._generation != self._model.generation:
-            self._generation = self._model.generation
-            with CAPTURE_LOCK, wp.ScopedCapture(device=self._model.device) as capture:
+        if self._graph is None or self._generation != self._assembly.model.generation:
+            self._generation = self._assembly.model.generation
+            with CAPTURE_LOCK, wp.ScopedCapture(device=self._assembly.model.device) as capture:
                 self.watch.begin()
                 self._stepper.take(self.choice.substeps)
-                for effect in self._model.effects:
+                for effect in self._assembly.all:
                     effect.look()
                 self.watch.end()
             self._graph = capture.graph
@@ -96,9 +102,9 @@ class EnsembleStepping:
 
     def _is_void(self) -> bool:
         """Tell whether the frame just launched must be repeated, as lists of contacts did not hold."""
-        if self._model.device.is_cuda:
-            wp.synchronize_stream(self._model.device.stream)
-        void = [effect.is_void() for effect in self._model.effects]  # each of them is asked
+        if self._assembly.model.device.is_cuda:
+            wp.synchronize_stream(self._assembly.model.device.stream)
+        void = [effect.is_void() for effect in self._assembly.all]  # each of them is asked
         return any(void)
 
     def velocity(self) -> wp.array:

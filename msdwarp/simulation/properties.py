@@ -4,9 +4,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame, System
-from ..engine import Measures, Model, State, measure
+from ..engine import Assembly, Measures, Model, State, measure
 from ..integrators import Integrator, StepChoice
-from ..quiet import in_turn
+from ..runtime import in_turn
 from .readings import Readings
 from .stepping import Stepping
 
@@ -35,6 +35,11 @@ class Present:
     def system(self) -> System:
         """The system as it was when it was last uploaded: at the start, or by the last change."""
         return self.stepping.model.system
+
+    @property
+    def assembly(self) -> Assembly:
+        """The system on its device, and the effects that act on it."""
+        return self.stepping.assembly
 
     @property
     def model(self) -> Model:
@@ -84,7 +89,7 @@ class Present:
     @in_turn
     def measure(self) -> Measures:
         """Return energies, momentum and strain of the current state."""
-        return measure(self.model, self.state, self.stepping.velocity(), self.state.compensation.x)
+        return measure(self.assembly, self.state, self.stepping.velocity(), self.state.compensation.x)
 
     @property
     def rest_length(self) -> NDArray:

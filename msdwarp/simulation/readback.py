@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
-from ..quiet import in_turn
+from ..runtime import in_turn
 from .pinned_staging import CAPTURE_LOCK
 from .simulation import Simulation
 
@@ -74,11 +74,10 @@ class Readback:
             wp.copy(room.here["position_lost"], state.compensation.x)
             wp.copy(room.here["velocity_lost"], state.compensation.v)
         if self._strain:
-            write_strain(stepping.model, state, self._place_in(stepping.model), room.here["strain"])
-        if stepping.model.tearing is not None and "broken_at" in room.here:
-            write_in_order(
-                stepping.model.tearing.broken_at, self._place_in(stepping.model), room.here["broken_at"]
-            )
+            write_strain(stepping.assembly, state, self._place_in(stepping.model), room.here["strain"])
+        fracture = stepping.assembly.fracture
+        if fracture is not None and "broken_at" in room.here:
+            write_in_order(fracture.broken_at, self._place_in(stepping.model), room.here["broken_at"])
         if self._contact_forces and stepping.contact_forces is not None:
             stepping.contact_forces.write_force(room.here["contact_force"])
         if self._stream is not None:
@@ -164,7 +163,7 @@ class _Room:
             kinds["contact_force"] = (n, model.vector)
         if strain:
             kinds["strain"] = (model.connection_count, model.scalar)
-        if model.tearing is not None:
+        if model.system.tears:
             kinds["broken_at"] = (model.connection_count, wp.float32)
         self.here = {name: wp.empty(*kind, device=device) for name, kind in kinds.items()}
         self._host = self.here

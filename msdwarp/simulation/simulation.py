@@ -13,8 +13,8 @@ from ..bodies import Frame, System
 from ..engine import (
     Blocks,
     Dynamics,
-    Model,
     Rates,
+    assemble,
     check_blocks,
     rate_bounds,
     starting_state,
@@ -22,7 +22,7 @@ from ..engine import (
     warn_of_start,
 )
 from ..integrators import SAFETY, Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..world import (
     Change,
     Collider,
@@ -178,7 +178,7 @@ class Simulation(Changing):
         self._threads = threads
         self._initial = system
         self.reset()
-        self._inside = warn_of_start(self.model, self._surroundings["colliders"])
+        self._inside = warn_of_start(self.assembly, self._surroundings["colliders"])
 
     @classmethod
     def from_scene(cls, scene: Scene, **options: Any) -> Self:
@@ -218,16 +218,16 @@ class Simulation(Changing):
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
-        model = Model(system, **self._surroundings)
+        assembly = assemble(system, **self._surroundings)
         if self.time > 0.0:
-            model.go_on_from(self.model, self.state.x, self.state.v)
-        check_blocks(self._blocks, on_gpu=model.device.is_cuda)
-        state = starting_state(system, model, self._method.method_state, self.time, self.fps)
+            assembly.go_on_from(self.assembly, self.state.x, self.state.v)
+        check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
+        state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0
         if self._pace is not None and self._pace.scale > 0:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
-        choice = choice or self._choose(rate_bounds(system, model, state)).refined(refinement)
-        how: Any = (Dynamics(model, threads=threads_for(model, self._threads)), state, self._method, choice)
+        choice = choice or self._choose(rate_bounds(system, assembly, state)).refined(refinement)
+        how: Any = (Dynamics(assembly, threads=threads_for(assembly, self._threads)), state, self._method, choice)
         limits: Any = {"energy_limit": self._energy_limit, "paced": self._pace is not None}
         self.stepping = Stepping(*how, **limits, blocks=self._blocks, time=self.time)
         if self._pace is not None:
@@ -299,7 +299,7 @@ class Simulation(Changing):
 
     def _bound(self) -> StepChoice:
         """Return the substeps that the system as it is now asks for; raise UnstableStep if there are none."""
-        return self._choose(rate_bounds(self.system, self.model, self.state))
+        return self._choose(rate_bounds(self.system, self.assembly, self.state))
 
     def _choose_anew(self) -> None:
         """Change the number of substeps if the system as it is now asks for another one."""
@@ -312,7 +312,7 @@ class Simulation(Changing):
     def _divergence(self, gained: float | None = None) -> SimulationDiverged:
         """Find out what went wrong in the frame just simulated, and go back to its start."""
         trouble = self.stepping.find_trouble()
-        rates = rate_bounds(self.system, self.model, self.state)
+        rates = rate_bounds(self.system, self.assembly, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
         return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
@@ -375,7 +375,7 @@ class Simulation(Changing):
         self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.make_room(self.state.x, self.state.v)
         self.substep_history = chosen or [(0.0, self.substeps)]
         if baseline is not None:

@@ -335,4 +335,4 @@ def _is_real(stepping: Stepping, rises: list[float]) -> bool:
     A body with nothing around it has no source of energy. An obstacle that stands still is one where it puts back
     what starts inside it.
     """
-    return bool(stepping.model.effects) and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])
+    return bool(stepping.assembly.all) and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])

@@ -14,6 +14,7 @@ from ..engine import (
     Backup,
     Baseline,
     Blocks,
+    ContactForces,
     DivergenceMonitor,
     Dynamics,
     EnergyBalance,
@@ -21,7 +22,6 @@ from ..engine import (
     State,
     Stepper,
     Steps,
-    felt_by,
     is_told_by_frames,
     potential,
     sensors_of,
@@ -29,7 +29,7 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence import Divergence
 from .pinned_staging import CAPTURE_LOCK, PinnedStaging, to_host
@@ -64,11 +64,11 @@ class Stepping:
 
     Attributes
     ----------
-    model, state, dynamics, stepper, watch
+    assembly, model, state, dynamics, stepper, watch
         The parts of `msdwarp.engine` that it is made of.
     integrator
         The method as it is best used with these substeps.
-    felt
+    contact_forces
         What contacts have pushed particles with in the last frame; None where nobody asks for it.
     """
 
@@ -85,23 +85,24 @@ class Stepping:
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
-        self.dynamics, self.model, self.state, self.choice = dynamics, dynamics.model, state, choice
+        self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
+        self.state, self.choice = state, choice
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks, "paced": paced}
         self.integrator = method.fitted(choice.rates, choice.step)
-        self._time = self._begun = time
-        own = self.integrator
+        self._time, self._begun, own = time, time, self.integrator
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self._landing = PinnedStaging()
-        self._tracks = Tracks(state)
-        self.watch = DivergenceMonitor(self.model, state, energy_limit * choice.energy_swing, baseline)
+        self._tracks = Tracks(self.assembly, state)
+        self.watch = DivergenceMonitor(self.assembly, state, energy_limit * choice.energy_swing, baseline)
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
-        self.contact_forces = felt_by(self.model, 1.0 / choice.fps)
-        self._sensors = sensors_of(dynamics, state, FRAME, 1, 1.0 / choice.fps, self.contact_forces)
-        self._by_substep = sensors_of(
-            dynamics, state, SUBSTEP, choice.substeps, 1.0 / choice.fps, self.contact_forces
-        )
+        pushed_by = self.assembly.colliders, self.assembly.body_contact
+        summed = self.assembly.sums_contact_forces
+        seconds = 1.0 / choice.fps
+        self.contact_forces = ContactForces(self.model, *pushed_by, seconds) if summed else None
+        self._sensors = sensors_of(dynamics, state, FRAME, 1, seconds, self.contact_forces)
+        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, self.contact_forces)
         self.stepper = Stepper(
             dynamics,
             state,
@@ -117,7 +118,7 @@ class Stepping:
         small = is_told_by_frames(dynamics)
         self._tells, self.telling = paced and small, True
         """Whether frames can tell their balance; whether the next ones do, else it is summed when asked for."""
-        self._runs_ahead = small and tells_all(self.model, self.contact_forces, self._sensors, self._by_substep)
+        self._runs_ahead = small and tells_all(self.assembly, self.contact_forces, self._sensors, self._by_substep)
         """Whether a frame can be judged while the next one is under way."""
         self._open_ledger = partial(EnergySums, dynamics, state, self.integrator.lag * choice.step)
         self._ledger = self._open_ledger() if self._tells else None
@@ -167,8 +168,8 @@ class Stepping:
 
     def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
         """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
-        if self.model.work is not None:
-            self.model.work.settle(self.state.x, self.state.v)
+        if self.assembly.external_work is not None:
+            self.assembly.external_work.settle(self.state.x, self.state.v)
         with self._between():
             before = self.state.v.numpy()[chosen].astype(np.float64)
             self.state.throw(velocity, chosen)
@@ -179,17 +180,17 @@ class Stepping:
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Go on with other values of the same loads, in place of each key what stands for it."""
-        work, x = self.model.work, self.state.x
+        work, x = self.assembly.external_work, self.state.x
         with self._between():
-            done = 0.0 if work is None else work.total(x, self.state.v)
-            for effect in self.model.effects:
+            done = 0.0 if work is None else work.totals(x, self.state.v)
+            for effect in self.assembly.all:
                 effect.exchange(others)
             self.dynamics.hold(self._time)
             if work is not None:  # what has been done stays so
-                work.before += done - work.total(x, self.state.v)
+                work.before += done - work.totals(x, self.state.v)
         hands = [one for one in others.values() if isinstance(one, MouseSpring)]
         if hands:  # a pull brings in what its springs store, again and again
-            energy, scale = Baseline.of(self.model, self.state)
+            energy, scale = Baseline.of(self.assembly, self.state)
             here = x.numpy()
             self.watch.compare_with(Baseline(energy, scale + sum(one.stored(here) for one in hands)))
 
@@ -267,12 +268,12 @@ class Stepping:
 
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
-        void = [effect.is_void() for effect in self.model.effects]  # each of them is asked
+        void = [effect.is_void() for effect in self.assembly.all]  # each of them is asked
         return any(void)
 
     def begin_anew(self) -> None:
         """Compare energies with those of the present state from now on."""
-        self.watch.compare_with(Baseline.of(self.model, self.state))
+        self.watch.compare_with(Baseline.of(self.assembly, self.state))
 
     def go_back(self) -> None:
         """Go back to the start of the frame that was advanced by last."""
@@ -297,7 +298,7 @@ class Stepping:
         if self.contact_forces is not None:
             self.contact_forces.begin()
         self.stepper.take(self.choice.substeps)
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.look()
         if track.tells and self._ledger is not None:
             self._ledger.launch(track.found)
@@ -383,8 +384,7 @@ class Stepping:
 
     def warnings(self) -> str | None:
         """Return words about what may have gone wrong in the last frame; None where nothing did."""
-        doubts = (effect.warnings() for effect in self.model.effects)
-        return next((one for one in doubts if one is not None), None)
+        return next(filter(None, (effect.warnings() for effect in self.assembly.all)), None)
 
     def contact_force(self) -> NDArray:
         """Return the mean contact force on each particle over the last frame [N]; see `Simulation`."""
@@ -397,4 +397,4 @@ class Stepping:
     @in_turn
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that substeps have changed, but for positions and velocities."""
-        return {name: array for effect in self.model.effects for name, array in effect.changed_fields().items()}
+        return {name: array for effect in self.assembly.all for name, array in effect.changed_fields().items()}

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..engine import Backup, Effect, Found, Model, State
+from ..engine import Assembly, Backup, Effect, Found, State
 
 _ASKED = ("energy", "energy_and_power", "is_void", "warnings")
 """What the host asks effects about the present state, or the frame that was advanced by last."""
@@ -23,8 +23,8 @@ class Track:
         Whether the frame that was launched last tells its balance.
     """
 
-    def __init__(self, state: State) -> None:
-        self.backup, self.found = Backup(state), Found(state.model.device)
+    def __init__(self, assembly: Assembly, state: State) -> None:
+        self.backup, self.found = Backup(assembly, state), Found(state.model.device)
         self.graphs: dict[bool, Any] = {}
         self.tells = False
 
@@ -42,9 +42,9 @@ class Tracks:
         That of the frame behind it, which has been launched already; None where none has.
     """
 
-    def __init__(self, state: State) -> None:
-        self._state, self._second = state, list[Track]()
-        self.first = self.now = Track(state)
+    def __init__(self, assembly: Assembly, state: State) -> None:
+        self._assembly, self._state, self._second = assembly, state, list[Track]()
+        self.first = self.now = Track(assembly, state)
         self.ahead: Track | None = None
 
     def go_on(self) -> bool:
@@ -56,7 +56,7 @@ class Tracks:
     def other(self) -> Track:
         """Return the track for a frame behind the present one."""
         if not self._second:
-            self._second.append(Track(self._state))
+            self._second.append(Track(self._assembly, self._state))
         return self._second[0] if self.now is self.first else self.first
 
     def forget_graphs(self) -> None:
@@ -65,7 +65,7 @@ class Tracks:
             track.graphs.clear()
 
 
-def tells_all(model: Model, *looks: Any) -> bool:
+def tells_all(assembly: Assembly, *looks: Any) -> bool:
     """Tell whether frames are judged by what they tell alone: no effect, and none of `looks`, is asked more."""
-    asked = (getattr(type(one), name) is not getattr(Effect, name) for one in model.effects for name in _ASKED)
+    asked = (getattr(type(one), name) is not getattr(Effect, name) for one in assembly.all for name in _ASKED)
     return not any(asked) and all(one is None for one in looks)

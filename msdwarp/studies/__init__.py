@@ -1,19 +1,17 @@
 """What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps; fits."""
 
 from .accuracy import cheapest, tune
-from .comparison import compare
 from .energy_log import EnergyLog
 from .fit import fit
 from .fit_result import FitResult
-from .frames import particle_energies, system_in
+from .frames import compare, particle_energies, system_in
 from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
 from .measured import TrackedPoints
 from .sweep import complete, sweep
 from .sweep_ensembles import ENSEMBLE, Asked, in_words
 from .sweep_plot import plot_sweep
-from .sweep_points import Point, final_numbers
-from .sweep_results import RESULTS, import_xarray
+from .sweep_points import RESULTS, Point, final_numbers, import_xarray
 from .table import GrowingTable
 
 __all__ = [

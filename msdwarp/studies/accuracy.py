@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..simulation import Simulation, SimulationDiverged, frame_count
 from ..world import Scene
 
 MOST_REFINEMENT = 64
-"""No method is tried with more substeps than so many times those that are stable."""
+"""The most substeps tried, as a multiple of those that are stable."""
 
 
 class Measurement(NamedTuple):
@@ -67,9 +66,8 @@ def make_reference(
 ) -> Reference:
     """Return the scene by RK4 in float64, with `finer` times the substeps that are stable.
 
-    Its own error is estimated from a run with half as many that starts from positions rounded to float32: what
-    rounding alone makes of the motion, no method in float32 can be blamed for. A body that buckles forgets
-    where it came from, and then nothing is certain any longer.
+    Its own error is estimated from a run with half as many that starts from positions rounded to float32: no
+    method in float32 can be blamed for what rounding alone makes of the motion, as of a body that buckles.
     """
     stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
@@ -82,12 +80,6 @@ def make_reference(
     return Reference(runs[1], frame_errors(runs[0], runs[1], size), size)
 
 
-def certain_frames(reference: Reference, error: float) -> int:
-    """Return how many frames the reference knows to within `error`."""
-    uncertain = np.flatnonzero(np.maximum.accumulate(reference.error) > error)
-    return int(uncertain[0]) if len(uncertain) else len(reference.error)
-
-
 def tune(
     scene: Scene,
     tolerance: float,
@@ -98,24 +90,9 @@ def tune(
 ) -> tuple[list[Measurement], float]:
     """Measure every method on a scene, with the substeps that bring its error under a tolerance.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    tolerance
-        Error allowed, as `Measurement.error`.
-    device
-        Where to simulate.
-    horizon
-        Time over which errors are measured [s]: shorter where the scene is, and where the reference itself is
-        not certain to a tenth of the tolerance any longer, as after a buckling.
-    report
-        A function that is called with a line about each run before it starts.
-
-    Returns
-    -------
-    tuple[list[Measurement], float]
-        All measurements, the default method with its automatic substeps first; and the horizon used [s].
+    Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time for which
+    the reference is certain to a tenth of the tolerance. `report` is called with a line about each run before it
+    starts. Returns all measurements, the default method with its automatic substeps first, and the horizon used.
 
     Raises
     ------
@@ -128,30 +105,25 @@ def tune(
         raise ValueError("the scene has a schedule: substeps that are right before a change may be wrong after it")
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
-    reference = make_reference(scene, horizon, device, report=report)
-    frames = certain_frames(reference, tolerance / 10)
+    position, error, size = make_reference(scene, horizon, device, report=report)
+    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # those that the reference knows
     if frames < 2:
         raise ValueError(
             f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
-            f"{reference.error[1]:.1g} after one frame"
+            f"{error[1]:.1g} after one frame"
         )
-    horizon = (frames - 1) / 60.0
-    reference = Reference(reference.position[:frames], reference.error[:frames], reference.size)
-    found = []
+    horizon, reference = (frames - 1) / 60.0, Reference(position[:frames], error[:frames], size)
+    found: list[Measurement] = []
     for k, name in enumerate(METHODS, 1):
-        tell = partial(_tell, report, f"method {k} of {len(METHODS)}, {name}")
-        found += _measure_method(scene, name, tolerance, reference, horizon, device, tell)
+        label = f"method {k} of {len(METHODS)}, {name}"
+        found += _measure_method(scene, name, tolerance, reference, horizon, device, report, label)
     enough = [one for one in found if one.error <= tolerance or one is found[0]]
     least = min(one.evaluations for one in enough)
     chosen = [one for one in enough if one.evaluations <= 16 * least]
     report(f"computing times of {len(chosen)} that are cheap")
-    for one, timed in zip(chosen, _timed(scene, chosen, device), strict=True):
-        found[found.index(one)] = timed
+    for one, seconds in zip(chosen, _seconds(scene, chosen, device), strict=True):
+        found[found.index(one)] = one._replace(seconds=float(seconds))
     return found, horizon
-
-
-def _tell(report: Callable[[str], None], method: str, substeps: int | str, precision: str) -> None:
-    report(f"{method}, {precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
 
 
 def _measure_method(
@@ -161,7 +133,8 @@ def _measure_method(
     reference: Reference,
     horizon: float,
     device: str | None,
-    tell: Callable[[int | str, str], None],
+    report: Callable[[str], None],
+    label: str,
 ) -> Iterator[Measurement]:
     """Yield measurements from the automatic substeps on, until one is under the tolerance."""
     method = METHODS[name]
@@ -172,7 +145,7 @@ def _measure_method(
     precision, before, least = next(precisions), math.inf, 0
     for _ in range(6):
         options = {"integrator": method, "substeps": substeps, "precision": precision, "device": device}
-        tell(substeps, precision)
+        report(f"{label}, {precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
         try:
             simulation, position = simulate(scene, horizon, **options)
         except UnstableStep:  # a method that wants a damper beside every spring
@@ -181,9 +154,7 @@ def _measure_method(
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
             continue
         error = float(frame_errors(position, reference.position, reference.size).max())
-        taken = max(
-            count for _, count in simulation.substep_history
-        )  # where automatic ones were refined on the way
+        taken = max(count for _, count in simulation.substep_history)  # automatic ones may have been refined
         yield Measurement(name, precision, taken, error, math.nan)
         least = least or taken
         if error <= tolerance:
@@ -193,43 +164,29 @@ def _measure_method(
             continue
         before = error
         order = 1 if scene.colliders else method.order  # what it is across a contact
-        factor = max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order))
-        substeps = math.ceil(taken * factor)
+        substeps = math.ceil(taken * max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order)))
         if substeps > MOST_REFINEMENT * least:
             return
 
 
-def _timed(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> list[Measurement]:
-    """Fill in the times: medians of several rounds, in which the methods take turns."""
+def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> NDArray[np.float64]:
+    """Return the time for one second of each [s]: medians of several rounds, in which the methods take turns."""
     simulations = []
     for one in found:
-        simulation = Simulation.from_scene(
-            scene,
-            integrator=METHODS[one.method],
-            substeps=one.substeps,
-            precision=one.precision,
-            device=device,
-        )
-        simulation.step()  # compiles and records
-        simulations.append(simulation)
+        how: dict[str, Any] = {"substeps": one.substeps, "precision": one.precision, "device": device}
+        simulations.append(Simulation.from_scene(scene, integrator=METHODS[one.method], **how))
+        simulations[-1].step()  # compiles and records
     times = np.empty((rounds, len(found)))
     for k in range(rounds):
         for n, simulation in enumerate(simulations):
             began = time.perf_counter()
             simulation.step(6)
             times[k, n] = (time.perf_counter() - began) * simulation.fps / 6
-    medians = np.median(times, axis=0)
-    return [one._replace(seconds=float(seconds)) for one, seconds in zip(found, medians, strict=True)]
+    return np.median(times, axis=0)
 
 
 def cheapest(found: list[Measurement], tolerance: float) -> Measurement:
-    """Return the fastest measurement under the tolerance.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Return the fastest measurement under the tolerance; raise ValueError if there is none."""
     good = [one for one in found if one.error <= tolerance]
     if not good:
         best = min(one.error for one in found)

@@ -1,24 +1,22 @@
 """What is doubtful about a fit: what cannot be seen, and residuals that do not look like noise."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import checks
 from .least_squares import CLOSE, Problem
 from .measured import Channel
 
 SURE = 2.33
-"""A normal number is above that in one case of a hundred: so often is noise doubted that is as assumed."""
+"""A normal number is above this in one case of a hundred: so often is noise doubted that is as assumed."""
 ALIKE = 0.3
-"""Residuals at neighbouring times that go together less than so: standard deviations are at most 1.4 times too
-small, sqrt((1 + r) / (1 - r)), and nobody is told."""
+"""Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
+small, sqrt((1 + r) / (1 - r))."""
 OTHER = 1.5
-"""Residuals so many times as large as the noise told, or as small, are told: noise is seldom known better."""
+"""Ratio of residuals and given noise, or its inverse, that is ignored: noise is seldom known better."""
 BY_STEP = 2.0
-"""Residuals below so many times what a shorter time step would change are not looked at: they are its error."""
+"""Residuals below this multiple of what a shorter time step would change are errors of the time step."""
 OUTRIGHT = 1000
 """Stable substeps of a frame above which the times measured are probably in another unit."""
 
@@ -26,43 +24,25 @@ OUTRIGHT = 1000
 def doubts_of_noise(
     channel: Channel, left: NDArray[np.float64], parameters: int, step: float, *, robust: bool
 ) -> list[str]:
-    """Return how the residuals of a kind of measurement differ from independent noise of the size told.
+    """Return how residuals, shape [rows, width], differ from independent noise of the given size.
 
-    Parameters
-    ----------
-    channel
-        What was measured, with the noise told.
-    left
-        Simulated − measured, shape [rows, width]; NaN where nothing was measured.
-    parameters
-        Number of parameters fitted.
-    step
-        What is left by the time step alone, and below which nothing is noise: root mean square, in the same unit.
-    robust
-        Whether the fit bears points that are wrong: the size of the residuals is told by their median then.
-
-    Notes
-    -----
-    The correlation of residuals at neighbouring times, all points together, is normal about 0 with the variance
-    1 / (n T) if they are independent in time: T instants, and n numbers at each that vary independently. That are
-    as many as there are points if each has noise of its own, and one if all go together, as where a camera shakes:
-    n = (tr C)² / tr C² with the covariance C of what is measured at one instant.
+    `parameters` is the number fitted, and `step` the root mean square of what the time step leaves, in the unit of
+    the channel. If `robust`, the median tells the size of residuals, as some points may be wrong.
     """
     seen = left[np.isfinite(left)]
-    size = float(np.sqrt((seen**2).sum() / max(len(seen) - parameters, 1)))
+    freedom = max(len(seen) - parameters, 1)
+    size = float(np.sqrt((seen**2).sum() / freedom))
     if not len(seen) or size <= BY_STEP * step:
         return []
     doubts = []
-    if channel.told:
+    if channel.noise_given:
         ratio = (float(np.median(np.abs(seen))) / 0.6745 if robust else size) / channel.noise
         # χ² of n degrees of freedom is n, with a standard deviation of sqrt(2 n).
-        by_chance = abs(ratio**2 - 1) < SURE * np.sqrt(2 / max(len(seen) - parameters, 1))
+        by_chance = abs(ratio**2 - 1) < SURE * np.sqrt(2 / freedom)
         if not by_chance and not 1 / OTHER < ratio < OTHER:
-            doubts.append(
-                f"residuals of {channel.name} are {ratio:.2g} times the noise told, {channel.noise:.3g} "
-                f"{channel.unit}".rstrip()
-                + (": the scene differs from what was measured" if ratio > 1 else "")
-            )
+            noise = f"the noise told, {channel.noise:.3g} {channel.unit}".rstrip()
+            differs = ": the scene differs from what was measured" if ratio > 1 else ""
+            doubts.append(f"residuals of {channel.name} are {ratio:.2g} times {noise}{differs}")
     correlation, independent = _in_time(channel, left)
     if correlation > max(ALIKE, SURE / np.sqrt(independent)):
         doubts.append(
@@ -74,18 +54,22 @@ def doubts_of_noise(
 
 
 def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the correlation of residuals at neighbouring times, and how many of them are independent."""
+    """Return the correlation of residuals at neighbouring times, and how many of them are independent.
+
+    If residuals are independent in time, the correlation is normal about 0 with the variance 1 / (n T), with T
+    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of what is measured at
+    one instant: n is the number of points if their noise is independent, and 1 if a camera shakes.
+    """
     times, row = np.unique(channel.time, return_inverse=True)
-    entry = np.zeros(len(row), dtype=int) if channel.entry is None else channel.entry
-    table = np.zeros((len(times), entry.max() + 1, left.shape[1]))
-    table[row, entry] = np.nan_to_num(left)
+    table = np.zeros((len(times), channel.entries.max() + 1, left.shape[1]))
+    table[row, channel.entries] = np.nan_to_num(left)
     table = table.reshape(len(times), -1)
     squares = float((table**2).sum())
     crossed = table @ table.T if len(times) < table.shape[1] else table.T @ table
     return float((table[:-1] * table[1:]).sum()) / squares, squares**2 / float((crossed**2).sum()) * len(times)
 
 
-def doubts_of_times(channels: Sequence[Channel], fps: float, substeps: int) -> list[str]:
+def doubts_of_times(channels: Sequence[Channel], substeps: int) -> list[str]:
     """Return what is doubtful about the times measured, before anything is simulated."""
     if substeps <= OUTRIGHT:
         return []
@@ -113,9 +97,3 @@ def doubts_of_values(
     if not converged:
         doubts.append("the search has not come to an end")
     return doubts
-
-
-def warn(doubts: Sequence[str], level: int) -> None:
-    """Warn of each, as what the caller so many functions above has asked for."""
-    for one in doubts:
-        warnings.warn(one, checks.FitWarning, stacklevel=level + 1)

@@ -23,32 +23,13 @@ COLUMNS: dict[str, Callable[[Measures], float]] = {
 }
 
 
-HEAD = ["time_s", *COLUMNS, "substeps"]
-"""The first line of a file: the last column says how many substeps the frame took."""
-
-
 class EnergyLog(GrowingTable):
-    """Writes a line of measures per frame, at once to disk.
+    """Writes a line of measures per frame to a CSV file, at once to disk, and draws it at the end.
 
-    Parameters
-    ----------
-    path
-        The CSV file; the plot stands beside it with the ending .png.
-    force
-        Replace what is there.
-    behind
-        Go on with the file that is there, behind so many of its lines; what it has beyond them is dropped. A file
-        that is no longer there begins anew.
+    With `behind` it goes on after so many lines of an existing file; see `GrowingTable`.
 
-    Raises
-    ------
-    ValueError
-        If the path does not end in .csv, or is called as a frame is; or if the file to go on with is no log, or
-        lacks lines.
-    FileExistsError
-        If the file or its plot exists and `force` is False.
-    OSError
-        If nothing can be written there.
+    Raises ValueError if the path does not end in .csv or has the name of a frame, and FileExistsError if it or its
+    plot exists and `force` is False.
     """
 
     def __init__(self, path: Path, *, force: bool = False, behind: int = 0) -> None:
@@ -61,11 +42,11 @@ class EnergyLog(GrowingTable):
             if existing.exists() and not force and not behind:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
         disk.writable_folder("log", path, path.parent)
-        # Files of before have no substeps.
-        super().__init__(path, HEAD, behind=behind, word="log", columns_before=-1)
+        head = ["time_s", *COLUMNS, "substeps"]  # files of earlier versions have no substeps
+        super().__init__(path, head, behind=behind, word="log", columns_before=-1)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the file, then draw the plot; an error on the way here is not hidden by one of these."""
+        """Close the file, then draw the plot; neither hides an earlier error."""
         try:
             super().__exit__(kind, *_)
             plot_log(self.path, self.plot_path)
@@ -74,5 +55,5 @@ class EnergyLog(GrowingTable):
                 raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
 
     def write(self, time: float, measures: Measures, substeps: int) -> None:
-        """Add a line: the time [s], the measures then, and how many substeps the frame before took."""
+        """Add a line: the time [s], its measures, and the substeps of the frame before."""
         self.write_line([time, *(of(measures) for of in COLUMNS.values()), substeps])

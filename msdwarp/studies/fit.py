@@ -1,5 +1,6 @@
 """fit: parameters of a scene from a measured motion."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,10 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
-from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values, warn
+from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values
 from .fit_result import FitResult
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
-from .measured import TrackedPoints, channels_of, frame_rate
+from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
 from .worlds import Worlds
 
@@ -26,18 +27,18 @@ SHORTEST = 1 / 32
 LEAST_TIMES = 4
 """Instants that a horizon has at least."""
 STEPS = 6
-"""Steps at most on each horizon but the last."""
+"""Most steps on each horizon but the last."""
 ROUNDS, WORTH = 4, 0.7
-"""Rounds of clouds at most, and the share of the sum of squares below which another one is worth it."""
+"""Most rounds of clouds, and the share of the sum of squares below which another one is worth it."""
 UNCERTAIN = 1.0
-"""A standard deviation of ln(value) above which a parameter counts as one that cannot be seen."""
+"""A standard deviation of ln(value) above which a parameter counts as unseen."""
 SHARE = 0.3
-"""A parameter is named as one that cannot be seen where it has this part of a direction that cannot."""
+"""A parameter is unseen if it has more than this part of a direction of θ that is."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
-"""The time step is short enough if its error is below this part of a standard deviation, or of the value; or so
-many times the jumps that contact makes, of which it has its own."""
+"""The time step is short enough if its error is below this part of a standard deviation, or of the value, or this
+multiple of the jumps by contact, which also depend on it."""
 MOST_REFINEMENT = 16
-"""No more substeps are taken than so many times those that are stable."""
+"""The most substeps taken, as a multiple of those that are stable."""
 
 
 def fit(
@@ -124,7 +125,7 @@ def fit(
 
     Returns
     -------
-    Fitted
+    FitResult
         Values, covariance, residuals.
 
     Raises
@@ -154,7 +155,10 @@ def fit(
     the covariance includes the scatter of the jumps about that model.
     """
     checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-    _check_scipy()
+    try:
+        import scipy.optimize  # noqa: F401
+    except ImportError as error:
+        raise ValueError(MISSING) from error
     checks.one_of("loss", loss, LOSSES)
     checks.one_of("precision", precision, DIFFERENCE)
     checks.between("tolerance", tolerance, 1e-15, 1.0)
@@ -172,7 +176,8 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, channels, sought, precision, loss)
     theta = _starts(problem, starts, seed)
-    warn(doubts_of_times(channels, rate, worlds.substeps), 2)
+    for doubt in doubts_of_times(channels, worlds.substeps):
+        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
@@ -181,15 +186,51 @@ def fit(
     stable = worlds.substeps
     while True:
         best, linear, jumps, converged = _finish(problem, best, end, tolerance, seed, report)
+        of_step = None
         if substeps != "auto":
-            return _result(problem, best, linear, jumps, None, end, converged)
+            break
         moved, deviation, change = problem.of_step(best, end, linear, order)
         enough = np.maximum(OF_DEVIATION * deviation, OF_JUMPS * np.sqrt(np.diag(jumps))).clip(OF_VALUE)
+        of_step = moved, enough, change
         times = min((np.abs(moved) / enough).max() ** (1 / order), MOST_REFINEMENT * stable / worlds.substeps)
         if times <= 1:
-            return _result(problem, best, linear, jumps, (moved, enough, change), end, converged)
+            break
         worlds.refine(times)
         report(f"again, with {worlds.substeps} substeps a frame")
+    found, doubts = _result(problem, best, linear, jumps, of_step, end, converged)
+    for doubt in doubts:
+        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
+    return found
+
+
+def _horizons(requested: Any, channels: list[Channel], end: float) -> list[float]:
+    """Return the times [s] up to which measurements count, one after the other; the last is the end."""
+    times = np.unique(np.concatenate([one.time[one.time > 0] for one in channels]))
+    if isinstance(requested, str):
+        checks.one_of("horizon", requested, (GROWING, WHOLE))
+        horizons = [end]
+        shortest = max(SHORTEST * end, times[min(LEAST_TIMES, len(times)) - 1])
+        while requested == GROWING and horizons[0] / 2 >= shortest:
+            horizons.insert(0, horizons[0] / 2)
+        return horizons
+    given = checks.finite("horizon", requested)
+    if given.ndim != 1 or not len(given) or (np.diff(given) <= 0).any() or given[0] < times[0]:
+        raise ValueError(
+            f"horizon is {checks.repr_short(requested)}; it must be 'growing', 'whole', or increasing times from "
+            f"{times[0]:.4g} s on, where the first is measured"
+        )
+    return [*(float(one) for one in given if one < end), end]
+
+
+def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
+    """Return where the search starts, shape [count, parameters]: the scene's values, and a Latin hypercube."""
+    first = np.zeros((1, problem.count))
+    if count == 1:
+        return first
+    random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
+    # One in each of as many equal parts of each bound's range.
+    drawn = [random.permutation(others) + random.random(others) for _ in range(problem.count)]
+    return np.concatenate([first, problem.low + np.column_stack(drawn) / others * (problem.high - problem.low)])
 
 
 def _finish(
@@ -211,8 +252,7 @@ def _finish(
         report("clouds of worlds, as contact makes jumps")
         near, trend, spread = problem.smooth(best, end, seed + k)
         near, done = problem.finish(near, end, tolerance)
-        residuals = problem.residuals(near[None], end)[0]
-        better = problem.cost(residuals)
+        better = problem.cost(problem.residuals(near[None], end)[0])
         if better <= cost:
             best, converged = near, done
             linear = problem.linear(best[None], end, step)[0]
@@ -226,49 +266,6 @@ def _finish(
     return best, linear, jumps, converged
 
 
-def _check_scipy() -> None:
-    """Raise ValueError that says how to get SciPy, where it is not installed."""
-    try:
-        import scipy.optimize  # noqa: F401
-    except ImportError as error:
-        raise ValueError(MISSING) from error
-
-
-def _horizons(asked: Any, channels: Any, end: float) -> list[float]:
-    """Return the times [s] up to which what is measured counts, one after the other; the last is the end."""
-    times = np.unique(np.concatenate([one.time[one.time > 0] for one in channels]))
-    if isinstance(asked, str):
-        checks.one_of("horizon", asked, (GROWING, WHOLE))
-        if asked == WHOLE:
-            return [end]
-        shortest = max(SHORTEST * end, times[min(LEAST_TIMES, len(times)) - 1])
-        halved = [end]
-        while halved[-1] / 2 >= shortest:
-            halved.append(halved[-1] / 2)
-        return halved[::-1]
-    given = checks.finite("horizon", asked)
-    if given.ndim != 1 or not len(given) or (np.diff(given) <= 0).any() or given[0] < times[0]:
-        raise ValueError(
-            f"horizon is {checks.repr_short(asked)}; it must be 'growing', 'whole', or increasing times from "
-            f"{times[0]:.4g} s on, where the first is measured"
-        )
-    return [*(float(one) for one in given if one < end), end]
-
-
-def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
-    """Return where the search starts, shape [count, parameters]: the scene's values, and a Latin hypercube."""
-    first = np.zeros((1, problem.count))
-    if count == 1:
-        return first
-    random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
-    # One in each of as many equal parts of each bound's range.
-    drawn = (
-        np.column_stack([random.permutation(others) + random.random(others) for _ in range(problem.count)])
-        / others
-    )
-    return np.concatenate([first, problem.low + drawn * (problem.high - problem.low)])
-
-
 def _result(
     problem: Problem,
     theta: NDArray,
@@ -277,14 +274,13 @@ def _result(
     of_step: tuple[NDArray, NDArray, NDArray] | None,
     end: float,
     converged: bool,
-) -> FitResult:
-    """Return what was found, with what endlessly short steps would change; warn of what is doubtful about it."""
-    values, names = problem.values(theta), [one.name for one in problem.parameters]
+) -> tuple[FitResult, list[str]]:
+    """Return the result, with what endlessly short steps would change, and what is doubtful about it."""
+    worlds, values, names = problem.worlds, problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
-    weight = LOSSES[problem.loss][1](linear.residuals**2)
     s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))
-    _, sizes, directions = np.linalg.svd(np.sqrt(weight)[:, None] * linear.jacobian, full_matrices=False)
-    least = ABOVE_FLOOR * problem.floor(end) * np.sqrt(rows)
+    sizes, directions = problem.singular(linear)
+    least = ABOVE_FLOOR * problem.hold(end)
     hidden = (sizes < least) | (s > UNCERTAIN * sizes) if rows >= p else np.ones(len(sizes), dtype=bool)
     parts = np.abs(directions[hidden])
     unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
@@ -294,34 +290,28 @@ def _result(
     if of_step is not None:
         moved, enough, step = of_step
         jumps = jumps + np.outer(moved, moved)
-        off = {
-            name: by
-            for name, by, most in zip(names, moved, enough, strict=True)
-            if abs(by) > most and name not in unseen
-        }
+        several = zip(names, moved, enough, strict=True)
+        off = [(name, by) for name, by, most in several if abs(by) > most and name not in unseen]
         if off:
-            which = " and ".join(f"{name} by {100 * by:.2g} %" for name, by in off.items())
-            most = f"{problem.worlds.substeps} a frame are the most that are tried"
+            which = " and ".join(f"{name} by {100 * by:.2g} %" for name, by in off)
+            most = f"{worlds.substeps} a frame are the most that are tried"
             doubts.append(f"shorter steps would change {which}: {most}")
     covariance = (of_theta + jumps) * np.outer(values, values)
-    for k, name in enumerate(names):
-        if name in unseen:
-            covariance[k, k] = np.inf
-    left, told, done = {}, problem.worlds.predict(values[None], end), 0
-    for one, simulated in zip(problem.channels, told, strict=True):
-        wanted, counted = one.time > 0, int(one.until(end).sum())
-        off = np.where(wanted[:, None], simulated[0] - one.values, np.nan)
-        left[one.name] = one.time[wanted], off[wanted]
+    for name in unseen:
+        covariance[names.index(name), names.index(name)] = np.inf
+    residuals, done = {}, 0
+    for one, simulated in zip(problem.channels, worlds.predict(values[None], end), strict=True):
+        later, counted = one.time > 0, int(one.until(end).sum())
+        left = np.where(later[:, None], simulated[0] - one.values, np.nan)
+        residuals[one.name] = one.time[later], left[later]
         own = one.noise * max(np.sqrt(np.mean(step[done : done + counted] ** 2)), problem.floor(end))
-        doubts += doubts_of_noise(one, off, p, own, robust=problem.loss != "linear")
+        doubts += doubts_of_noise(one, left, p, own, robust=problem.loss != "linear")
         done += counted
-    warn(doubts, 3)
-    worlds = problem.worlds
-    return FitResult(
+    found = FitResult(
         values=dict(zip(names, map(float, values), strict=True)),
         units={one.name: one.unit for one in problem.parameters},
         covariance=covariance,
-        residuals=left,
+        residuals=residuals,
         residual_units={one.name: one.unit for one in problem.channels},
         scene=worlds.scene(values),
         fps=worlds.fps,
@@ -332,3 +322,4 @@ def _result(
         unseen=tuple(unseen),
         converged=converged,
     )
+    return found, doubts

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..world import Scene
-from .plots import BLUE, DARK, RED
+from .plots import BLUE, DARK, RED, add_grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +17,7 @@ class FitResult:
     values: dict[str, float]
     """The parameters by name, in the units of `units`."""
     units: dict[str, str]
-    """If the scene's values differ between connections or particles, a fitted value is a factor for all."""
+    """If the scene's values differ between springs or particles, a fitted value is a factor for all."""
     covariance: NDArray[np.float64]
     """Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined."""
     residuals: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -70,11 +70,9 @@ class FitResult:
 
     def plot(self, path: str | Path) -> None:
         """Plot the residuals against time, and their histogram, into a file such as residuals.png."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(8, 2.8 * len(self.residuals)), layout="constrained")
-        FigureCanvasAgg(figure)
         grid = figure.subplots(len(self.residuals), 2, width_ratios=(3, 1), squeeze=False, sharey="row")
         for (name, (time, left)), (over_time, often) in zip(self.residuals.items(), grid, strict=True):
             unit = self.residual_units[name]
@@ -88,7 +86,6 @@ class FitResult:
             often.hist(left[np.isfinite(left)], bins=40, orientation="horizontal", color=BLUE)
             often.set_xlabel("how often")
             for axes in (over_time, often):
-                axes.grid(alpha=0.25)
-                axes.spines[["top", "right"]].set_visible(False)
+                add_grid(axes)
         grid[-1, 0].set_xlabel("time [s]")
         figure.savefig(path, dpi=150)

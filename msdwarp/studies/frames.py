@@ -1,6 +1,7 @@
-"""The system as it was in a frame of a trajectory."""
+"""Frames of trajectories: the system as it was in one, and two trajectories compared."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +22,11 @@ def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> 
 def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:
     """Return the system as it is in frame k of a trajectory.
 
-    Positions and velocities are the frame's; masses, stiffnesses and dampings what the schedule has made of those
-    at the start; what had broken by then is broken; rest lengths, where they do not stay, what the strains tell.
-
-    Raises
-    ------
-    ValueError
-        If rest lengths do not stay, and strains are not in the file.
+    Parameters have been changed as the schedule says. Rest lengths that change follow from the strains; ValueError
+    is raised if these are not in the file.
     """
-    start, frame = trajectory.system, trajectory.frame(k)
-    system = start
+    system = start = trajectory.system
+    frame = trajectory.frame(k)
     for change in changes_made(trajectory, k, schedule):
         system = change.applied_to(system)
     system = system.replace(position=frame.position, velocity=frame.velocity)
@@ -44,18 +40,18 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
 
 
 def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64]:
-    """Return what rest lengths have become [m], shape [connection_count], by the strains of the connections.
+    """Return rest lengths [m], shape [connection_count], from the strains of the springs.
 
-    Where two joined particles coincide their strain does not tell, and the rest length is the system's.
+    A spring between particles that coincide keeps the system's rest length: its strain does not tell.
     """
     ratio = 1.0 + strain.astype(np.float64)
     return np.divide(system.length, ratio, out=np.array(system.rest_length), where=ratio > 0)
 
 
 def particle_energies(system: System) -> NDArray[np.float64]:
-    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of each connection's.
+    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of each spring's.
 
-    Together they are the kinetic and elastic energy of the system. Pinned particles have no kinetic energy.
+    Pinned particles have no kinetic energy.
     """
     mass = np.where(system.pinned, 0.0, system.mass)
     energy = 0.5 * mass * (system.velocity**2).sum(axis=1)
@@ -63,3 +59,30 @@ def particle_energies(system: System) -> NDArray[np.float64]:
     for end in system.connections.T:
         energy += np.bincount(end, weights=half, minlength=system.particle_count)
     return energy
+
+
+class Comparison(NamedTuple):
+    """How far two trajectories differ."""
+
+    frame_count: int
+    """Frames compared."""
+    first: int | None
+    """The first frame that differs in any bit of a position or velocity; None if none does."""
+    largest: float
+    """The largest distance between a particle in one and in the other [m]."""
+    frame: int
+    """The frame with that distance."""
+
+
+def compare(one: Trajectory, other: Trajectory) -> Comparison:
+    """Compare as many frames as both have, of the same particles."""
+    first, largest, at = None, 0.0, 0
+    count = min(len(one), len(other))
+    for k in range(count):
+        a, b = one.frame(k), other.frame(k)
+        same = np.array_equal(a.position, b.position) and np.array_equal(a.velocity, b.velocity)
+        if not same:
+            first = k if first is None else first
+            apart = float(np.linalg.norm(a.position.astype(float) - b.position, axis=1).max())
+            largest, at = max((largest, at), (apart, k))
+    return Comparison(count, first, largest, at)

@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -23,11 +24,7 @@ def values_of(name: str, text: str) -> list[str] | None:
     """Return the values that a list or a range stands for, as texts; None if the text is a single value.
 
     Numbers are rounded to twelve digits, so that two ranges that share a value share it to the last bit.
-
-    Raises
-    ------
-    ValueError
-        If it begins as a list or a range, and is none.
+    Raises ValueError if it begins as a list or a range, and is none.
     """
     if "," not in text and not re.match(f"{_NUMBER}:", text):
         return None
@@ -38,39 +35,25 @@ def values_of(name: str, text: str) -> list[str] | None:
 
 def _piece(name: str, text: str, piece: str) -> list[str]:
     """Return the values of a part of a list."""
-    wrong = ValueError(f"{name} is {checks.repr_short(text)}; it must be {_FORMS}")
-    if not piece:
-        raise wrong
-    if not re.match(f"{_NUMBER}:", piece):
+    given = f"{name} is {checks.repr_short(text)}"
+    if piece and not re.match(f"{_NUMBER}:", piece):
         return [piece]
-    match = re.fullmatch(rf"({_NUMBER}):({_NUMBER})(?::(log:)?(\d+))?", piece)
+    if match := re.fullmatch(r"([+-]?\d+):([+-]?\d+)", piece):
+        first, end = int(match[1]), int(match[2])
+        if end <= first:
+            raise ValueError(f"{given}; {piece} holds no number: its end must be the larger")
+        _check_count(name, end - first)
+        return [str(k) for k in range(first, end)]
+    match = re.fullmatch(rf"({_NUMBER}):({_NUMBER}):(log:)?(\d+)", piece)
     if match is None:
-        raise wrong
-    first, last, log, count = match.groups()
-    if count is None:
-        if not (_is_whole(first) and _is_whole(last)):
-            raise wrong
-        if int(last) <= int(first):
-            raise ValueError(
-                f"{name} is {checks.repr_short(text)}; {piece} holds no number: its end must be the larger"
-            )
-        _check_count(name, int(last) - int(first))
-        return [str(k) for k in range(int(first), int(last))]
-    a, b, n = float(first), float(last), int(count)
+        raise ValueError(f"{given}; it must be {_FORMS}")
+    a, b, log, n = float(match[1]), float(match[2]), match[3], int(match[4])
     if n < 2 or a == b or not (math.isfinite(a) and math.isfinite(b)):
-        raise ValueError(
-            f"{name} is {checks.repr_short(text)}; {piece} must be at least 2 values between two numbers"
-        )
+        raise ValueError(f"{given}; {piece} must be at least 2 values between two numbers")
     _check_count(name, n)
     if log and not (a > 0 and b > 0):
-        raise ValueError(
-            f"{name} is {checks.repr_short(text)}; both ends of {piece} must be above 0, since it is log"
-        )
+        raise ValueError(f"{given}; both ends of {piece} must be above 0, since it is log")
     return [f"{value:.12g}" for value in (np.geomspace(a, b, n) if log else np.linspace(a, b, n))]
-
-
-def _is_whole(text: str) -> bool:
-    return re.fullmatch(r"[+-]?\d+", text) is not None
 
 
 def _check_count(name: str, count: int) -> None:
@@ -79,21 +62,15 @@ def _check_count(name: str, count: int) -> None:
 
 
 def _check_distinct(name: str, values: list[Any]) -> None:
-    seen = set()
-    for value in values:
-        if value in seen:
-            raise ValueError(f"{name} has the value {value} twice; its values must differ")
-        seen.add(value)
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{name} has the value {value} twice; its values must differ")
 
 
 def checked_grid(grid: object) -> dict[str, list[Any]]:
-    """Return the values of each parameter of a grid as lists of what JSON has.
+    """Return the values of each parameter of a grid as lists of what JSON has; raise ValueError if it is invalid.
 
-    Raises
-    ------
-    ValueError
-        If it is no mapping, or an entry is no list of different numbers, texts, truth values or None, nor a text
-        that `values_of` reads, or the points are too many.
+    An entry is a sequence of different numbers, texts, truth values or None, or a text that `values_of` reads.
     """
     checked = {}
     for name, given in checks.mapping("grid", grid).items():
@@ -101,7 +78,7 @@ def checked_grid(grid: object) -> dict[str, list[Any]]:
         label = f"grid[{name!r}]"
         if isinstance(given, str):
             texts = values_of(label, given)
-            values: list[Any] = [given] if texts is None else [_number_or_text(text) for text in texts]
+            values: list[Any] = [given] if texts is None else list(map(_number_or_text, texts))
         elif isinstance(given, Iterable):
             values = [plain(f"{label}[{k}]", value) for k, value in enumerate(given)]
         else:
@@ -139,9 +116,8 @@ def plain(name: str, value: Any) -> Any:
         return int(value) if value.is_integer() else value
     if value is None or isinstance(value, str | bool | int):
         return value
-    raise ValueError(
-        f"{name} is {checks.repr_short(value)}; it must be a finite number, a text, True, False or None"
-    )
+    must = "it must be a finite number, a text, True, False or None"
+    raise ValueError(f"{name} is {checks.repr_short(value)}; {must}")
 
 
 def _number_or_text(text: str) -> Any:

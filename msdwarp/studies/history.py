@@ -1,21 +1,20 @@
 """History: what happens in a trajectory over time, by its file alone, and a plot of it."""
 
 import csv
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import disk
 from ..bodies import AXES
-from ..engine import Measures, Model, State, measure
+from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
 from .energy_log import COLUMNS
 from .frames import changes_made, system_in
-from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies
+from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, output_path
 
 
 class Moment(NamedTuple):
@@ -36,23 +35,8 @@ class Moment(NamedTuple):
 def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Change] = ()) -> Iterator[Moment]:
     """Return an iterator over what each frame of a trajectory holds; one frame is in memory at a time.
 
-    All is computed on the CPU in float64 from the frames as they are stored.
-
-    Parameters
-    ----------
-    trajectory
-        The frames, and the system that moves in them.
-    gravity
-        Acceleration of free fall in the run [m/s²]: its size, downwards along the last coordinate, or a vector
-        of shape [d].
-    schedule
-        Changes of parameters in the run; the file knows the system as it was at the start.
-
-    Raises
-    ------
-    ValueError
-        If gravity is out of range; or if rest lengths do not stay, since the system yields or there is a
-        schedule, and strains are not in the file.
+    All is computed on the CPU in float64 from the stored frames, the gravity of the run [m/s²] and its schedule.
+    Raises ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
     """
     # Checked here, not at the first next().
     Model(trajectory.system, gravity=gravity, device="cpu", precision="float64")
@@ -67,19 +51,31 @@ def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Ch
 
 
 def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Change]) -> Iterator[Moment]:
-    model, made = None, -1
+    assembly: Assembly | None = None
+    made = -1
     for k in range(len(trajectory)):
         system, changes = system_in(trajectory, k, schedule), len(changes_made(trajectory, k, schedule))
-        if model is None or changes > made:
-            model, made = Model(system, gravity=gravity, device="cpu", precision="float64"), changes
-        elif model.lengths_change:
-            model.rest_length.assign(model.ordered(system.rest_length))
-        if model.tearing is not None:
-            model.tearing.restore({"broken_at": system.broken_at})
-        state = State.from_system(system, model, 0)
+        if assembly is None or changes > made:
+            assembly, made = assemble(system, gravity=gravity, device="cpu", precision="float64"), changes
+        elif assembly.model.lengths_change:
+            assembly.model.rest_length.assign(assembly.model.ordered(system.rest_length))
+        if assembly.fracture is not None:
+            assembly.fracture.restore({"broken_at": system.broken_at})
+        state = State.from_system(system, assembly.model, 0)
         height, centre = system.position[:, -1], system.centre_of_mass
         heights = float(height.min()), float(centre[-1]), float(height.max())
-        yield Moment(float(trajectory.times[k]), measure(model, state), *heights)
+        yield Moment(float(trajectory.times[k]), measure(assembly, state), *heights)
+
+
+def _columns(axes: Sequence[str]) -> list[str]:
+    """Return the names of the columns of a history."""
+    return ["time_s", *COLUMNS, *(f"momentum_{axis}_kg_m_s" for axis in axes), "lowest_m", "mean_m", "highest_m"]
+
+
+def _line(moment: Moment) -> tuple[float, ...]:
+    """Return a line of a history."""
+    time, measures, *heights = moment
+    return (time, *(of(measures) for of in COLUMNS.values()), *measures.momentum, *heights)
 
 
 def write_history(
@@ -90,40 +86,17 @@ def write_history(
     schedule: Sequence[Change] = (),
     force: bool = False,
 ) -> Path:
-    """Write the history of a trajectory as a table: a line for each frame, SI units in the names of the columns.
+    """Write the history of a trajectory as a table `*.csv`: a line for each frame; return its path.
 
-    The columns are those of a run's log of energies, and behind them the components of the momentum and the
-    lowest, mean and highest height.
-
-    Parameters
-    ----------
-    trajectory, gravity, schedule
-        See `history`.
-    path
-        The file, `*.csv`.
-    force
-        Replace a file that is there.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ValueError
-        If the name does not end in .csv; and as by `history`.
-    FileExistsError
-        If the file exists and `force` is False.
-    OSError
-        If nothing can be written there.
+    The columns are those of a run's log of energies, then the components of the momentum and the lowest, mean and
+    highest height. Raises as `history` and `output_path` do.
     """
-    path = _target(path, ".csv", force)
-    moments, columns = history(trajectory, gravity=gravity, schedule=schedule), _columns(trajectory.system.dim)
+    path = output_path(path, ".csv", force)
+    moments, columns = history(trajectory, gravity=gravity, schedule=schedule), _columns(_axes(trajectory))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([f"{of(moment):.9g}" for of in columns.values()] for moment in moments)
+        writer.writerows([f"{number:.9g}" for number in _line(moment)] for moment in moments)
     return path
 
 
@@ -135,50 +108,26 @@ def plot_history(
     schedule: Sequence[Change] = (),
     force: bool = False,
 ) -> Path:
-    """Draw energies, momentum and heights of a trajectory against time.
+    """Draw energies, momentum and heights of a trajectory against time into `*.png`; return its path.
 
-    Parameters
-    ----------
-    trajectory, gravity, schedule
-        See `history`.
-    path
-        The picture, `*.png`.
-    force
-        Replace a file that is there.
-
-    Returns
-    -------
-    Path
-        The picture.
-
-    Raises
-    ------
-    ValueError
-        If the name does not end in .png or there are fewer than two frames; and as by `history`.
-    FileExistsError
-        If the file exists and `force` is False.
-    OSError
-        If nothing can be written there.
+    Raises ValueError if there are fewer than two frames, and as `history` and `output_path` do.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    path = _target(path, ".png", force)
+    path = output_path(path, ".png", force)
     if len(trajectory) < 2:
         frames = f"{len(trajectory)} frame{'' if len(trajectory) else 's'}"
         raise ValueError(f"{trajectory.path} has {frames}; a plot over time takes at least 2")
-    system, columns = trajectory.system, _columns(trajectory.system.dim)
+    system, names = trajectory.system, _axes(trajectory)
     moments = history(trajectory, gravity=gravity, schedule=schedule)
-    rows = (tuple(of(moment) for of in columns.values()) for moment in moments)
-    table = np.fromiter(rows, dtype=[(name, np.float64) for name in columns])
+    table = np.fromiter(map(_line, moments), dtype=[(name, np.float64) for name in _columns(names)])
 
     figure = Figure(figsize=(8, 9), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = energies, momentum, heights = figure.subplots(3, sharex=True)
     draw_energies(energies, table)
     size = {"size": (table["momentum_kg_m_s"], DARK)}
     colours = dict(zip("xyz", (RED, GREEN, BLUE), strict=True))
-    components = {name: (table[_component(name)], colours[name]) for name in _coordinates(system.dim)}
+    components = {name: (table[f"momentum_{name}_kg_m_s"], colours[name]) for name in names}
     draw_curves(momentum, table["time_s"], size | components, "momentum [kg m/s]")
     curves = {
         "highest": (table["highest_m"], RED),
@@ -198,34 +147,6 @@ def plot_history(
     return path
 
 
-def _target(path: str | Path, suffix: str, force: bool) -> Path:
-    """Return where a file goes, after all that can be wrong with that."""
-    path = Path(path)
-    if path.suffix != suffix:
-        raise ValueError(f"path is {path}; its name must end in {suffix}")
-    if path.exists() and not force:
-        raise FileExistsError(f"path is {path}, which exists; name another file or add --force")
-    disk.writable_folder("path", path, path.parent)
-    return path
-
-
-def _coordinates(dim: int) -> list[str]:
+def _axes(trajectory: Trajectory) -> list[str]:
     """Return the names of the coordinates."""
-    return ["xyz"[axis] for axis in AXES[dim]]
-
-
-def _component(axis: str) -> str:
-    """Return the name of a column."""
-    return f"momentum_{axis}_kg_m_s"
-
-
-def _columns(dim: int) -> dict[str, Callable[[Moment], float]]:
-    """Return the numbers of a line by the names of their columns."""
-    columns: dict[str, Callable[[Moment], float]] = {"time_s": lambda moment: moment.time}
-    for name, of in COLUMNS.items():
-        columns[name] = lambda moment, of=of: of(moment.measures)
-    for k, axis in enumerate(_coordinates(dim)):
-        columns[_component(axis)] = lambda moment, k=k: float(moment.measures.momentum[k])
-    for height in ("lowest", "mean", "highest"):
-        columns[f"{height}_m"] = lambda moment, height=height: getattr(moment, height)
-    return columns
+    return ["xyz"[axis] for axis in AXES[trajectory.system.dim]]

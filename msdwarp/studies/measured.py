@@ -1,8 +1,8 @@
-"""Measured motion that a fit is to follow: tracked points, a trajectory, what probes have told."""
+"""Measured motion that a fit is to follow: tracked points, a trajectory, values of probes."""
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,11 +17,11 @@ from ..world import FRAME, Probe, Scene
 AXES = ("x", "y", "z")
 ENERGY_WORDS = ("energy", *ENERGIES)
 POINTS = "points"
-"""What the series of tracked points is called."""
+"""The name of the channel of tracked points."""
 HIGHEST_FPS = 1000.0
-"""Frames come no faster than this, however close together two measured times are."""
+"""The highest frame rate taken from measured times."""
 ON_FRAME = 1e-4
-"""A time so many frames from a frame's is that of the frame: times in files are rounded."""
+"""A time within so many frames of a frame's is that of the frame: times in files are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class TrackedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One kind of measured data: when, what, and how it is read off a simulation."""
+    """One kind of measured data: when, what, and how it is read from a simulation."""
 
     name: str
     time: NDArray[np.float64]
@@ -81,13 +81,13 @@ class Channel:
     values: NDArray[np.float64]
     """Shape [rows, width]; NaN where nothing was measured."""
     what: Any
-    """A `Probe`, the word of an energy, or the numbers of the particles that were tracked."""
-    noise: float
-    """What a deviation counts in, in the unit of the values."""
+    """A `Probe`, the word of an energy, or the numbers of the tracked particles."""
+    noise: float = 1.0
+    """The unit of residuals, in the unit of the values."""
     entry: NDArray[np.int64] | None = None
     """Which of the tracked particles a row is of, shape [rows]."""
-    told: bool = False
-    """Whether `noise` is what the user says it is, and not the variation of the values."""
+    noise_given: bool = False
+    """Whether `noise` is given, and not the variation of the values."""
 
     @property
     def unit(self) -> str:
@@ -96,29 +96,31 @@ class Channel:
             return {"position": "m", "velocity": "m/s", "strain": ""}.get(self.what.what, "N")
         return "J" if isinstance(self.what, str) else "m"
 
-    def until(self, end: float) -> NDArray[np.bool_]:
-        """Return which values were measured up to a time [s], shape [rows, width].
+    @property
+    def entries(self) -> NDArray[np.int64]:
+        """Which of the things that this kind has a row is of, shape [rows]."""
+        return np.zeros(len(self.time), dtype=int) if self.entry is None else self.entry
 
-        What is measured at time 0 is the scene's start, of which a fit knows no more than the scene says.
-        """
+    def until(self, end: float) -> NDArray[np.bool_]:
+        """Return which values were measured after the start and up to a time [s], shape [rows, width]."""
         return np.isfinite(self.values) & ((self.time > 0) & (self.time <= end))[:, None]
 
     def at_times(self, frames: NDArray[np.float64], fps: float) -> NDArray[np.float64]:
-        """Return what frames 0, 1 ... tell where and when it was measured, shape [worlds, rows, width].
+        """Return the values of simulated frames where and when it was measured, shape [worlds, rows, width].
 
-        `frames` is of shape [frame_count, worlds, ...]. Between frames a cubic spline tells. Times behind the
-        last frame are told as that is.
+        `frames`, from frame 0 on, is of shape [frame_count, worlds, ...]. Between frames there is a cubic spline,
+        and after the last one its value.
         """
         place = np.minimum(self.time * fps, len(frames) - 1)
         if (np.abs(place - np.round(place)) < ON_FRAME).all():
-            told = frames[np.round(place).astype(int)]
+            found = frames[np.round(place).astype(int)]
         else:
             from scipy.interpolate import CubicSpline
 
-            told = CubicSpline(np.arange(len(frames)), frames, axis=0)(place)
+            found = CubicSpline(np.arange(len(frames)), frames, axis=0)(place)
         if self.entry is not None:  # [rows, worlds, particles, d]
-            told = told[np.arange(len(told)), :, self.entry]
-        return np.moveaxis(told.reshape(len(told), frames.shape[1], -1), 0, 1)
+            found = found[np.arange(len(found)), :, self.entry]
+        return np.moveaxis(found.reshape(len(found), frames.shape[1], -1), 0, 1)
 
 
 def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
@@ -127,7 +129,7 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
         measured = read_measured(Path(measured), scene)
     if isinstance(measured, Trajectory):
         measured = TrackedPoints.of(measured)
-    if not isinstance(measured, TrackedPoints) and not isinstance(measured, Mapping):
+    if not isinstance(measured, TrackedPoints | Mapping):
         raise ValueError(
             f"measured is {checks.repr_short(measured)}; it must be the path of a CSV file or trajectory, "
             "TrackedPoints, a Trajectory, or a mapping from names of probes and energies to (times, values)"
@@ -136,27 +138,26 @@ def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
     given = noise if isinstance(noise, Mapping) else {one.name: noise for one in found}
     for name in given:
         checks.one_of("a name in noise", name, [one.name for one in found])
-    done = []
     for one in found:
         if not one.until(np.inf).any():
             raise ValueError(f"measured has nothing of {one.name} after time 0; it must have some")
-        sigma = given.get(one.name)
-        own = spread(one) if sigma is None else checks.positive(f"noise of {one.name}", sigma)
-        done.append(Channel(one.name, one.time, one.values, one.what, own, one.entry, sigma is not None))
-    return done
+    return [_with_noise(one, given.get(one.name)) for one in found]
+
+
+def _with_noise(channel: Channel, noise: Any) -> Channel:
+    if noise is None:
+        return replace(channel, noise=spread(channel))
+    return replace(channel, noise=checks.positive(f"noise of {channel.name}", noise), noise_given=True)
 
 
 def spread(channel: Channel) -> float:
     """Return how much the values of a channel vary over time: their root mean square about their means."""
-    entry = np.zeros(len(channel.time), dtype=int) if channel.entry is None else channel.entry
     sums = 0.0
-    for k in np.unique(entry):
-        own = channel.values[entry == k]
-        for column in own.T:
+    for k in np.unique(channel.entries):
+        for column in channel.values[channel.entries == k].T:
             seen = column[np.isfinite(column)]
             sums += float(((seen - seen.mean()) ** 2).sum()) if len(seen) else 0.0
-    varies = float(np.sqrt(sums / max(1, np.isfinite(channel.values).sum())))
-    return varies if varies > 0 else 1.0
+    return float(np.sqrt(sums / max(1, np.isfinite(channel.values).sum()))) or 1.0
 
 
 def _tracked(measured: TrackedPoints, scene: Scene) -> Channel:
@@ -167,11 +168,11 @@ def _tracked(measured: TrackedPoints, scene: Scene) -> Channel:
         raise ValueError(f"measured has {position.shape[1]} coordinates; the scene has {dim}")
     checks.every("particle of measured", particle, particle < count, f"below {count}, the number of particles")
     numbers, entry = np.unique(particle, return_inverse=True)
-    return Channel(POINTS, time, position, numbers, 1.0, entry)
+    return Channel(POINTS, time, position, numbers, entry=entry)
 
 
 def _series(measured: Mapping[str, Any], scene: Scene) -> list[Channel]:
-    """Return what probes and energies were measured to be as channels."""
+    """Return measurements of probes and energies as channels."""
     found = []
     if not measured:
         raise ValueError("measured is empty; it must have a probe of the scene or an energy")
@@ -181,31 +182,27 @@ def _series(measured: Mapping[str, Any], scene: Scene) -> list[Channel]:
         width = len(what.columns(scene.system.dim)) if isinstance(what, Probe) else 1
         if isinstance(what, Probe) and what.every != FRAME:
             raise ValueError(f"probe {name!r} of the scene is read by substep; to be fitted it must be by frame")
+        given = f"measured[{name!r}]"
         try:
             times, values = pair
         except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"measured[{name!r}] is {checks.repr_short(pair)}; it must be (times, values)"
-            ) from error
+            raise ValueError(f"{given} is {checks.repr_short(pair)}; it must be (times, values)") from error
         times, values = checks.array(f"times of {name!r}", times), checks.array(f"values of {name!r}", values)
         values = values[:, None] if values.ndim == 1 else values
         if times.ndim != 1 or values.shape != (len(times), width):
             raise ValueError(
-                f"measured[{name!r}] has times of shape {times.shape} and values of shape {values.shape}; they "
-                f"must be of shapes [rows] and [rows, {width}]"
+                f"{given} has times of shape {times.shape} and values of shape {values.shape}; they must be of "
+                f"shapes [rows] and [rows, {width}]"
             )
         checks.every(f"times of {name!r}", times, np.isfinite(times) & (times >= 0), "finite and at least 0")
-        found.append(Channel(name, times, values, what, 1.0))
+        found.append(Channel(name, times, values, what))
     return found
 
 
 def read_measured(path: Path, scene: Scene) -> Any:
-    """Return what a file has: tracked points (time, id, x, y, z), what probes told, or a trajectory.
+    """Return the measurements in a file: tracked points (time, id, x, y, z), probes and energies, or a trajectory.
 
-    Raises
-    ------
-    ValueError
-        If it is of another form, or something in it is no number.
+    Raises ValueError if it is of another form, or something in it is not a number.
     """
     if path.suffix == ".vtkhdf":
         with Trajectory(path) as trajectory:
@@ -228,7 +225,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
             raise ValueError(f"line {n} of {path} has {len(row)} columns; its first line has {len(head)}")
         for c, word in enumerate(row):
             try:
-                table[k, c] = float(word) if word.strip() else np.nan
+                table[k, c] = float(word.strip() or "nan")
             except ValueError as error:
                 raise ValueError(f"line {n} of {path} has {word!r}; it must be a number, or empty") from error
     if points:
@@ -242,7 +239,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
 
 
 def frame_rate(channels: list[Channel]) -> float:
-    """Return frames a second at which all was measured at a frame's end; 60 where there is no such rate."""
+    """Return frames per second at which all was measured at the end of a frame; 60 if there is no such rate."""
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     gaps = np.diff(times)
     gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
 from ..world import Scene
 
 UNITS = {
@@ -20,10 +19,9 @@ UNITS = {
     "gravity": "m/s²",
 }
 """What may be fitted, and in what unit."""
-OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass")
 FACTOR = "times the scene's own"
 REACH = 10.0
-"""Bounds lie this many times below and above the start, where none are given."""
+"""Default bounds are the start divided and multiplied by this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +30,7 @@ class Parameter:
 
     name: str
     pattern: NDArray[np.float64]
-    """What each connection, particle or obstacle has at the value 1; of gravity its direction."""
+    """The values of springs, particles or obstacles at the value 1; of gravity its direction."""
     start: float
     low: float
     high: float
@@ -40,7 +38,7 @@ class Parameter:
 
     @property
     def is_one_number(self) -> bool:
-        """Whether all have the value itself."""
+        """Whether the value is that of each spring, particle or obstacle."""
         return bool((self.pattern == 1.0).all())
 
     def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -50,28 +48,28 @@ class Parameter:
         return values[:, None] * self.pattern
 
 
-def parameters_of(scene: Scene, asked: Any, bounds: Any) -> list[Parameter]:
-    """Return the parameters asked for; raise ValueError that names what is wrong with one."""
-    if isinstance(asked, str):
-        asked = [asked]
-    if not isinstance(asked, Sequence | Mapping) or not len(asked):
+def parameters_of(scene: Scene, requested: Any, bounds: Any) -> list[Parameter]:
+    """Return the parameters requested; raise ValueError that names what is wrong with one."""
+    if isinstance(requested, str):
+        requested = [requested]
+    if not isinstance(requested, Sequence | Mapping) or not len(requested):
         raise ValueError(
-            f"parameters is {checks.repr_short(asked)}; it must be names from {', '.join(UNITS)}, "
+            f"parameters is {checks.repr_short(requested)}; it must be names from {', '.join(UNITS)}, "
             "or where each starts"
         )
-    starts = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked)
+    starts = dict(requested) if isinstance(requested, Mapping) else dict.fromkeys(requested)
     limits = dict(checks.mapping("bounds", bounds or {}))
     for name in starts:
         checks.one_of("a name in parameters", name, UNITS)
-    if len(starts) < len(asked):
-        raise ValueError(f"parameters is {checks.repr_short(asked)}; each must be named once")
+    if len(starts) < len(requested):
+        raise ValueError(f"parameters is {checks.repr_short(requested)}; each must be named once")
     for name in limits:
         checks.one_of("a name in bounds", name, starts)
     return [_parameter(scene, name, start, limits.get(name)) for name, start in starts.items()]
 
 
 def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
-    """Return one parameter, which starts as the scene has it, or as is said."""
+    """Return one parameter, which starts at the scene's value or the one given."""
     pattern, own, unit = _pattern(scene, name)
     if start is None and not own > 0:
         raise ValueError(
@@ -91,17 +89,13 @@ def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
 
 
 def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
-    """Return the pattern of a parameter, its value in the scene, and its unit.
-
-    Where all are alike the value is theirs. Where they are not, it is a factor, 1 in the scene.
-    """
+    """Return the pattern of a parameter, its value in the scene (a factor of 1 if values differ), and its unit."""
     if name == "gravity":
         if callable(scene.gravity):
             raise ValueError("gravity is a function of time; it must be constant to be fitted")
         vector = checks.gravity("gravity", scene.gravity, scene.system.dim)
         size = float(np.linalg.norm(vector))
-        down = np.eye(scene.system.dim)[-1] * -1.0
-        return (vector / size if size else down), size, UNITS[name]
+        return vector / size if size else -np.eye(scene.system.dim)[-1], size, UNITS[name]
     if name == "friction":
         obstacles: Sequence[Any] = scene.colliders
         if not len(obstacles):
@@ -134,5 +128,4 @@ def scene_with(scene: Scene, parameters: Sequence[Parameter], values: NDArray[np
             changes["colliders"] = [replace(c, friction=float(f)) for c, f in zip(obstacles, each, strict=True)]
         else:
             fields[one.name] = float(value) if one.is_one_number else each
-    system: System = scene.system
-    return replace(scene, system=system.replace(**fields), **changes)
+    return replace(scene, system=scene.system.replace(**fields), **changes)

@@ -7,20 +7,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import disk
+
 RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 """Colours of curves."""
 
 
+def output_path(path: str | Path, suffix: str, force: bool) -> Path:
+    """Return where a file goes; raise ValueError or OSError that names what is wrong with that."""
+    path = Path(path)
+    if path.suffix != suffix:
+        raise ValueError(f"path is {path}; its name must end in {suffix}")
+    if path.exists() and not force:
+        raise FileExistsError(f"path is {path}, which exists; name another file or add --force")
+    disk.writable_folder("path", path, path.parent)
+    return path
+
+
 def plot_log(csv_path: Path, png_path: Path) -> None:
     """Draw the energies of a log against time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     table = np.atleast_1d(np.genfromtxt(csv_path, delimiter=",", names=True))
     if not table.size:
         return
     figure = Figure(figsize=(8, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     draw_energies(axes, table)
     axes.set_xlabel("time [s]")
@@ -46,5 +57,10 @@ def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, st
         axes.plot(time, values, label=label, color=colour, lw=2.2 if colour == DARK else 1.5)
     axes.set_ylabel(quantity)
     axes.margins(x=0)
+    add_grid(axes)
+
+
+def add_grid(axes: Any) -> None:
+    """Draw a faint grid, and no frame above and to the right."""
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)

@@ -17,21 +17,24 @@ from ..integrators import METHODS
 from ..simulation import Readback, Simulation, frame_count
 from ..world import Scene
 from .grid import checked_grid, points
-from .sweep_arguments import OPTIONS, as_stored, check_names, check_travels, found, source
+from .sweep_arguments import OPTIONS, as_json, check_names, check_travels, found, source
 from .sweep_ensembles import ENSEMBLE, Asked, as_worlds, in_words
 from .sweep_points import (
     LOST,
     MISSING,
+    RESULTS,
     RUNS,
     Point,
     Row,
     Simulate,
     carry_out,
-    numbers_of,
+    dataset,
+    final_numbers,
+    import_xarray,
     remove_unfinished,
     stored_row,
+    write_results,
 )
-from .sweep_results import RESULTS, dataset, import_xarray, write_results
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
@@ -123,29 +126,22 @@ def sweep(
     for given in points(values):
         built_with = fixed | {key: value for key, value in given.items() if key not in OPTIONS or key in known}
         simulated = options | {key: value for key, value in given.items() if key not in built_with}
-        own = {"parameters": as_stored(defaults | built_with), "options": as_stored(simulated)}
-        planned.append(Point(given, always | own, Task(build, built_with, simulated, watched)))
+        own = {"parameters": defaults | built_with, "options": simulated}
+        stored = {kind: {key: as_json(value) for key, value in each.items()} for kind, each in own.items()}
+        planned.append(Point(always | stored, Task(build, built_with, simulated, watched)))
     if executor is None and jobs != 1:
         check_travels({"scene": build} | {f"observe[{key!r}]": one for key, one in watched.items()})
+    refusals: list[str] = []
 
     def say(done: int, refused: Mapping[int, str]) -> None:
         if refused and jobs == ENSEMBLE:
-            warnings.warn(in_words(done, refused), stacklevel=4)
+            refusals.append(in_words(done, refused))
 
-    return complete(
-        values,
-        planned,
-        Path(folder),
-        simulate_task,
-        keep == "run",
-        executor,
-        jobs,
-        options.get("device"),
-        report,
-        ask=asked_of,
-        observe=watched,
-        say=say,
-    )
+    how: dict[str, Any] = {"device": options.get("device"), "report": report, "ask": asked_of, "say": say}
+    results = complete(values, planned, Path(folder), simulate_task, keep == "run", executor, jobs, **how)
+    for message in refusals:
+        warnings.warn(message, stacklevel=2)
+    return results
 
 
 class Task(NamedTuple):
@@ -158,7 +154,7 @@ class Task(NamedTuple):
 
 
 def asked_of(task: Task) -> Asked:
-    """Return what is to be simulated for a task: the scene is built."""
+    """Build the scene of a task, and return what is to be simulated."""
     scene = task.build(**task.parameters)
     checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
     options = dict(task.options)
@@ -166,29 +162,26 @@ def asked_of(task: Task) -> Asked:
     if isinstance(integrator, str):
         checks.one_of("integrator", integrator, METHODS)
         integrator = METHODS[integrator]
-    return Asked(scene, duration, options | {"integrator": integrator})
+    return Asked(scene, duration, options | {"integrator": integrator}, task.observe)
 
 
 def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
     """Simulate a scene to its end, and return the numbers that are kept of it."""
-    scene, duration, options = asked_of(task)
+    scene, duration, options, observe = asked_of(task)
     simulation = Simulation.from_scene(scene, **options)
-    last = frame_count(duration, simulation.fps)
-    with ExitStack() as stack:
-        writer = readback = None
-        if keeps_files:
-            path, about = folder / "trajectory.vtkhdf", {"gravity": np.asarray(scene.gravity).tolist()}
-            about = {} if callable(scene.gravity) else about
-            writer = stack.enter_context(
-                TrajectoryWriter(path, scene.system, fps=simulation.fps, frame_count=last + 1, attributes=about)
-            )
-            readback = Readback(simulation)
-        for k in range(last + 1):
-            if k:
-                simulation.step()
-            if writer is not None and readback is not None:
-                writer.write_pending(readback.take(), {})
-    return numbers_of(simulation, scene, task.observe)
+    frames = frame_count(duration, simulation.fps)
+    if not keeps_files:
+        simulation.step(frames)
+        return final_numbers(simulation, scene, observe)
+    about = {} if callable(scene.gravity) else {"gravity": np.asarray(scene.gravity).tolist()}
+    how: dict[str, Any] = {"fps": simulation.fps, "frame_count": frames + 1, "attributes": about}
+    with TrajectoryWriter(folder / "trajectory.vtkhdf", scene.system, **how) as writer:
+        readback = Readback(simulation)
+        writer.write_pending(readback.take(), {})
+        for _ in range(frames):
+            simulation.step()
+            writer.write_pending(readback.take(), {})
+    return final_numbers(simulation, scene, observe)
 
 
 def complete(
@@ -203,34 +196,13 @@ def complete(
     report: Report | None = None,
     *,
     ask: Callable[[Any], Asked],
-    observe: Mapping[str, Callable[[Simulation], float]] | None = None,
     say: Say | None = None,
 ) -> Any:
-    """Simulate those of the points that are not there yet, write the results of all, and return them.
+    """Simulate the planned points that are not in the folder yet, write the results of all, and return them.
 
-    Parameters
-    ----------
-    grid
-        The values of what is swept; the last name changes fastest from point to point.
-    planned
-        All points.
-    folder, keeps_files, executor, jobs, report
-        See `sweep`.
-    simulate
-        What a worker does for a point's task.
-    device
-        The device that is asked for; by default processes share out the GPUs.
-    ask
-        Returns what is to be simulated for a point's task, where that may be a world of an ensemble.
-    observe
-        See `sweep`; of what is such a world.
-    say
-        Told of points that were, and of those that were not.
-
-    Raises
-    ------
-    ValueError, OSError
-        As by `sweep`.
+    `simulate` is what a worker does for the task of a point, and `ask` returns what is to be simulated for it,
+    should it become a world of an ensemble. Without a `device` the processes share the GPUs. The others are those
+    of `sweep`, as are the errors raised.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -251,22 +223,16 @@ def complete(
         stack.enter_context(disk.alone_in(folder))
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
-        left = [k for k, row in enumerate(rows) if not row]
-        for k in left:  # what a power cut has left of a run
-            disk.remove_folder(runs / planned[k].digest)
-        calls = {
-            k: (simulate, planned[k].task, planned[k].parameters, planned[k].digest, runs, keeps_files)
-            for k in left
-        }
-        worlds = iter(())
-        if together:
-            fixed_only = jobs != ENSEMBLE
-            worlds = _in_ensembles(planned, calls, ask, dict(observe or {}), fixed_only, say)
+        left = {k: planned[k] for k, row in enumerate(rows) if not row}
+        for point in left.values():  # what a power cut has left of a run
+            disk.remove_folder(runs / point.digest)
+        count = len(left)
+        worlds = _in_ensembles(left, runs, ask, jobs != ENSEMBLE, say) if together else ()
         try:
-            for count, (k, row) in enumerate(chain(worlds, _carried_out(calls, executor)), 1):
+            for done, (k, row) in enumerate(chain(worlds, _alone(left, simulate, runs, keeps_files, executor)), 1):
                 rows[k] = row
                 if report is not None:
-                    report(count, len(left))
+                    report(done, count)
         finally:
             remove_unfinished(runs)
             rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
@@ -276,37 +242,39 @@ def complete(
 
 
 def _in_ensembles(
-    planned: Sequence[Point],
-    calls: dict[int, tuple[Any, ...]],
-    ask: Callable[[Any], Asked],
-    observe: Mapping[str, Callable[[Simulation], float]],
-    fixed_only: bool,
-    say: Say | None,
+    left: dict[int, Point], runs: Path, ask: Callable[[Any], Asked], fixed_only: bool, say: Say | None
 ) -> Iterator[tuple[int, Row]]:
-    """Yield (number, row) of points that can be worlds of ensembles, and take these out of the calls."""
+    """Yield (number, row) of points that can be worlds of ensembles, and take these out of those left."""
     refused: dict[int, str] = {}
-    tasks, done = {k: planned[k].task for k in calls}, 0
-    for world in as_worlds(tasks, ask, refused, looks_back=bool(observe), fixed_only=fixed_only):
-
-        def simulate(of: Any, folder: Path, keeps_files: bool) -> dict[str, float]:
-            return numbers_of(of.alone(), of.asked.scene, observe)
-
-        _, _, *rest = calls.pop(world.number)
-        yield world.number, carry_out(simulate, world, *rest, spent=world.seconds)
+    tasks, done = {k: point.task for k, point in left.items()}, 0
+    for k, simulate, seconds in as_worlds(tasks, ask, refused, fixed_only=fixed_only):
+        yield k, carry_out(simulate, left.pop(k), runs, False, spent=seconds)
         done += 1
     if say is not None and (done or not fixed_only):
         say(done, refused)
 
 
-def _carried_out(calls: Mapping[int, tuple[Any, ...]], executor: Any) -> Any:
-    """Yield (number, row) of points as they are done."""
+def _alone(
+    left: Mapping[int, Point], simulate: Simulate, runs: Path, keeps_files: bool, executor: Any
+) -> Iterator[tuple[int, Row]]:
+    """Yield (number, row) of points as they are done, each a run of its own."""
     if executor is None:
-        for k, call in calls.items():
-            yield k, carry_out(*call)
+        for k, point in left.items():
+            yield k, carry_out(simulate, point, runs, keeps_files)
         return
+
+    def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
+        """Return the tries, (number, attempt), by future; submitit gets all at once, as one job array of Slurm."""
+        calls = [(simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
+        if calls and hasattr(executor, "map_array"):
+            futures = executor.map_array(carry_out, *zip(*calls, strict=True))
+        else:
+            futures = [executor.submit(carry_out, *call) for call in calls]
+        return dict(zip(futures, tries, strict=True))
+
     waiting: dict[Any, tuple[int, int]] = {}
     try:
-        _submit(executor, [(k, call, 1) for k, call in calls.items()], waiting)
+        waiting |= submit([(k, 1) for k in left])
         while waiting:
             done, again = [future for future in waiting if future.done()], []
             for future in done:
@@ -314,32 +282,19 @@ def _carried_out(calls: Mapping[int, tuple[Any, ...]], executor: Any) -> Any:
                 try:
                     yield k, future.result()
                 except Exception as error:  # whatever an executor raises when it has lost a worker
-                    call = calls[k]
-                    if (row := stored_row(call[4] / call[3])) is not None:
+                    if (row := stored_row(runs / left[k].digest)) is not None:
                         yield k, row
                     elif attempt < _TRIES:
-                        again.append((k, call, attempt + 1))
+                        again.append((k, attempt + 1))
                     else:
                         yield k, {"status": LOST, "message": f"its worker was lost {attempt} times: {error}"}
-            _submit(executor, again, waiting)
+            waiting |= submit(again)
             if not done:
                 time.sleep(_PAUSE)
     finally:
         for future in waiting:
             if hasattr(future, "cancel"):
                 future.cancel()
-
-
-def _submit(
-    executor: Any, calls: list[tuple[int, tuple[Any, ...], int]], waiting: dict[Any, tuple[int, int]]
-) -> None:
-    """Hand calls to an executor; to submitit's all at once, which Slurm takes as one array of jobs."""
-    if calls and hasattr(executor, "map_array"):
-        columns = zip(*[(*call, attempt) for _, call, attempt in calls], strict=True)
-        futures = executor.map_array(carry_out, *columns)
-    else:
-        futures = [executor.submit(carry_out, *call, attempt) for _, call, attempt in calls]
-    waiting |= {future: (k, attempt) for future, (k, _, attempt) in zip(futures, calls, strict=True)}
 
 
 def _check_folder(folder: Path) -> None:

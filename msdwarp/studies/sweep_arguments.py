@@ -1,4 +1,4 @@
-"""What a sweep is asked for, checked, and as JSON has it."""
+"""Arguments of a sweep, checked, and as JSON has them."""
 
 import hashlib
 import importlib
@@ -30,9 +30,8 @@ def found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]
                 raise ModuleNotFoundError
             return importlib.import_module(f"msdwarp.scenes.{scene}").build, scene
         except (ModuleNotFoundError, AttributeError):
-            raise ValueError(
-                f"scene is {scene!r}; it must be a name that `msdwarp list` shows, or a function"
-            ) from None
+            must = "it must be a name that `msdwarp list` shows, or a function"
+            raise ValueError(f"scene is {scene!r}; {must}") from None
     if not callable(scene) or not hasattr(scene, "__qualname__"):
         raise ValueError(f"scene is {checks.repr_short(scene)}; it must be the name of a scene, or a function")
     return scene, scene.__qualname__
@@ -43,11 +42,9 @@ def check_names(
 ) -> None:
     """Raise ValueError that names what neither the scene nor `Simulation` takes, or what is given twice."""
     known = inspect.signature(build).parameters
-    anything = any(one.kind is one.VAR_KEYWORD for one in known.values())
-    own = [] if anything else list(known)
-    for given, label, allowed in ((grid, "grid", [*own, *OPTIONS]), (fixed, "parameters", own)):
-        for name in given:
-            if not anything:
+    if not any(one.kind is one.VAR_KEYWORD for one in known.values()):
+        for given, label, allowed in ((grid, "grid", [*known, *OPTIONS]), (fixed, "parameters", known)):
+            for name in given:
                 checks.one_of(f"a name in {label}", name, allowed)
     for name in options:
         checks.one_of("an option", name, OPTIONS)
@@ -57,7 +54,7 @@ def check_names(
 
 
 def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
-    """Raise ValueError if worker processes could not be given functions, by what they are called."""
+    """Raise ValueError if functions, by label, could not be given to worker processes."""
     where = "it must be at the top of a module that they can import, or jobs be 1"
     main = importlib.import_module("__main__")
     for label, function in functions.items():
@@ -70,19 +67,15 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
 
 
 def source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of the source of a function, None where there is none; of what it calls it knows nothing."""
+    """Return a digest of a function's own source, without what it calls; None where there is none."""
     try:
         return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
     except (OSError, TypeError):
         return None
 
 
-def as_stored(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values as JSON has them: what it cannot hold by its text."""
-    return {name: _as_json(value) for name, value in values.items()}
-
-
-def _as_json(value: Any) -> Any:
+def as_json(value: Any) -> Any:
+    """Return a value as JSON has it; what JSON cannot hold as its text."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     try:
@@ -92,7 +85,7 @@ def _as_json(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [_as_json(one) for one in value]
+        return [as_json(one) for one in value]
     try:
         return json.loads(json.dumps(value, sort_keys=True))
     except TypeError:

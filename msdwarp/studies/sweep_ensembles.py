@@ -5,7 +5,6 @@ import pickle
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
@@ -14,24 +13,24 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import BodyContact
 from ..integrators import UnstableStep
-from ..quiet import in_turn
+from ..runtime import in_turn
 from ..simulation import Ensemble, Simulation, frame_count
 from ..world import Scene
+from .sweep_points import Observe, Simulate, final_numbers
 from .workers import gpus_for
 
 ENSEMBLE = "ensemble"
-"""The word for jobs by which all that can be worlds of ensembles are."""
+"""The value of `jobs` with which every point that can be a world of an ensemble is one."""
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 OF_SYSTEM = (*OF_CONNECTIONS, "mass", "position", "velocity")
 """Fields of a system that may differ between worlds."""
 ONLY_OF_YIELDING = ("original_length",)
-"""Fields that count for nothing where no connection yields, as in every ensemble."""
+"""Fields that do not matter unless springs yield, as they do in no ensemble."""
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
-"""Worlds of an ensemble at most: enough to fill a GPU. What is under way is lost when a sweep is ended."""
+"""Worlds of an ensemble at most: enough to fill a GPU. A sweep that is ended loses an unfinished ensemble."""
 MOST_NUMBERS = 1 << 23
-"""Particles and connections of all its worlds at most: some hundred megabytes of what differs."""
+"""Particles and springs of all worlds at most: some hundred megabytes of what differs."""
 
 
 class Asked(NamedTuple):
@@ -42,110 +41,78 @@ class Asked(NamedTuple):
     """[s]"""
     options: dict[str, Any]
     """Arguments that `Ensemble` and `Simulation` share."""
+    observe: Observe | None = None
+    """Functions whose results are kept."""
 
 
-class World(NamedTuple):
-    """A point that was simulated as a world of an ensemble."""
-
-    number: int
-    asked: Asked
-    alone: Callable[[], Simulation]
-    """Returns the simulation of this world alone, at its end."""
-    seconds: float
-    """Its share of the time that the ensemble took."""
+Numbered = tuple[int, Asked]
+"""The number of a point, and what is to be simulated there."""
+World = tuple[int, Simulate, float]
+"""The number of a point, a function that returns the numbers of its world, and its share of the time taken [s]."""
 
 
 def as_worlds(
-    tasks: Mapping[int, Any],
-    ask: Callable[[Any], Asked],
-    refused: dict[int, str],
-    *,
-    looks_back: bool = False,
-    fixed_only: bool = False,
+    tasks: Mapping[int, Any], ask: Callable[[Any], Asked], refused: dict[int, str], *, fixed_only: bool
 ) -> Iterator[World]:
-    """Simulate points in ensembles, and yield them as they are done; say why the others were not.
+    """Simulate points in ensembles, by their tasks, yield the worlds, and note in `refused` why others are none.
 
-    A world is that of a simulation of its own with as many substeps: to the last bit wherever those of `Ensemble`
-    are. "auto" takes those of the world that needs most, and no more on the way.
-
-    Parameters
-    ----------
-    tasks
-        The points, by number.
-    ask
-        Returns what is to be simulated for a task; what it raises is a reason not to.
-    refused
-        Takes, by number, why a point is none of a world: there is no other that differs from it only in what
-        worlds may differ in; an ensemble cannot have it; or its world diverges, which a simulation tells more of.
-    looks_back
-        Whether more is asked of a simulation's readings than the last of each.
-    fixed_only
-        Leave out points whose number of substeps is not given.
+    A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
+    "auto" takes the substeps of the world that needs most, and adds none; `fixed_only` leaves such points out.
     """
-    alike: dict[bytes, list[tuple[int, Asked]]] = {}
-    hopeless: dict[bytes, str] = {}
+    alike: dict[bytes, list[Numbered]] = {}
     for number, task in tasks.items():
         try:
             asked = ask(task)
-            if why := _why_not(asked, looks_back, fixed_only):
-                raise ValueError(why)
-            key = _all_else(asked)
+            if fixed_only and asked.options.get("substeps", "auto") == "auto":
+                raise ValueError("its number of substeps is automatic, and changes while it runs")
+            if asked.scene.probes and asked.observe:
+                raise ValueError("what is observed may ask for all readings of its probes")
+            key = _digest_of_shared(asked)
         except Exception as error:  # of a scene of any kind; a run of its own tells it in full
             refused[number] = str(error)
-            continue
-        if key in hopeless:
-            refused[number] = hopeless[key]
             continue
         several = alike.setdefault(key, [])
         several.append((number, asked))
         if len(several) == _most(asked):
-            try:
-                yield from _together(alike.pop(key), refused)
-            except _Hopeless as error:
-                hopeless[key] = str(error)
+            yield from _together(alike.pop(key), refused)
     for several in alike.values():
         if len(several) == 1:
             refused[several[0][0]] = "no other point is alike"
-            continue
-        with suppress(_Hopeless):
+        else:
             yield from _together(several, refused)
 
 
 def in_words(done: int, refused: Mapping[int, str]) -> str:
     """Return how many points were worlds of ensembles, and why the others were not."""
-    said = f"{done} of {done + len(refused)} points were worlds of ensembles"
+    message = f"{done} of {done + len(refused)} points were worlds of ensembles"
     if not refused:
-        return said
+        return message
     reasons = Counter(refused.values()).most_common()
     more = f"; {len(reasons) - 1} more reasons" if len(reasons) > 1 else ""
-    return f"{said}, the others runs of their own: {reasons[0][0]}{more}"
+    return f"{message}, the others runs of their own: {reasons[0][0]}{more}"
 
 
-class _Hopeless(ValueError):
-    """No world can have the scene, whatever its numbers."""
+def _digest_of_shared(asked: Asked) -> bytes:
+    """Return a digest of all that worlds of an ensemble share; raise ValueError if that has no bytes.
 
-
-def _why_not(asked: Asked, looks_back: bool, fixed_only: bool) -> str:
-    """Return why a point cannot be a world though an ensemble could have it; empty where it can."""
-    if fixed_only and asked.options.get("substeps", "auto") == "auto":
-        return "its number of substeps is automatic, and changes while it runs"
-    if asked.scene.probes and looks_back:
-        return "what is observed may ask for all readings of its probes"
-    return ""
-
-
-def _all_else(asked: Asked) -> bytes:
-    """Return a digest of all that the worlds of an ensemble share; raise if it has what cannot be compared.
-
-    Equal bytes are equal scenes. Different ones of equal scenes cost time, and nothing else.
+    Different digests of equal scenes only cost time.
     """
     scene, system = asked.scene, asked.scene.system
     own = (*OF_SYSTEM, *(() if system.yields else ONLY_OF_YIELDING))
     shared = {one.name: getattr(system, one.name) for one in fields(System) if one.name not in own}
     obstacles: Sequence[Any] = scene.colliders
     rough = [replace(one, friction=0.0) for one in obstacles]
-    falls = scene.gravity if callable(scene.gravity) else None
-    parts = (shared, rough, scene.loads, scene.schedule, dict(scene.probes), falls, asked.duration, asked.options)
+    gravity = scene.gravity if callable(scene.gravity) else None
+    parts = (
+        shared,
+        rough,
+        scene.loads,
+        scene.schedule,
+        dict(scene.probes),
+        gravity,
+        asked.duration,
+        asked.options,
+    )
     try:
         return hashlib.sha256(pickle.dumps(parts)).digest()
     except Exception as error:  # of functions that have no name
@@ -159,20 +126,13 @@ def _most(asked: Asked) -> int:
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
 
 
-def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
-    """Simulate points in an ensemble; where it refuses some of them, in smaller ones without these."""
+def _together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
+    """Simulate points in an ensemble; if it refuses some of them, in smaller ones without these."""
     try:
         ensemble = _ensemble([asked for _, asked in several])
     except ValueError as error:
-        try:
-            _ensemble([several[0][1]])
-        except UnstableStep:
-            pass  # a world's own fault, as its numbers are
-        except ValueError:
+        if len(several) == 1 or _is_refused_alone(several[0][1]):
             refused.update({number: str(error) for number, _ in several})
-            raise _Hopeless(str(error)) from error
-        if len(several) == 1:
-            refused[several[0][0]] = str(error)
             return
         middle = len(several) // 2
         for half in (several[:middle], several[middle:]):
@@ -181,13 +141,20 @@ def _together(several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iter
     yield from _simulated(ensemble, several, refused)
 
 
+def _is_refused_alone(asked: Asked) -> bool:
+    """Tell whether no ensemble takes the scene, whatever the numbers of its worlds."""
+    try:
+        _ensemble([asked])
+    except UnstableStep:
+        return False
+    except ValueError:
+        return True
+    return False
+
+
 def _ensemble(several: list[Asked]) -> Ensemble:
+    """Return an ensemble whose parameters are those that differ between scenes."""
     scenes = [asked.scene for asked in several]
-    return Ensemble(scenes[0], len(scenes), **_rows(scenes), **several[0].options)
-
-
-def _rows(scenes: list[Scene]) -> dict[str, NDArray[np.float64]]:
-    """Return what differs between scenes, as `Ensemble` takes it."""
     rows: dict[str, NDArray] = {
         name: np.array([getattr(scene.system, name) for scene in scenes]) for name in OF_SYSTEM
     }
@@ -201,56 +168,57 @@ def _rows(scenes: list[Scene]) -> dict[str, NDArray[np.float64]]:
     for name in (*OF_CONNECTIONS, "mass", "friction"):  # a number for all of a world is stored once
         if name in differing and (differing[name] == differing[name][:, :1]).all():
             differing[name] = differing[name][:, 0]
-    return differing
+    return Ensemble(scenes[0], len(scenes), **differing, **several[0].options)
 
 
-def _arrays_of(now: Any, compensated: bool) -> list[Any]:
-    """Return the arrays on the device that a state is."""
-    return [now.x, now.v, *now.method_state, *((now.compensation.x, now.compensation.v) if compensated else ())]
-
-
-@in_turn
-def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
-    """Return what moves as it is now, shape [worlds, ...] each, and of each world what sticks to what."""
-    model = ensemble.model
-    moving = [model.by_world(array) for array in _arrays_of(ensemble.state.state_in, model.compensated)]
-    return moving, model.touching.checkpoints() if model.touching is not None else []
-
-
-def _simulated(ensemble: Ensemble, several: list[tuple[int, Asked]], refused: dict[int, str]) -> Iterator[World]:
+def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
     """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
 
-    Where there are probes, each world takes the last frame alone: all of them are read then.
+    With probes each world takes the last frame as a simulation, which reads them all.
     """
     began, first = time.perf_counter(), several[0][1]
     left = 1 if first.scene.probes else 0
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
-    moving, sticking = _reached(ensemble)
-    running = ensemble.status == "running"
-    seconds = (time.perf_counter() - began) / len(several)
+    moving, changed = _reached(ensemble)
     how = {
         "integrator": ensemble.integrator,
         "substeps": ensemble.substeps,
         "force_algorithm": ensemble.model.force_algorithm,
     }
+    running = ensemble.status == "running"
+    seconds = (time.perf_counter() - began) / len(several)
 
     @in_turn
     def alone(world: int, asked: Asked) -> Simulation:
         simulation = Simulation.from_scene(asked.scene, **(asked.options | how))
-        now = simulation.state.state_in
-        for array, values in zip(_arrays_of(now, ensemble.model.compensated), moving, strict=True):
+        for array, values in zip(_moving(simulation), moving, strict=True):
             array.assign(values[world])
-        for effect in simulation.model.effects:
-            if isinstance(effect, BodyContact):
-                effect.restore(sticking[world])
+        for effect in simulation.assembly.all:
+            effect.restore(changed[world])
         simulation.frame_index = frames
         if left:
             simulation.step(left)
         return simulation
 
+    def numbers_of(world: int, asked: Asked) -> dict[str, float]:
+        return final_numbers(alone(world, asked), asked.scene, asked.observe)
+
     for world, (number, asked) in enumerate(several):
         if running[world]:
-            yield World(number, asked, lambda world=world, asked=asked: alone(world, asked), seconds)
+            yield number, lambda *_, world=world, asked=asked: numbers_of(world, asked), seconds
         else:
             refused[number] = "its world diverges"
+
+
+def _moving(of: Simulation | Ensemble) -> list[Any]:
+    """Return the arrays on the device that move."""
+    now = of.state.state_in
+    compensation = (now.compensation.x, now.compensation.v) if of.model.compensated else ()
+    return [now.x, now.v, *now.method_state, *compensation]
+
+
+@in_turn
+def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
+    """Return what moves as it is now, shape [worlds, ...] each, and what the effects of each have changed."""
+    return [ensemble.model.by_world(array) for array in _moving(ensemble)], ensemble.assembly.checkpoints()

@@ -1,4 +1,4 @@
-"""The points of a sweep: a folder for each, and what a worker does for one."""
+"""The points of a sweep: a folder for each, what a worker does for one, and the results of all."""
 
 import hashlib
 import json
@@ -7,9 +7,11 @@ import secrets
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from .. import checks, disk
 from ..simulation import Simulation, SimulationDiverged
@@ -18,20 +20,20 @@ from .energy_log import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
 DONE, DIVERGED, FAILED, LOST, MISSING = "done", "diverged", "failed", "lost", "missing"
-"""What has become of a point. The first two are results, and kept; the others are tried again by the next call."""
+"""Status of a point. The first two are results, and kept; the others are tried again by the next call."""
 _UNFINISHED = ".unfinished-"
 
 Row = dict[str, Any]
-"""What is known of a point: its status, what was said, and numbers by name."""
+"""Results of a point: its status, a message, and numbers by name."""
 Simulate = Callable[[Any, Path, bool], dict[str, float]]
 """(task, folder, whether files are kept) -> numbers; a function of a module, which workers can import."""
+Observe = Mapping[str, Callable[[Simulation], float]]
+"""Functions by name that a simulation is given at its end."""
 
 
 class Point(NamedTuple):
     """A point of a sweep."""
 
-    given: dict[str, Any]
-    """The values of what is swept, by name."""
     parameters: dict[str, Any]
     """All that says what is simulated, as JSON has it."""
     task: Any
@@ -39,12 +41,12 @@ class Point(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """A short text that two points share if their parameters are the same: the name of the folder."""
+        """The name of its folder: the same text for the same parameters."""
         return hashlib.sha256(json.dumps(self.parameters, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def stored_row(folder: Path) -> Row | None:
-    """Return the row that a worker has left in the folder of a point; None if there is none that can be read."""
+    """Return the row in the folder of a point; None if there is none that can be read."""
     try:
         row = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -53,40 +55,32 @@ def stored_row(folder: Path) -> Row | None:
 
 
 def remove_unfinished(runs: Path) -> None:
-    """Remove what workers that were lost have left."""
+    """Remove what lost workers have left."""
     for folder in runs.glob(f"{_UNFINISHED}*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def carry_out(
-    simulate: Simulate,
-    task: Any,
-    parameters: dict[str, Any],
-    digest: str,
-    runs: Path,
-    keeps_files: bool,
-    attempt: int = 1,
-    spent: float = 0.0,
+    simulate: Simulate, point: Point, runs: Path, keeps_files: bool, attempt: int = 1, spent: float = 0.0
 ) -> Row:
-    """Simulate a point, and return its row; its folder appears whole, or not at all. A worker does this.
+    """Simulate a point and return its row; its folder appears whole, or not at all. A worker does this.
 
-    `spent` is how many seconds it has taken already.
-    What goes wrong is in the row, so that whatever is raised from here is the fault of a lost worker.
+    Errors are in the row; an exception means that the worker is lost. `attempt` tells two calls apart, since Dask
+    does not repeat one. `spent` is the time that the point has taken before [s].
     """
-    folder = runs / digest
+    folder = runs / point.digest
     if (row := stored_row(folder)) is not None:  # of a worker that was taken for lost
         return row
-    made = runs / f"{_UNFINISHED}{digest}-{secrets.token_hex(4)}"
+    made = runs / f"{_UNFINISHED}{point.digest}-{secrets.token_hex(4)}"
     try:
-        runs.mkdir(parents=True, exist_ok=True)
-        made.mkdir()
-        row = _row(simulate, task, made, keeps_files, time.perf_counter() - spent)
+        made.mkdir(parents=True)
+        row = _row(simulate, point.task, made, keeps_files, time.perf_counter() - spent)
         if row["status"] == FAILED:
             return row
         if not keeps_files:
             for path in made.iterdir():
                 path.unlink()
-        for name, content in ((PARAMETERS, parameters), (SUMMARY, row)):
+        for name, content in ((PARAMETERS, point.parameters), (SUMMARY, row)):
             with disk.replacing(made / name, durable=True) as unfinished:
                 unfinished.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         try:
@@ -102,24 +96,23 @@ def carry_out(
 
 
 def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool, began: float) -> Row:
-    """Simulate, and return what has become of it."""
+    """Simulate, and return the row."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("default")
         try:
-            numbers = simulate(task, folder, keeps_files)
-            row: Row = {"status": DONE, "message": "", **numbers}
+            row: Row = {"status": DONE, "message": "", **simulate(task, folder, keeps_files)}
         except SimulationDiverged as error:
             row = {"status": DIVERGED, "message": str(error), "time_s": error.time}
         except Exception as error:  # of a scene of any kind
-            said = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
-            row = {"status": FAILED, "message": said}
+            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
+            row = {"status": FAILED, "message": f"{kind}{error}"}
     if heard and row["status"] == DONE:
         row["message"] = "; ".join(dict.fromkeys(str(one.message) for one in heard))
     return row | {"seconds": time.perf_counter() - began}
 
 
-def final_numbers(simulation: Simulation, scene: Scene) -> dict[str, float]:
-    """Return what is kept of the end of a run: energies, strain, what each probe told last, and what is observed.
+def final_numbers(simulation: Simulation, scene: Scene, observe: Observe | None = None) -> dict[str, float]:
+    """Return what is kept of the end of a run: energies, strain, last values of probes, observed quantities.
 
     Names and units are those of the log of energies and of the table of probes.
     """
@@ -127,22 +120,74 @@ def final_numbers(simulation: Simulation, scene: Scene) -> dict[str, float]:
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
     for name, probe in scene.probes.items():
-        told = simulation.readings[name].values
-        if len(told):
+        values = simulation.readings[name].values
+        if len(values):
             columns = (f"{name}_{column}" for column in probe.columns(simulation.system.dim))
-            numbers |= dict(zip(columns, told[-1], strict=True))
+            numbers |= dict(zip(columns, values[-1], strict=True))
     _, *now = simulation.frame()
-    for name, told in scene.observed(*now).items():
-        each = {f"{name}_{k}": value for k, value in enumerate(told.ravel())}
-        numbers |= each if told.ndim else {name: told}
+    for name, values in scene.observed(*now).items():
+        each = {f"{name}_{k}": value for k, value in enumerate(values.ravel())}
+        numbers |= each if values.ndim else {name: values}
+    for name, function in (observe or {}).items():
+        numbers[name] = checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(())
     return {name: float(value) for name, value in numbers.items()}
 
 
-def numbers_of(
-    simulation: Simulation, scene: Scene, observe: Mapping[str, Callable[[Simulation], float]]
-) -> dict[str, float]:
-    """Return what is kept of the end of a run, and what functions tell of it."""
-    numbers = final_numbers(simulation, scene)
-    for name, function in observe.items():
-        numbers[name] = float(checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(()))
-    return numbers
+RESULTS, TABLE = "results.nc", "results.csv"
+NEEDS_XARRAY = "results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'"
+WORDS = ("status", "message", "run")
+"""Results that are texts."""
+
+
+def import_xarray() -> Any:
+    """Return xarray; raise ValueError that says how to get it, where it or h5netcdf is not installed."""
+    try:
+        import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
+        import xarray  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise ValueError(NEEDS_XARRAY) from error
+    return xarray
+
+
+def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row]) -> Any:
+    """Return the rows of all points as an `xarray.Dataset` over the grid; NaN where a row lacks a number."""
+    xarray = import_xarray()
+    numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))
+    columns: dict[str, Any] = {
+        "status": np.array([row["status"] for row in rows], dtype=object),
+        "message": np.array([row["message"] for row in rows], dtype=object),
+        "run": np.array([point.digest for point in planned], dtype=object),
+    }
+    columns |= {name: np.array([row.get(name, np.nan) for row in rows], dtype=np.float64) for name in numbers}
+    shape = [len(values) for values in grid.values()]
+    variables = {name: (list(grid), values.reshape(shape)) for name, values in columns.items()}
+    coordinates = {name: _coordinate(values) for name, values in grid.items()}
+    first = planned[0].parameters
+    same = {key: value for key, value in (first["parameters"] | first["options"]).items() if key not in grid}
+    about = {"scene": str(first["scene"]), "parameters": json.dumps(same)}
+    return xarray.Dataset(variables, coordinates, about)
+
+
+def _coordinate(values: Sequence[Any]) -> np.ndarray:
+    """Return swept values as numbers, or as texts unless all are numbers."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values)
+    return np.array([str(value) for value in values], dtype=object)
+
+
+def write_results(results: Any, folder: Path) -> None:
+    """Write the results as NetCDF and as a table with a line for each point; each file appears whole."""
+    with disk.replacing(folder / RESULTS) as unfinished:
+        results.to_netcdf(unfinished, engine="h5netcdf")
+    with disk.replacing(folder / TABLE) as unfinished:
+        results.to_dataframe().to_csv(unfinished, na_rep="nan", lineterminator="\r\n")
+
+
+def read_results(path: Path) -> Any:
+    """Return the results that a file holds; raise OSError or ValueError if it is none."""
+    xarray = import_xarray()
+    with xarray.open_dataset(path, engine="h5netcdf") as opened:
+        results = opened.load()
+    if "status" not in results or not results.sizes:
+        raise ValueError(f"{path} has no results of a sweep")
+    return results

@@ -1,10 +1,11 @@
 """A table of numbers on disk, a CSV file that grows with a run."""
 
 import csv
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self, TextIO
+from typing import BinaryIO, Self
 
 from ..disk import replacing
 
@@ -12,26 +13,20 @@ from ..disk import replacing
 class GrowingTable:
     """Writes lines of numbers, each at once to disk.
 
+    When an existing file is continued, its later lines stay as long as the same ones are written again. The first
+    that differs takes the place of all that follow, once it is on disk.
+
     Parameters
     ----------
-    path
-        The CSV file; what is there is replaced.
-    head
-        What the columns are called.
-    behind
-        Go on with the file that is there, behind so many of its lines; what it has beyond them is dropped. A file
-        that is no longer there begins anew.
-    until
-        The same where lines begin with a time: go on behind those up to this one [s].
+    path, head
+        The CSV file, which is replaced unless it is continued, and the names of its columns.
+    behind, until
+        Continue the existing file after so many lines, or after the line that begins with this time [s]; if it is
+        missing, begin a new one. ValueError is raised if it is not such a table, or lacks lines.
     word
-        What the file is called in errors.
+        Name of the file in errors.
     columns_before
-        Columns that files of earlier versions had; missing ones stay empty.
-
-    Raises
-    ------
-    ValueError
-        If the file to go on with is none, or lacks lines.
+        Columns of files of earlier versions; missing ones stay empty.
     """
 
     def __init__(
@@ -46,27 +41,30 @@ class GrowingTable:
     ) -> None:
         self.path, self._head = path, list(head)
         self._heads = (self._head, self._head[:columns_before])
-        self._file: TextIO | None = None
-        self._kept = self._lines(behind, until, word)
+        self._file: BinaryIO | None = None
+        self._lines, self._kept = self._existing(behind, until, word)
 
-    def _lines(self, behind: int, until: float, word: str) -> list[list[str]]:
-        """Return so many lines of numbers that are there, or those up to a time."""
+    def _existing(self, behind: int, until: float, word: str) -> tuple[list[list[str]], int]:
+        """Return the existing lines of a file to continue, and how many of them to keep."""
         if not (behind or until) or not self.path.exists():
-            return []
+            return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
         if until:
             behind = _lines_until(until, lines)
         if head not in self._heads or len(lines) < behind:
             raise ValueError(f"{word} is {self.path}, which is not what the run had written there; move it away")
-        return [line + [""] * (len(self._head) - len(head)) for line in lines[:behind]]
+        return [line + [""] * (len(self._head) - len(head)) for line in lines], behind
 
     def __enter__(self) -> Self:
         """Open the file."""
-        with replacing(self.path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([self._head, *self._kept])
-        self._file = self.path.open("a", newline="", encoding="utf-8")
-        self._writer = csv.writer(self._file)
+        kept = _as_csv([self._head, *self._lines[: self._kept]])
+        whole = kept + _as_csv(self._lines[self._kept :])
+        if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or cut short
+            with replacing(self.path) as unfinished:
+                unfinished.write_bytes(whole)
+        self._file = self.path.open("r+b")
+        self._file.seek(len(kept))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -79,13 +77,25 @@ class GrowingTable:
                 raise
 
     def write_line(self, numbers: Sequence[float]) -> None:
-        """Add a line."""
+        """Add a line, unless it is the next one already."""
         assert self._file is not None
+        line = _as_csv([[f"{number:.9g}" for number in numbers]])
         try:
-            self._writer.writerow([f"{number:.9g}" for number in numbers])
-            self._file.flush()
+            there = self._file.read(len(line))
+            if there != line:
+                self._file.seek(-len(there), io.SEEK_CUR)
+                self._file.write(line)
+                self._file.flush()
+                self._file.truncate()
         except OSError as error:
             raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
+
+
+def _as_csv(lines: Sequence[Sequence[str]]) -> bytes:
+    """Return lines as they are in the file."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(lines)
+    return text.getvalue().encode()
 
 
 def _lines_until(time: float, lines: Sequence[Sequence[str]]) -> int:

@@ -2,62 +2,56 @@
 
 import os
 import signal
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
+from threading import Thread
 from typing import Any, Self
 
 import warp as wp
 
 from .. import checks
 from ..engine import THREADS, cores
-from ..quiet import start_warp
+from ..runtime import start_warp
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
 class Workers:
-    """An executor over processes of their own, as `concurrent.futures` has them: what is lost is one call.
+    """An executor like `ProcessPoolExecutor` in which a process that dies fails only the call that it is at.
 
-    A process that ends in the midst of a call, killed or out of memory, fails that call alone; the next call has a
-    new one. All of them end with this process, however it ends. They are spawned, never forked: CUDA does not
-    survive a fork.
-
-    Parameters
-    ----------
-    count
-        How many processes.
-    gpus
-        GPUs that processes take in turn, as `CUDA_VISIBLE_DEVICES` names them; none: all processes see all.
-
-    Raises
-    ------
-    ValueError
-        If the count is no whole number of at least 1.
+    The next call gets a new process. All processes end with this one, however it ends. They are spawned: CUDA does
+    not survive a fork. They take the GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without any, all see all.
     """
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
         checks.count("jobs", count, 1)
-        threads = max(1, cores() // count)  # of each process: together they have a core each
-        self._slots = [_Slot(gpus[k % len(gpus)] if gpus else None, threads) for k in range(count)]
-        self._free: SimpleQueue[_Slot] = SimpleQueue()
-        for slot in self._slots:
-            self._free.put(slot)
+        self._cpu_threads = max(1, cores() // count)  # of each process: together they have a core each
+        self._context = get_context("spawn")
+        self._watched, self._held = self._context.Pipe(duplex=False)
+        self._idle: SimpleQueue[tuple[str | None, ProcessPoolExecutor | None]] = SimpleQueue()
+        for k in range(count):
+            self._idle.put((gpus[k % len(gpus)] if gpus else None, None))
         self._threads = ThreadPoolExecutor(count)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future:
-        """Have a process call a function of a module; return what will become of it."""
+        """Have a process call a function of a module, and return its future."""
         return self._threads.submit(self._call, function, arguments)
 
     def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        slot = self._free.get()
+        gpu, process = self._idle.get()
         try:
-            return slot.call(function, arguments)
+            if process is None:
+                given = (self._watched, gpu, self._cpu_threads)
+                process = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=given)
+            return process.submit(function, *arguments).result()
+        except BrokenExecutor:
+            process = None
+            raise
         finally:
-            self._free.put(slot)
+            self._idle.put((gpu, process))
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -65,64 +59,22 @@ class Workers:
 
     def __exit__(self, *_: object) -> None:
         """End all processes, whatever they are at."""
+        self._held.close()
         self._threads.shutdown(wait=False, cancel_futures=True)
-        for slot in self._slots:
-            slot.end()
-
-
-class _Slot:
-    """A process, and the next one where that has ended."""
-
-    def __init__(self, gpu: str | None, threads: int) -> None:
-        self._gpu, self._threads, self._lock, self._ended = gpu, threads, threading.Lock(), False
-        self._pool: ProcessPoolExecutor | None = None
-        self._held: Connection | None = None
-
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        with self._lock:
-            if self._ended:
-                raise BrokenExecutor("the workers have been stopped")
-            if self._pool is None:
-                self._start()
-            assert self._pool is not None
-            future = self._pool.submit(function, *arguments)
-        try:
-            return future.result()
-        except BrokenExecutor:
-            with self._lock:
-                self._let_go()
-            raise
-
-    def _start(self) -> None:
-        context = get_context("spawn")
-        watched, self._held = context.Pipe(duplex=False)
-        how = (watched, self._gpu, self._threads)
-        self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=how)
-
-    def _let_go(self) -> None:
-        if self._held is not None and self._pool is not None:
-            self._held.close()
-            self._pool.shutdown(wait=False, cancel_futures=True)
-        self._held = self._pool = None
-
-    def end(self) -> None:
-        with self._lock:
-            self._ended = True
-            self._let_go()
 
 
 def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
-    """Prepare a process: it sees its GPU, leaves Ctrl-C to the one that began it, and ends with that."""
+    """Prepare a process: it sees its GPU, leaves Ctrl-C to its parent, and ends with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if gpu is not None:
         os.environ[VISIBLE] = gpu  # before Warp starts, which looks for GPUs then
     os.environ.setdefault(THREADS, str(threads))
-    threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
+    Thread(target=_end_with, args=(watched,), daemon=True).start()
     start_warp()
 
 
 def _end_with(watched: Connection) -> None:
-    """End this process once the other end of a pipe is closed, by that process or by its end."""
+    """End this process once its parent closes the other end of a pipe, or ends."""
     try:
         watched.recv()
     except (EOFError, OSError):
@@ -138,18 +90,12 @@ def gpus_here() -> list[str]:
 
 
 def gpus_for(device: str | None) -> int:
-    """Return how many GPUs runs are shared out to: all, or the one that is asked for."""
+    """Return the number of GPUs that share the runs: all, or the one requested."""
     return len(gpus_here()) if device is None else int(device.startswith("cuda"))
 
 
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
-    """Return so many workers, for "auto" one for each GPU, or else for each core; no more than there are points.
-
-    Raises
-    ------
-    ValueError
-        If `jobs` is neither "auto" nor a whole number of at least 1.
-    """
+    """Return workers, for "auto" one for each GPU, or else for each core; at most one for each point."""
     gpus = gpus_here() if device is None else []
     if jobs == "auto":
         jobs = gpus_for(device) or cores()

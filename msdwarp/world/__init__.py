@@ -1,16 +1,14 @@
 """What a system moves in: obstacles, changes on the way (`at`), how it looks, and all together in a `Scene`."""
 
 from .actuators import Actuator
-from .attachments import Attachment
+from .attachments import Attachment, MouseSpring
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .contact import Contact, with_contact
-from .drives import Driven, PrescribedMotion, bound, driven_particles, released
-from .exchange import differ_in_values
+from .drives import Driven, PrescribedMotion, bound, driven_particles
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
-from .loads import Force, Load, check_loads, is_device_function
+from .loads import Force, Load, check_loads, differ_in_values, is_device_function
 from .look import Look
 from .motion import Motion, pose, poses
-from .mouse_spring import MouseSpring
 from .pressure import EnclosedGas, Pressure, volume
 from .probes import (
     BODY_CONTACT_FORCE,
@@ -82,7 +80,6 @@ __all__ = [
     "poses",
     "probe_columns",
     "probes_by",
-    "released",
     "sampled",
     "scene_as_stored",
     "scene_from_stored",

@@ -11,7 +11,7 @@ from ..bodies import TEARING_FIELDS, System
 from .loads import Load, values_at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
@@ -54,18 +54,10 @@ class Actuator(Load):
         if not self.varies:
             self.at(np.zeros(1))
             object.__setattr__(self, "strain", float(self.strain))
-        delay = checks.array("delay", self.delay)
-        checks.within("delay", delay, checks.FINITE)
-        object.__setattr__(self, "delay", delay)
+        object.__setattr__(self, "delay", checks.finite("delay", self.delay))
         if self.along is not None:
             names = (self.along,) if isinstance(self.along, str) else self.along
             object.__setattr__(self, "along", checks.sequence("along", names, str, "'x'"))
-
-    def __repr__(self) -> str:
-        on = "" if self.on is None else f", on={self.on!r}" if isinstance(self.on, str) else ", on=particles"
-        along = "" if self.along is None else f", along={', '.join(self.along)!r}"
-        delay = ", delayed" if np.any(self.delay) else ""
-        return f"Actuator({getattr(self.strain, '__name__', self.strain)}{on}{along}{delay})"
 
     @property
     def varies(self) -> bool:
@@ -83,22 +75,15 @@ class Actuator(Load):
         return values
 
     def connections(self, system: System) -> NDArray[np.intp]:
-        """Return the numbers of its connections, shape [any].
-
-        Raises
-        ------
-        ValueError
-            If there are none, the system has no such direction, or one of them may yield or break.
-        """
+        """Return the numbers of its connections; raise ValueError if there are none, or one may yield or break."""
         chosen = np.ones(system.connection_count, dtype=bool)
         if self.along is not None:
-            known = {name: None for body in system.directions for name in body}
+            known = dict.fromkeys(name for body in system.directions for name in body)
             chosen[:] = False
             for name in self.along:
-                checks.one_of("along", name, tuple(known))
+                checks.one_of("along", name, known)
                 for body in system.directions:
-                    if name in body:
-                        chosen[body[name]] = True
+                    chosen[body.get(name, slice(0))] = True
         if self.on is not None:
             chosen &= self.particles(system)[system.connections].all(axis=1)
         found = np.flatnonzero(chosen)

@@ -1,4 +1,4 @@
-"""Attachments: particles held by springs to points of the world, or of what moves in it."""
+"""Attachments: springs from particles to points that are fixed, move with a collider, or follow the mouse."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -74,30 +74,12 @@ class Attachment(Load):
             checks.every("rest_length", lengths, lengths >= 0, "at least 0")
             object.__setattr__(self, "rest_length", lengths)
 
-    def __repr__(self) -> str:
-        # Never an array: points and lengths by their number.
-        said = [] if self.on is None else [self.on if isinstance(self.on, str) else _counted(self.on, "particle")]
-        said += [] if self.to is None else [f"to {_counted(self.to, 'point')}"]
-        said += [] if self.carried_by is None else [f"carried_by={self.carried_by!r}"]
-        said += [f"stiffness={self.stiffness:g}"] + ([f"damping={self.damping:g}"] if self.damping else [])
-        if isinstance(self.rest_length, str) or self.rest_length.any():
-            text = self.rest_length if isinstance(self.rest_length, str) else _one_or_many(self.rest_length)
-            said.append(f"rest_length={text}")
-        return f"Attachment({', '.join(said)})"
-
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot hold particles of this system."""
         self.bound(system)
 
     def bound(self, system: System) -> Self:
-        """Return this attachment with its points and rest lengths as numbers, from the starting state.
-
-        Raises
-        ------
-        ValueError
-            If the number of points or lengths differs from that of particles, the collider has another number of
-            coordinates, or a particle with a nonzero rest length lies in its point, so that there is no direction.
-        """
+        """Return this attachment with its points and rest lengths as numbers, from the starting state."""
         if self.carried_by is not None and (wrong := self.carried_by.fits(system.dim)):
             raise ValueError(f"carried_by.{wrong}")
         particles = np.flatnonzero(self.particles(system))
@@ -118,12 +100,67 @@ class Attachment(Load):
         return replace(self, to=np.array(to), rest_length=np.array(lengths))
 
 
-def _counted(value: Any, thing: str) -> str:
-    """Return how many things an array of indices or points names."""
-    given = np.asarray(value)
-    count = int(given.sum()) if given.dtype == bool else 1 if given.ndim < 2 and thing == "point" else len(given)
-    return f"{count} {thing}{'' if count == 1 else 's'}"
+@dataclass(frozen=True, eq=False, repr=False)
+class MouseSpring(Load):
+    """A spring and a damper from each of some particles to a point, F = −k (x − p) − b v: the pull of the mouse.
 
+    Unlike an `Attachment` it may hold no particle, and `Simulation.change(loads=...)` exchanges it for another
+    `MouseSpring` of the same room without compiling anything.
 
-def _one_or_many(values: NDArray) -> str:
-    return f"{values.flat[0]:g}" if (values == values.flat[0]).all() else f"{values.min():g} to {values.max():g}"
+    Parameters
+    ----------
+    on
+        Numbers of the particles that it holds, each once, shape [held_count]; by default none.
+    to
+        Where to [m], shape [held_count, d].
+    stiffness, damping
+        Spring constants k [N/m] and damper constants b [N s/m], one for all or shape [held_count].
+    room
+        The most particles that it, and those that it is exchanged for, can hold.
+    """
+
+    constant = ("room",)
+    to: Any = ()
+    stiffness: Any = 0.0
+    damping: Any = 0.0
+    room: int = 64
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and sort them by particle."""
+        checks.count("room", self.room, 1)
+        held = checks.array("on", () if self.on is None else self.on).astype(np.int64).reshape(-1)
+        if len(held) > self.room:
+            raise ValueError(f"on names {len(held)} particles; it must be at most room = {self.room}")
+        if len(np.unique(held)) < len(held):
+            raise ValueError("on has a particle twice; each must occur once")
+        to = checks.finite("to", self.to).reshape(len(held), -1) if len(held) else np.zeros((0, 0))
+        order = np.argsort(held)
+        object.__setattr__(self, "on", held[order])
+        object.__setattr__(self, "to", to[order])
+        for name in ("stiffness", "damping"):
+            values = checks.finite(name, getattr(self, name))
+            checks.every(name, values, values >= 0, "at least 0")
+            object.__setattr__(self, name, checks.broadcast(name, values, held.shape)[order])
+
+    @property
+    def rest_length(self) -> NDArray[np.float64]:
+        """Rest lengths [m]: 0, as for attachments that hold in all directions alike."""
+        return np.zeros(len(self.on))
+
+    def stored(self, position: NDArray) -> float:
+        """Return the energy of its springs with all particles at `position` [m], shape [particle_count, d] [J]."""
+        if not len(self.on):
+            return 0.0
+        return 0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1))
+
+    def particles(self, system: System) -> NDArray[np.bool_]:
+        """Return the particles that it holds, which may be none, shape [particle_count]."""
+        held = np.zeros(system.particle_count, dtype=bool)
+        held[self.on] = True
+        return held
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it names particles that this system does not have, or is of another space."""
+        checks.within("on", self.on, checks.index_below(system.particle_count))
+        if len(self.on) and self.to.shape[1] != system.dim:
+            raise ValueError(f"to has {self.to.shape[1]} coordinates; it must have {system.dim}")

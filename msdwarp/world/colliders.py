@@ -1,8 +1,8 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
-What a collider does to a particle that comes into it is one rule for all, `msdwarp.kernels.colliders`; a shape
-says only how deep a place lies in it, and which way is out (`msdwarp.kernels.colliders.signed_distance`). All
-shapes are convex: what goes further in a substep than they are thick is swept (`msdwarp.kernels.colliders.sweep`).
+All collide with particles by one rule, `msdwarp.kernels.colliders`; a shape only has its own signed distance and
+normal (`msdwarp.kernels.colliders.signed_distance`). All are convex: the path of a particle that moves further in
+a substep than a shape is thick is swept (`msdwarp.kernels.colliders.sweep`).
 """
 
 import math
@@ -50,7 +50,9 @@ class Collider:
     motion: Motion | None = None
 
     places: ClassVar[tuple[str, ...]] = ()
-    """Names of the numbers that say where it is [m]."""
+    """Names of the points that it is given by [m], which `geometry` calls a and b."""
+    lengths: ClassVar[tuple[str, ...]] = ()
+    """Names of its lengths, above 0 [m]."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -60,24 +62,40 @@ class Collider:
         checks.non_negative("rest_speed", self.rest_speed)
         if self.motion is not None and not callable(self.motion):
             raise ValueError(f"motion is {checks.repr_short(self.motion)}; it must be a function of time")
+        for name in self.places:
+            object.__setattr__(self, name, checks.point(name, getattr(self, name)))
+        if len(self.places) == 2:
+            first, second = self.places
+            a, b = (getattr(self, name) for name in self.places)
+            if len(a) != len(b) or a == b:
+                raise ValueError(
+                    f"{second} is {b}; it must be another point than {first}, with as many coordinates"
+                )
+        for name in self.lengths:
+            checks.positive(name, getattr(self, name))
 
     def __repr__(self) -> str:
         # Where and how large it is, then what all colliders have; nothing that is as it is by default.
         common = {one.name for one in fields(Collider)}
-        said = [
+        texts = [
             f"{one.name}={_words(getattr(self, one.name))}"
             for one in sorted(fields(self), key=lambda one: one.name in common)
             if _words(getattr(self, one.name)) != _words(one.default)
         ]
-        return f"{type(self).__name__}({', '.join(said)})"
+        return f"{type(self).__name__}({', '.join(texts)})"
 
     def fits(self, dim: int) -> str | None:
         """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        return None
+        name = self.places[0]
+        if dim == 1 and len(self.places) == 2:
+            kind = type(self).__name__.lower()
+            return f"{name} is {getattr(self, name)}; a {kind} needs at least 2 coordinates: in one use a Box"
+        return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return what `kernels.colliders.signed_distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
-        raise NotImplementedError
+        points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
+        return points | {name: getattr(self, name) for name in self.lengths}
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
@@ -90,10 +108,7 @@ class Collider:
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (R, o): at `time` a point y of it as given lies at R y + o.
 
-        Raises
-        ------
-        ValueError
-            If `motion` returns neither a displacement nor a pair, or one that is not finite.
+        Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
@@ -121,8 +136,6 @@ class Plane(Collider):
 
     normal: tuple[float, ...] | None = None
     offset: float = 0.0
-
-    places = ("offset",)
 
     def __post_init__(self) -> None:
         """Check the arguments and give the normal unit length."""
@@ -171,20 +184,7 @@ class Sphere(Collider):
     radius: float = 0.5
 
     places = ("position",)
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        super().__post_init__()
-        object.__setattr__(self, "position", checks.point("position", self.position))
-        checks.positive("radius", self.radius)
-
-    def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        return _wrong_length("position", self.position, dim)
-
-    def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the centre as a."""
-        return {"a": self.position, "radius": self.radius}
+    lengths = ("radius",)
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside [m]."""
@@ -223,17 +223,12 @@ class Box(Collider):
     def __post_init__(self) -> None:
         """Check the arguments."""
         super().__post_init__()
-        object.__setattr__(self, "position", checks.point("position", self.position))
         size = checks.point("size", self.size)
         if len(size) != len(self.position) or min(size) < checks.SMALLEST:
             raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
         object.__setattr__(self, "size", size)
         if self.turn is not None:
             rotation(self.turn, len(size), "turn")
-
-    def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        return _wrong_length("position", self.position, dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
         """Return the centre as a, half the edges as b, and the directions of the edges."""
@@ -269,22 +264,7 @@ class Capsule(Collider):
     radius: float = 0.25
 
     places = ("start", "end")
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        super().__post_init__()
-        _check_ends(self, "start", "end")
-        checks.positive("radius", self.radius)
-
-    def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        if dim == 1:
-            return f"start is {self.start}; a capsule needs at least 2 coordinates: in one a Box is the same"
-        return _wrong_length("start", self.start, dim)
-
-    def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the ends as a and b."""
-        return {"a": self.start, "b": self.end, "radius": self.radius}
+    lengths = ("radius",)
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside [m]."""
@@ -321,36 +301,12 @@ class Cone(Collider):
     radius: float = 0.5
 
     places = ("apex", "base")
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        super().__post_init__()
-        _check_ends(self, "apex", "base")
-        checks.positive("radius", self.radius)
-
-    def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
-        if dim == 1:
-            return f"apex is {self.apex}; a cone needs at least 2 coordinates"
-        return _wrong_length("apex", self.apex, dim)
-
-    def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the apex as a and the middle of the base as b."""
-        return {"a": self.apex, "b": self.base, "radius": self.radius}
+    lengths = ("radius",)
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside [m]: of the circle in its cross section, a triangle."""
         height = math.dist(self.apex, self.base)
         return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
-
-
-def _check_ends(collider: Any, first: str, second: str) -> None:
-    """Turn the two points that a collider spans into tuples, and check that they are two."""
-    for name in (first, second):
-        object.__setattr__(collider, name, checks.point(name, getattr(collider, name)))
-    a, b = getattr(collider, first), getattr(collider, second)
-    if len(a) != len(b) or a == b:
-        raise ValueError(f"{second} is {b}; it must be another point than {first}, with as many coordinates")
 
 
 def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:

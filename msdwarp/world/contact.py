@@ -62,7 +62,7 @@ class Contact(Load):
     def __post_init__(self) -> None:
         """Check the arguments."""
         if self.on is not None:
-            raise ValueError(f"on is {checks.repr_short(self.on)}; which bodies are meant is said by groups")
+            raise ValueError(f"on is {checks.repr_short(self.on)}; the bodies are given by groups")
         checks.non_negative("friction", self.friction)
         checks.between("restitution", self.restitution, 0.05, 1)
         for name in ("self_contact", "exclude", "surface_colliders"):
@@ -95,47 +95,33 @@ class Contact(Load):
     def check(self, system: System) -> None:
         """Raise ValueError if bodies of this system cannot touch."""
         if system.dim != 3:
-            raise ValueError(f"contact is asked for in {system.dim} dimensions; bodies touch in three only")
+            raise ValueError(f"contact is requested in {system.dim} dimensions; it exists in three only")
         for name in self.groups or ():
             checks.one_of("a name in contact.groups", name, system.groups)
 
 
 def restitution_of(damping_ratio: float) -> float:
     """Return the speed after a collision of two particles over that before, for this damping ratio."""
-    z = damping_ratio
+    z = 1 + 1e-9 if abs(damping_ratio - 1) < 1e-9 else damping_ratio
     if z == 0:
         return 1.0
     # x'' + 2 z x' + x = 0 from x = 0, x' = 1; it ends where x'' = 0.
-    if abs(z - 1) < 1e-9:
-        z = 1 + 1e-9
+    w = math.sqrt(abs(1 - z * z))
     if z < 1:
-        w = math.sqrt(1 - z * z)
         t = math.atan2(2 * z * w, 2 * z * z - 1) / w
         return math.exp(-z * t) * abs(math.cos(w * t) - z / w * math.sin(w * t))
-    w = math.sqrt(z * z - 1)
     t = math.log((2 * z * (z + w) - 1) / (2 * z * (z - w) - 1)) / (2 * w)
     return math.exp(-z * t) * abs(math.cosh(w * t) - z / w * math.sinh(w * t))
 
 
 class Ruled(tuple[Load, ...]):
-    """Loads that `with_contact` returned: a `Contact` among them was said by touch."""
+    """Loads that `with_contact` returned: a `Contact` among them was given as `contact`."""
 
 
 def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads with what says how bodies touch behind them, in place of what said it before.
+    """Return loads with the rules of contact, if any, behind them, in place of earlier ones.
 
-    Parameters
-    ----------
-    loads
-        Loads; a `Contact` among them is left out where `contact` says anything, be it nothing: (), or said it
-        before.
-    contact
-        How bodies touch.
-
-    Raises
-    ------
-    ValueError
-        If what says how bodies touch is among the loads alone, or one of these is a bare `Load`.
+    Raises ValueError if one of the loads is a bare `Load`, or a `Contact` that was not given as `contact`.
     """
     for k, one in enumerate(loads):
         if type(one) is Load:

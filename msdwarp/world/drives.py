@@ -1,7 +1,7 @@
 """Drives: particles whose places are prescribed as a function of time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from .loads import Load
 from .motion import Motion, pose
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PrescribedMotion(Load):
     """Moves particles along a given path; their connections feel the position and velocity.
 
@@ -47,9 +47,7 @@ class PrescribedMotion(Load):
             object.__setattr__(self, "about", checks.point("about", self.about))
 
     def __repr__(self) -> str:
-        on = "" if self.on is None else f"{self.on!r}, " if isinstance(self.on, str) else "particles, "
-        how = "at rest" if self.motion is None else getattr(self.motion, "__name__", type(self.motion).__name__)
-        return f"PrescribedMotion({on}{how})"
+        return super().__repr__() + (" at rest" if self.motion is None else "")
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -60,9 +58,7 @@ class PrescribedMotion(Load):
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
-            centre = np.array(self.about)
-            if len(centre) != system.dim:
-                raise ValueError(f"about is {self.about}; it must have {system.dim} coordinates")
+            centre = checks.vector("about", self.about, system.dim)
         else:
             mass = system.mass[held]
             centre = np.average(start, axis=0, weights=mass if np.isfinite(mass).all() else None)
@@ -73,25 +69,25 @@ class PrescribedMotion(Load):
         return Driven(self.on, self.motion or at_rest, self.about, held, start, centre)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Driven(PrescribedMotion):
-    """A drive of a system: what `PrescribedMotion.bound` returns."""
+    """A drive bound to a system; see `PrescribedMotion.bound`."""
 
     held: Any = ()
-    """The particles that it holds now, shape [count]."""
+    """The particles that it moves now, shape [count]."""
     start: Any = ()
-    """Where they are at the start [m], shape [count, d]."""
+    """Their positions at the start [m], shape [count, d]."""
     centre: Any = ()
-    """About which point it turns them [m], shape [d]."""
+    """The centre of its rotation [m], shape [d]."""
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles that it holds, shape [particle_count]."""
+        """Return the particles that it moves, shape [particle_count]."""
         held = np.zeros(system.particle_count, dtype=bool)
         held[self.held] = True
         return held
 
     def bound(self, system: System) -> "Driven":
-        """Return itself: where it moves particles from is known."""
+        """Return itself: it is bound already."""
         return self
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -100,19 +96,13 @@ class Driven(PrescribedMotion):
         return pose(self.motion, self.centre, time)
 
     def keeping(self, kept: NDArray[np.bool_]) -> "Driven":
-        """Return it with no others than these particles, of shape [particle_count]."""
+        """Return the drive of these of its particles alone, a mask of shape [particle_count]."""
         still = kept[self.held]
-        return Driven(self.on, self.motion, self.about, self.held[still], self.start[still], self.centre)
+        return replace(self, held=self.held[still], start=self.start[still])
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads as they act on a system that starts as this one.
-
-    Raises
-    ------
-    ValueError
-        If a particle is in two drives, or one cannot act on this system.
-    """
+    """Return loads as they act on a system that starts as this one; raise ValueError if two drive a particle."""
     result, owner = list(loads), np.full(system.particle_count, -1)
     for k, one in enumerate(loads):
         try:
@@ -139,10 +129,3 @@ def driven_particles(loads: Sequence[Load], system: System) -> NDArray[np.bool_]
         if isinstance(one, PrescribedMotion):
             driven |= one.particles(system)
     return driven
-
-
-def released(loads: Sequence[Load], group: NDArray[np.bool_], name: str = "unpin") -> tuple[Load, ...]:
-    """Return bound loads whose drives hold none of a group any longer; ValueError if they hold none of it now."""
-    if not any(isinstance(one, Driven) and group[one.held].any() for one in loads):
-        raise ValueError(f"{name} names no particle that a drive holds then")
-    return tuple(one.keeping(~group) if isinstance(one, Driven) else one for one in loads)

@@ -16,9 +16,9 @@ function of time [s] that returns one of these."""
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Falling(Force):
-    """The weight m g(t) of particles, as gravity that changes with time makes it; `force` is g [m/s²].
+    """The weight m g(t) of particles under gravity that depends on time; `force` is g [m/s²].
 
-    No potential belongs to it: what it does to a system is work.
+    It has no potential: what it does to a system is work.
     """
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "gravity") -> NDArray[np.float64]:

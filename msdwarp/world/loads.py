@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import System, selected
+from ..bodies import Facets, System, counted, facets_of, particles_meant
 from .time_functions import sampled
 
 
@@ -25,27 +25,27 @@ class Load:
     on: Any = None
     argument: ClassVar[str] = "loads"
     """The argument of a scene that it is given by."""
+    constant: ClassVar[tuple[str, ...]] = ()
+    """What must stay the same if another load takes its place between two frames; if empty, none can."""
 
     def __repr__(self) -> str:
-        own = [one for one in fields(self) if one.name != "on"]
-        required = [one.name for one in own if one.default is MISSING]
-        said = [in_words(getattr(self, name)) for name in required]
-        said += [] if self.on is None else [f"on={particles_in_words(self.on)}"]
-        for one in own:
+        required, others = [], []
+        for one in fields(self):
             value = getattr(self, one.name)
-            if one.name not in required and value is not one.default and not _equal(value, one.default):
-                said.append(f"{one.name}={in_words(value)}")
-        return f"{type(self).__name__}({', '.join(said)})"
+            text = particles_in_words(value) if one.name == "on" and value is not None else in_words(value)
+            if one.default is MISSING and not one.kw_only:
+                required.append(text)
+            elif text != in_words(one.default):
+                others.append(f"{one.name}={text}")
+        return f"{type(self).__name__}({', '.join(required + others)})"
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles that it acts on, shape [particle_count].
+        """Return the particles that it acts on, shape [particle_count]; raise ValueError if there are none."""
+        return some_particles(self.on, system)
 
-        Raises
-        ------
-        ValueError
-            If there is no such group, an index is out of range, or there are no particles.
-        """
-        return particles_meant(self.on, system)
+    def facets(self, system: System) -> Facets:
+        """Return the triangles of the surface that it acts on: those with all corners among its particles."""
+        return facets_of(system).of(self.particles(system))
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -57,7 +57,44 @@ class Load:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Force(Load):
+class VectorLoad(Load):
+    """A load given by a vector, a function of time that returns one, or a `wp.func` of position and time."""
+
+    vector: ClassVar[str]
+    """The field that this is."""
+
+    def __post_init__(self) -> None:
+        """Check the vector."""
+        if not callable(self._vector):
+            object.__setattr__(self, self.vector, checks.point(self.vector, self._vector))
+
+    @property
+    def _vector(self) -> Any:
+        return getattr(self, self.vector)
+
+    @property
+    def of_place(self) -> bool:
+        """Whether it is a `wp.func`, which is compiled into kernels."""
+        return is_device_function(self._vector)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is a function of time."""
+        return callable(self._vector) and not self.of_place
+
+    def check(self, system: System) -> None:
+        """Raise ValueError if it cannot act on this system."""
+        super().check(system)
+        if not self.of_place:
+            self.at(np.zeros(1), system.dim, self.vector)
+
+    def at(self, times: NDArray[np.float64], dim: int, name: str) -> NDArray[np.float64]:
+        """Return the vector at these times, shape [time_count, d]."""
+        return values_at(name, self._vector, times, dim)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Force(VectorLoad):
     """A force on particles.
 
     Parameters
@@ -78,6 +115,8 @@ class Force(Load):
         If a vector is not finite, or `total` is used with a function of position.
     """
 
+    vector = "force"
+    constant = ("on", "total")
     force: Any
     total: bool = False
 
@@ -86,41 +125,12 @@ class Force(Load):
         checks.one_of("total", self.total, (False, True))
         if self.of_place and self.total:
             raise ValueError("total is True; a force that is a function of place acts on each particle by itself")
-        if not self.of_place and not self.varies:
-            object.__setattr__(self, "force", checks.point("force", self.force))
-
-    @property
-    def of_place(self) -> bool:
-        """Whether it is a `wp.func`, a function of position, velocity and time."""
-        return is_device_function(self.force)
-
-    @property
-    def varies(self) -> bool:
-        """Whether it is a function of time."""
-        return callable(self.force)
-
-    def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
-        super().check(system)
-        if not self.of_place:
-            self.at(np.zeros(1), system.dim, "force")
-
-    def at(self, times: NDArray[np.float64], dim: int, name: str = "force") -> NDArray[np.float64]:
-        """Return the force at these times [N], shape [time_count, d]."""
-        return values_at(name, self.force, times, dim)
+        super().__post_init__()
 
 
-def particles_meant(on: Any, system: System) -> NDArray[np.bool_]:
-    """Return the particles that a group's name, indices, a mask, or None for all mean, shape [particle_count].
-
-    Raises
-    ------
-    ValueError
-        If there is no such group, an index is out of range, or there are no particles.
-    """
-    if on is None:
-        return np.ones(system.particle_count, dtype=bool)
-    chosen = system.group(on, "on") if isinstance(on, str) else selected("on", on, system.particle_count)
+def some_particles(on: Any, system: System) -> NDArray[np.bool_]:
+    """Return the particles that a load or a probe is `on`; raise ValueError if there are none."""
+    chosen = particles_meant("on", on, system)
     if not chosen.any():
         raise ValueError(f"on is {checks.repr_short(on)}; it must name one particle at least")
     return chosen
@@ -135,11 +145,8 @@ def in_words(value: Any) -> str:
         return repr(value)
     if given.ndim == 0:
         return f"{given:g}"
-    return (
-        f"({', '.join(f'{one:g}' for one in given)})"
-        if given.shape in ((1,), (2,), (3,))
-        else f"{given.size} numbers"
-    )
+    several = given.shape not in ((1,), (2,), (3,))
+    return f"{given.size} numbers" if several else f"({', '.join(f'{one:g}' for one in given)})"
 
 
 def particles_in_words(on: Any) -> str:
@@ -147,18 +154,12 @@ def particles_in_words(on: Any) -> str:
     if isinstance(on, str):
         return repr(on)
     given = np.asarray(on)
-    count = int(given.sum()) if given.dtype == bool else given.size
-    return f"{count} particle{'' if count == 1 else 's'}"
+    return counted(int(given.sum()) if given.dtype == bool else given.size, "particle")
 
 
 def named(function: Any) -> str:
     """Return what a function is called, else its type."""
     return getattr(function, "__name__", None) or getattr(function, "key", None) or type(function).__name__
-
-
-def _equal(one: Any, other: Any) -> bool:
-    plain = (bool, int, float, str)
-    return isinstance(one, plain) and isinstance(other, plain) and one == other
 
 
 def is_device_function(given: Any) -> bool:
@@ -169,10 +170,7 @@ def is_device_function(given: Any) -> bool:
 def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     """Return numbers, or what a function of time gives, at these times, shape [time_count, width].
 
-    Raises
-    ------
-    ValueError
-        If they are not as many, or one is not finite.
+    Raises ValueError if they are not as many, or one is not finite.
     """
     if not callable(given):
         values = np.atleast_2d(np.asarray(given, dtype=np.float64))
@@ -182,8 +180,7 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
         except Exception as error:
             raise ValueError(f"{name} has no value from {times[0]:g} s to {times[-1]:g} s: {error}") from error
     if values.shape[1] != width:
-        numbers = "number" if width == 1 else "numbers"
-        raise ValueError(f"{name} has {values.shape[1]} numbers; it must have {width} {numbers}")
+        raise ValueError(f"{name} has {values.shape[1]} numbers; it must have {counted(width, 'number')}")
     wrong = ~checks.FINITE[0](values).all(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
@@ -200,3 +197,27 @@ def check_loads(loads: Sequence[Load], system: System) -> None:
             one.check(system)
         except ValueError as error:
             raise ValueError(f"loads[{k}].{error}" if one.argument == "loads" else str(error)) from error
+
+
+def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load, Load] | None:
+    """Return what stands for each load that is replaced; None where more than values differs.
+
+    A load keeps what is `constant`. A vector stays a vector, and a function of time one.
+    """
+    if len(before) != len(after):
+        return None
+    others = {old: new for old, new in zip(before, after, strict=True) if old is not new}
+    return others if all(_alike(old, new) for old, new in others.items()) else None
+
+
+def _alike(old: Load, new: Any) -> bool:
+    if type(old) is not type(new) or not old.constant:
+        return False
+    if isinstance(old, VectorLoad) and (old.of_place or new.of_place or old.varies != new.varies):
+        return False
+    return all(_same(getattr(old, name), getattr(new, name)) for name in old.constant)
+
+
+def _same(one: Any, other: Any) -> bool:
+    plain = (str, bool, int, float)
+    return one is other or (isinstance(one, plain) and isinstance(other, plain) and one == other)

@@ -96,17 +96,16 @@ class Look:
 
     @property
     def says_colour(self) -> bool:
-        """Whether it says, unlike a plain look, what colour connections have."""
+        """Whether it sets the colour of connections, unlike a plain look."""
         return (self.colour, self.gloss) != (Look.colour, Look.gloss)
 
     def of_the_picture(self) -> list[str]:
-        """Return the names of what it says, unlike a plain look, that is not a body's but the whole picture's."""
-        said = {one.name: (getattr(self, one.name), one.default) for one in fields(self)}
-        images = ("texture", "obstacle_texture")  # of which there is none by default
+        """Return the names of what it sets, unlike a plain look, for the whole picture and not for a body."""
+        values = {one: getattr(self, one.name) for one in fields(self) if one.name not in OF_BODIES}
         return [
-            name
-            for name, (value, default) in said.items()
-            if name not in OF_BODIES and (value is not None if name in images else value != default)
+            one.name
+            for one, value in values.items()
+            if (value is not None if one.default is None else value != one.default)
         ]
 
 

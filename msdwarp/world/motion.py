@@ -1,4 +1,4 @@
-"""Motions: functions of time that say where what is moved by hand is, at one time or at many at once."""
+"""Motions: poses of what moves as a function of time, at one time or at many at once."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,9 +11,9 @@ from ..bodies import rotated, rotation, rotations
 from .time_functions import sampled
 
 Motion = Callable[[float], Any]
-"""What moves a thing: at time t [s] it is displaced by so much from where it was given [m], shape [d], or, as a
-pair (displacement, turn), also turned about its centre by a rotation vector [rad], shape [3] (in 2-D a number).
-Of an array of times it may give the same with an array in place of each number."""
+"""A function of time [s] that returns the displacement from the given place [m], shape [d], or a pair
+(displacement, turn) with a rotation vector about the centre [rad], shape [3] (in 2-D a number). For an array of
+times it may return the same with an array in place of each number."""
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
@@ -26,10 +26,7 @@ def displacement_and_turn(given: Any) -> tuple[Any, Any]:
 def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (R, o): at `time` a point y of what turns about `centre` lies at R y + o.
 
-    Raises
-    ------
-    ValueError
-        If `motion` returns neither a displacement nor a pair, or one that is not finite.
+    Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
     """
     dim = len(centre)
     displacement, turn = displacement_and_turn(motion(time))
@@ -44,34 +41,25 @@ def poses(
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64]]:
     """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d]; no R where nothing turns.
 
-    Bit for bit what `pose` returns for each, if the motion gives the same numbers whether asked once or often.
-
-    Raises
-    ------
-    ValueError
-        If the motion fails at one of the times, gives anything else than `pose` allows for, or moves it by more
-        than `furthest` [m]; it names what moves and the time.
+    Bit for bit what `pose` returns for each. Raises ValueError that names what moves and the time if it has no
+    pose then, or moves by more than `furthest` [m].
     """
     matrices, shifts = _at_once(motion, centre, times)
     if shifts is not None and np.abs(shifts).max() <= furthest:
         return matrices, shifts
-    # Each for itself: what is wrong is named, and what is right is taken whatever its form.
-    each = [near_pose(name, motion, centre, time, furthest) for time in map(float, times)]
+    near: checks.Limit = (lambda shift: np.abs(shift) <= furthest, f"at most {furthest:.2g}")
+    each = []  # one by one: an error names the time, and forms may differ
+    for time in map(float, times):
+        try:
+            each.append(pose(motion, centre, time))
+            checks.within("displacement", each[-1][1], near)
+        except Exception as error:
+            raise ValueError(f"{name} has no place at {time:g} s: {error}") from error
     return np.array([one[0] for one in each]), np.array([one[1] for one in each])
 
 
-def near_pose(name: str, motion: Motion, centre: NDArray, time: float, furthest: float) -> tuple[NDArray, NDArray]:
-    """Return a pose; raise ValueError that names what moves if it has none, or one further than `furthest` [m]."""
-    try:
-        found = pose(motion, centre, time)
-        checks.within("displacement", found[1], (lambda v: np.abs(v) <= furthest, f"at most {furthest:.2g}"))
-        return found
-    except Exception as error:
-        raise ValueError(f"{name} has no place at {time:g} s: {error}") from error
-
-
 def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray | None, NDArray | None]:
-    """Return the same, computed in whole arrays; no shifts if the motion gives not the same form each time."""
+    """Return the same, computed in whole arrays; no shifts if the form is not the same each time."""
     dim, turned = len(centre), set[bool]()
 
     def numbers(time: Any) -> Any:
@@ -90,6 +78,6 @@ def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray |
         if right and np.isfinite(found).all():
             matrices = rotations(found[:, dim:], dim)
             return matrices, found[:, :dim] + centre - rotated(matrices, centre)
-    except Exception:  # raised again, with its time, where each time is asked for
+    except Exception:  # raised again, with its time, as each time is evaluated
         pass
     return None, None

@@ -7,17 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Facets, System, facets_of, run_back
+from ..bodies import System, directed_edges, run_back
 from .loads import Load, values_at
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pressed(Load):
-    """What loads on a surface from one side share."""
-
-    def facets(self, system: System) -> Facets:
-        """Return the triangles that it acts on."""
-        return facets_of(system).of(self.particles(system))
+    """A load on a surface from one side."""
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
@@ -104,18 +100,15 @@ class EnclosedGas(Pressed):
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
         facets = self.facets(system)
-        corner = facets.corner
-        edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+        edges = directed_edges(facets.corner)
         open_edges = int(np.count_nonzero(~run_back(edges, len(facets.particle))))
         if open_edges:
             raise ValueError(
                 f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {open_edges} of its "
                 "edges are not between two triangles"
             )
-        if (enclosed := volume(corner, facets.points(system.position))) <= 0:
-            raise ValueError(
-                f"on encloses {enclosed:.3g} m³; it must be more than 0, with triangles that face out"
-            )
+        if (enclosed := volume(facets.corner, facets.points(system.position))) <= 0:
+            raise ValueError(f"on encloses {enclosed:.3g} m³; it must be above 0, with triangles that face out")
 
     def bound(self, system: System) -> Self:
         """Return the gas with its volume, if that was to be that of this system."""

@@ -11,7 +11,7 @@ from .. import checks
 from ..bodies import System
 from .colliders import Collider
 from .contact import Contact
-from .loads import Load, particles_meant
+from .loads import Load, some_particles
 
 POSITION, VELOCITY, FORCE, STRAIN = "position", "velocity", "force", "strain"
 CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
@@ -73,7 +73,7 @@ class Probe:
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the particles of the group, shape [particle_count]; raise ValueError if there are none."""
-        return particles_meant(self.on, system)
+        return some_particles(self.on, system)
 
     def connections(self, system: System) -> NDArray[np.int64]:
         """Return the numbers of the connections within the group."""

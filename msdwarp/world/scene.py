@@ -19,9 +19,9 @@ from .probes import Probe, checked_probes
 from .schedule import Change
 
 Observed = Callable[[NDArray, NDArray], NDArray]
-"""What is told of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
+"""A quantity of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
 _SHOWN = 3
-"""Colliders that the text of a scene shows; of more it says how many there are."""
+"""Colliders, and loads, that the text of a scene shows; of more it gives the number."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,43 +99,37 @@ class Scene:
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
-        observe = dict(checks.mapping("observe", self.observe))
-        for name, one in observe.items():
+        object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))
+        for name, one in self.observe.items():
             checks.instance("a name in observe", name, str, "'faces'")
             if not callable(one):
                 raise ValueError(
                     f"observe[{name!r}] is {checks.repr_short(one)}; it must be a function (position, velocity)"
                 )
-        object.__setattr__(self, "observe", observe)
         if self.system.surface is None and not self.system.connection_count:
             raise ValueError("system has neither a surface nor connections: there is nothing to draw")
 
     def _checked_looks(self) -> dict[str, Look]:
-        """Return the looks of groups; raise ValueError if a group is none, or a look says what is not a body's."""
+        """Return the looks of groups; raise ValueError if one is of no group, or sets what only a scene's can."""
         looks = dict(checks.mapping("looks", self.looks))
         for name, look in looks.items():
             checks.one_of("a name in looks", name, self.system.groups)
             checks.instance(f"looks[{name!r}]", look, Look, "Look(colour='#d9603b')")
             if wrong := look.of_the_picture():
                 raise ValueError(
-                    f"looks[{name!r}] says {' and '.join(wrong)}, which is of the whole picture; it must be said "
+                    f"looks[{name!r}] sets {' and '.join(wrong)}, which is of the whole picture; it must be set "
                     "by the scene's look"
                 )
         return looks
 
     def __repr__(self) -> str:
-        said = gravity_in_words(self.gravity)
-        lines = [f"Scene of {self.duration:.4g} s, gravity {said}", headline(self.system)]
-        if self.colliders:
-            shown, more = list(map(repr, self.colliders[:_SHOWN])), len(self.colliders) - _SHOWN
-            lines.append(f"colliders: {', '.join(shown)}" + (f" and {more} more" if more > 0 else ""))
-        if self.looks:
-            lines.append(f"looks of their own: {', '.join(self.looks)}")
-        for title, kind in (("driven", True), ("loads", False)):
-            some = [repr(one) for one in self.loads if isinstance(one, PrescribedMotion) is kind]
-            if some:
-                more = f" and {len(some) - _SHOWN} more" if len(some) > _SHOWN else ""
-                lines.append(f"{title}: {', '.join(some[:_SHOWN])}{more}")
+        gravity = gravity_in_words(self.gravity)
+        lines = [f"Scene of {self.duration:.4g} s, gravity {gravity}", headline(self.system)]
+        driven = [one for one in self.loads if isinstance(one, PrescribedMotion)]
+        others = [one for one in self.loads if not isinstance(one, PrescribedMotion)]
+        lines += _listed("colliders", self.colliders)
+        lines += [f"looks of their own: {', '.join(self.looks)}"] if self.looks else []
+        lines += _listed("driven", driven) + _listed("loads", others)
         if self.schedule:
             times = sorted(change.time for change in self.schedule)
             when = f"{times[0]:.4g} s" if len(times) == 1 else f"{times[0]:.4g} to {times[-1]:.4g} s"
@@ -147,12 +141,7 @@ class Scene:
     def replace(self, **changes: Any) -> Self:
         """Return this scene with some fields changed, which are checked as those of a new one.
 
-        Raises
-        ------
-        TypeError
-            If a scene has no such field.
-        ValueError
-            As the class does.
+        Raises ValueError as the class does, and TypeError for an unknown field.
         """
         for name in changes:
             if name not in vars(self):
@@ -162,20 +151,15 @@ class Scene:
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
         """Return the quantities of `observe` for one world; arguments have shape [particle_count, d].
 
-        Raises
-        ------
-        ValueError
-            If a function does not return an array with one world along its first axis.
+        Raises ValueError if a function does not return an array with one world along its first axis.
         """
-        found = {}
-        for name, tell in self.observe.items():
-            told = np.asarray(tell(position[None], velocity[None]))
-            if told.shape[:1] != (1,):
+        found = {name: np.asarray(of(position[None], velocity[None])) for name, of in self.observe.items()}
+        for name, values in found.items():
+            if values.shape[:1] != (1,):
                 raise ValueError(
-                    f"observe[{name!r}] returned shape {told.shape}; the first axis must be of worlds"
+                    f"observe[{name!r}] returned shape {values.shape}; the first axis must be of worlds"
                 )
-            found[name] = told[0]
-        return found
+        return {name: values[0] for name, values in found.items()}
 
     @property
     def ground(self) -> Plane | None:
@@ -184,3 +168,9 @@ class Scene:
         planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
         upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]
         return max(upwards, key=lambda plane: plane.unit_normal(dim)[-1], default=None)
+
+
+def _listed(title: str, several: Sequence[object]) -> list[str]:
+    """Return the line that shows the first of several objects; none if there are none."""
+    more = f" and {len(several) - _SHOWN} more" if len(several) > _SHOWN else ""
+    return [f"{title}: {', '.join(map(repr, several[:_SHOWN]))}{more}"] if several else []

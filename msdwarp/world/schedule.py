@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import System, selected
-from .drives import released
+from ..bodies import System, particles_meant
+from .drives import Driven
 from .gravity import Gravity, gravity_at
 from .loads import Load
 
@@ -19,20 +19,14 @@ OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """New parameters from a time on; made by `at`."""
+    """New parameters from a time on; its fields are the arguments of `at`, which makes it."""
 
     time: float = 0.0
-    """When [s]."""
     group: str | ArrayLike | None = None
-    """What changes: a group's name, particles (indices or a mask), or all."""
     set_rest_shape: bool = False
-    """Whether rest lengths become the present lengths."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    """New values by name, or functions of the old ones."""
     unpin: str | ArrayLike | None = None
-    """Particles that are driven no longer: a group's name, indices or a mask; None for nobody."""
     gravity: Gravity | None = None
-    """Another acceleration of free fall [m/s²]; None for the same."""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -71,14 +65,9 @@ class Change:
         return self.time * fps < frame_index + 1e-6
 
     def applied_to(self, system: System) -> System:
-        """Return the system as it is after the change, its positions as before, its velocities unless they change.
+        """Return the system after the change; raise ValueError if the group is unknown, or a value out of range.
 
         A mass of inf pins a particle where it is: it stops.
-
-        Raises
-        ------
-        ValueError
-            If the group is unknown, or a value is out of range.
         """
         if self.gravity is not None:
             gravity_at(self.gravity, np.array([self.time]), system.dim)
@@ -91,7 +80,10 @@ class Change:
             old = getattr(system, name)
             where = chosen if name in OF_PARTICLES else joined
             new: Any = value(old[where]) if callable(value) else value
-            fields[name] = new if where.all() else _with(name, old, where, new)
+            fields[name] = new
+            if not where.all():
+                fields[name] = np.array(old)
+                fields[name][where] = checks.broadcast(name, new, (int(where.sum()),))
         if "rest_length" in fields and not joined.all():  # what has yielded elsewhere still has
             fields["original_length"] = np.where(joined, fields["rest_length"], system.original_length)
         pinned = system.pinned
@@ -108,19 +100,8 @@ class Change:
     ) -> NDArray[np.float64]:
         """Return the velocities after the change [m/s], shape [particle_count, d].
 
-        Parameters
-        ----------
-        system
-            Whose particles are meant.
-        now
-            Velocities before it [m/s].
-        held
-            Particles that keep theirs: pinned or driven ones, shape [particle_count].
-
-        Raises
-        ------
-        ValueError
-            If the group is unknown, all its particles are held, or a velocity is out of range.
+        `now` are those before it, and `held` is the mask of pinned or driven particles, which keep theirs. Raises
+        ValueError if the group is unknown, all its particles are held, or a velocity is out of range.
         """
         chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
@@ -134,32 +115,23 @@ class Change:
         return result
 
     def released_from(self, loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-        """Return bound loads as they are after the change; ValueError if none drives what it lets go."""
+        """Return bound loads without the drives of `unpin`; raise ValueError if none of it is driven."""
         if self.unpin is None:
             return tuple(loads)
-        if isinstance(self.unpin, str):
-            return released(loads, system.group(self.unpin, "unpin"), f"unpin is {self.unpin!r}, which")
-        return released(loads, selected("unpin", self.unpin, system.particle_count))
+        free = particles_meant("unpin", self.unpin, system)
+        if not any(isinstance(one, Driven) and free[one.held].any() for one in loads):
+            name = f"unpin is {self.unpin!r}, which" if isinstance(self.unpin, str) else "unpin"
+            raise ValueError(f"{name} names no particle that a drive holds then")
+        return tuple(one.keeping(~free) if isinstance(one, Driven) else one for one in loads)
 
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which particles are meant, and which connections: those between them; ValueError if unknown."""
+        """Return the masks of the particles of the group, and of the connections between them."""
         chosen = self.particles(system)
         return chosen, np.all(chosen[system.connections], axis=1)
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return which particles are meant, shape [particle_count]; ValueError if there is no such group."""
-        if self.group is None:
-            return np.ones(system.particle_count, dtype=bool)
-        if isinstance(self.group, str):
-            return system.group(self.group)
-        return selected("group", self.group, system.particle_count)
-
-
-def _with(name: str, old: NDArray, where: NDArray[np.bool_], new: ArrayLike) -> NDArray[np.float64]:
-    """Return the values with new ones in some places."""
-    values = np.array(old)
-    values[where] = checks.broadcast(name, new, (int(where.sum()),))
-    return values
+        """Return which particles are in the group, shape [particle_count]."""
+        return particles_meant("group", self.group, system)
 
 
 def at(

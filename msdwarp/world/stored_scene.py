@@ -1,4 +1,4 @@
-"""A scene by value: as numbers, texts and arrays that a file can hold, so that pictures of it need no script."""
+"""Scenes as numbers, texts and arrays that a file can hold, so that pictures of them need no script."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
-from .gravity import with_potential
+from .gravity import Gravity, with_potential
 from .look import Look
 from .motion import displacement_and_turn
 from .scene import Scene
@@ -23,48 +23,43 @@ _TEXTURES = ("texture", "obstacle_texture")
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """The motion of a collider as it was at some times, and straight between them."""
+    """The motion of a collider, sampled at some times [s] and linear between them."""
 
     times: NDArray[np.float64]
-    """When [s], rising, shape [any]."""
     displacement: NDArray[np.float64]
-    """By how much it was displaced [m], shape [any, d]."""
+    """Displacements [m], shape [any, d]."""
     turn: NDArray[np.float64] | None
-    """By how much it was turned [rad], shape [any, 3 or 1]; None where it never was."""
+    """Rotation vectors or angles [rad], shape [any, 3 or 1]; None if it never turned."""
 
     def __call__(self, time: float) -> Any:
         """Return the displacement, or a pair of it and the turn, as `Collider.motion` does."""
-        shift = self._at(time, self.displacement)
-        if self.turn is None:
-            return shift
-        turn = self._at(time, self.turn)
-        return shift, turn if len(turn) > 1 else turn[0]
-
-    def _at(self, time: float, values: NDArray) -> NDArray[np.float64]:
-        return np.array([np.interp(time, self.times, column) for column in values.T])
+        shift, turn = (
+            None if values is None else np.array([np.interp(time, self.times, column) for column in values.T])
+            for values in (self.displacement, self.turn)
+        )
+        return shift if turn is None else (shift, turn if len(turn) > 1 else turn[0])
 
 
 def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
-    """Return what a scene is beside its system; what moves in it, as it is at these times [s].
+    """Return a scene without its system; motions of its colliders are sampled at these times [s].
 
-    Changes of parameters are kept as the values that they make of the system as it is at the start.
+    Changes of parameters are kept as the values that they give the system as it is at the start.
     """
     arrays: dict[str, NDArray] = {}
-    looks = [
-        {"group": group, "look": _look_as_stored(look, f"looks/{k}", arrays)}
-        for k, (group, look) in enumerate(scene.looks.items())
-    ]
-    colliders = [
-        _collider_as_stored(one, f"colliders/{k}", np.unique(np.asarray(times, dtype=float)), arrays)
-        for k, one in enumerate(scene.colliders)
-        if type(one).__name__ in _COLLIDERS
-    ]
+    times = np.unique(np.asarray(times, dtype=float))
     described = {
         "duration": scene.duration,
-        "gravity": np.asarray(with_potential(scene.gravity), dtype=float).tolist(),
+        "gravity": _gravity(scene.gravity),
         "look": _look_as_stored(scene.look, "look", arrays),
-        "looks": looks,
-        "colliders": colliders,
+        "looks": [
+            {"group": group, "look": _look_as_stored(look, f"looks/{k}", arrays)}
+            for k, (group, look) in enumerate(scene.looks.items())
+        ],
+        "colliders": [
+            _collider_as_stored(one, f"colliders/{k}", times, arrays)
+            for k, one in enumerate(scene.colliders)
+            if type(one).__name__ in _COLLIDERS
+        ],
         "schedule": _schedule_as_stored(scene, arrays),
     }
     return described, arrays
@@ -73,14 +68,10 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
 def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Scene:
     """Return the scene of a system that `scene_as_stored` described; raise ValueError if it is none."""
     try:
-        looks = described.get("looks", [])  # which older files have not
-        colliders = [_collider(one, arrays) for one in described["colliders"]]
-        for one in colliders:
-            if wrong := one.fits(system.dim):
-                raise ValueError(wrong)
+        looks = described.get("looks", [])  # absent in older files
         return Scene(
             system=system,
-            colliders=colliders,
+            colliders=[_collider(one, arrays) for one in described["colliders"]],
             gravity=described["gravity"],
             duration=described["duration"],
             look=_look(described["look"], "look", arrays),
@@ -92,7 +83,7 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
 
 
 def known_until(scene: Scene) -> float:
-    """Return until when it is known where all colliders are [s]: inf where their motions are functions."""
+    """Return the time until which all motions of colliders are known [s]: inf where they are functions."""
     recorded = [one.motion for one in scene.colliders if isinstance(one.motion, Recorded)]
     return min((float(motion.times[-1]) for motion in recorded), default=np.inf)
 
@@ -115,16 +106,17 @@ def _collider_as_stored(
     collider: Collider, place: str, times: NDArray, arrays: dict[str, NDArray]
 ) -> dict[str, Any]:
     values = {one.name: _plain(getattr(collider, one.name)) for one in fields(collider) if one.name != "motion"}
+    values = {"kind": type(collider).__name__, **values}
     if collider.motion is None:
-        return {"kind": type(collider).__name__, **values}
-    both = [displacement_and_turn(collider.motion(float(time))) for time in times]
+        return values
+    shifts, turns = zip(*(displacement_and_turn(collider.motion(float(time))) for time in times), strict=True)
     arrays[f"{place}/times"] = times
-    arrays[f"{place}/displacement"] = np.array([np.atleast_1d(shift) for shift, _ in both], dtype=float)
-    turns = [np.atleast_1d(turn) for _, turn in both if turn is not None]
-    if turns:
-        none = np.zeros_like(turns[0], dtype=float)
-        arrays[f"{place}/turn"] = np.array([none if turn is None else np.atleast_1d(turn) for _, turn in both])
-    return {"kind": type(collider).__name__, **values, "motion": place}
+    arrays[f"{place}/displacement"] = np.array([np.atleast_1d(shift) for shift in shifts], dtype=float)
+    known = [turn for turn in turns if turn is not None]
+    if known:
+        turns = [np.zeros(np.shape(known[0])) if turn is None else turn for turn in turns]
+        arrays[f"{place}/turn"] = np.array([np.atleast_1d(turn) for turn in turns])
+    return {**values, "motion": place}
 
 
 def _collider(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Collider:
@@ -146,7 +138,7 @@ def _schedule_as_stored(scene: Scene, arrays: dict[str, NDArray]) -> list[dict[s
         system = change.applied_to(system)
         one = {"time": change.time, "freeze": change.set_rest_shape, "parameters": sorted(change.parameters)}
         if change.gravity is not None:
-            one["gravity"] = np.asarray(with_potential(change.gravity), dtype=float).tolist()
+            one["gravity"] = _gravity(change.gravity)
         if isinstance(change.group, str) or change.group is None:
             one["group"] = change.group
         else:
@@ -165,6 +157,10 @@ def _change(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Chan
     values = {name: arrays[f"{place}/{name}"] for name in described["parameters"]}
     values = {name: value[0] if len(value) == 1 else value for name, value in values.items()}
     return Change(described["time"], group, described["freeze"], values, gravity=described.get("gravity"))
+
+
+def _gravity(gravity: Gravity) -> Any:
+    return np.asarray(with_potential(gravity), dtype=float).tolist()
 
 
 def _plain(value: Any) -> Any:

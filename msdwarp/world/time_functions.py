@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 from .. import checks
 
 _LEAST = 8
-"""Times that a function gets at once, at least: more than the coordinates that it may return."""
+"""Least number of times in a call: more than the coordinates that a function may return."""
 _SAME = 1e-9
-"""What a function gives for an array may differ from what it gives for each number by this, relatively."""
+"""Relative difference allowed between a function of an array and of each number."""
 
 
 def flat(value: Any) -> NDArray[np.float64]:
-    """Return the numbers that a function of time gave, such as (displacement, turn), as one row."""
+    """Return the numbers that a function of time returned, such as (displacement, turn), as one row."""
     try:
         array = np.asarray(value)
     except ValueError:  # of unequal lengths
-        rows = [flat(one) for one in value]
-        return np.concatenate(rows)
+        return np.concatenate([flat(one) for one in value])
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{checks.repr_short(value)} are not numbers")
     return array.astype(np.float64).ravel()
@@ -29,22 +28,12 @@ def flat(value: Any) -> NDArray[np.float64]:
 def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what a function of time gives at each time, its numbers side by side, shape [time_count, width].
 
-    It is called with all times at once, which costs as much as one call. Where it can't take an array (as one that
-    says `if t < 1`), or gives something else for it than for three of its numbers, it is called for each.
+    It returns a number, several, or a tuple of these. It is called with all times at once, which costs as much as
+    one call. Where it cannot take an array (as one with `if t < 1`), or returns other values than for three of its
+    numbers, it is called for each.
 
-    Parameters
-    ----------
-    function
-        Returns a number, several, or a tuple of these; of an array of times the same with an array in place of
-        each number that depends on time.
-    times
-        When [s], shape [time_count].
-
-    Raises
-    ------
-    Exception
-        What the function raises for one of the times; ValueError if what it gives are no numbers, or not always as
-        many.
+    Raises what the function raises for one of the times, and ValueError if its values are no numbers, or not
+    always as many.
     """
     count = len(times)
     tried = sorted({0, count // 2, count - 1})
@@ -60,7 +49,7 @@ def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArr
 
 
 def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDArray[np.float64] | None:
-    """Return the same of one call with all times; None if the function can't be called so."""
+    """Return the same by one call with all times; None if the function cannot be called so."""
     more = _LEAST - len(times)
     given = np.concatenate([times, np.repeat(times[-1:], more)]) if more > 0 else times.copy()
     try:
@@ -80,7 +69,7 @@ def _same(found: NDArray, known: NDArray) -> bool:
     """Tell whether these are the same numbers, but for rounding."""
     if len(found) != len(known):
         return False
-    pairs = zip(found.tolist(), known.tolist(), strict=True)  # few numbers: Python is quicker than NumPy
+    pairs = zip(found.tolist(), known.tolist(), strict=True)  # of few numbers quicker than NumPy
     return all(abs(one - other) <= _SAME * (1.0 + abs(other)) for one, other in pairs)
 
 

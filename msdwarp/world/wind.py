@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Facets, System, facets_of
-from .loads import Load, is_device_function, values_at
+from ..bodies import System
+from .loads import VectorLoad
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Wind(Load):
+class Wind(VectorLoad):
     """The force of air, moving or at rest, on bodies.
 
     A triangle of the surface with the area vector a (n = a/|a|) and the velocity u relative to the air feels
@@ -48,6 +48,8 @@ class Wind(Load):
         If a number is out of range, or there is neither a surface nor an area.
     """
 
+    vector = "velocity"
+    constant = ("on", "area")
     velocity: Any
     drag: float = 1.2
     lift: float = 0.6
@@ -58,24 +60,11 @@ class Wind(Load):
         """Check the arguments."""
         for name in ("drag", "lift", "density"):
             checks.non_negative(name, getattr(self, name))
-        if not callable(self.velocity):
-            object.__setattr__(self, "velocity", checks.point("velocity", self.velocity))
-
-    @property
-    def of_place(self) -> bool:
-        """Whether the velocity of the air is a function of position, on the device."""
-        return is_device_function(self.velocity)
-
-    @property
-    def varies(self) -> bool:
-        """Whether the velocity of the air is a function of time."""
-        return callable(self.velocity) and not self.of_place
+        super().__post_init__()
 
     def check(self, system: System) -> None:
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
-        if not self.of_place:
-            self.at(np.zeros(1), system.dim, "velocity")
         if self.area is not None:
             self.areas(system)
         elif not len(self.facets(system).corner):
@@ -84,16 +73,8 @@ class Wind(Load):
                 "in three dimensions"
             )
 
-    def at(self, times: NDArray[np.float64], dim: int, name: str = "velocity") -> NDArray[np.float64]:
-        """Return the velocity of the air at these times [m/s], shape [time_count, d]."""
-        return values_at(name, self.velocity, times, dim)
-
     def areas(self, system: System) -> NDArray[np.float64]:
         """Return the area of each particle [m²], shape [particle_count]."""
         areas = checks.broadcast("area", self.area, (system.particle_count,))
         checks.within("area", areas, checks.FINITE, (lambda a: a >= 0, "not negative"))
         return areas
-
-    def facets(self, system: System) -> Facets:
-        """Return the triangles that it acts on."""
-        return facets_of(system).of(self.particles(system))

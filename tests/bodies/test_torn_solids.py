@@ -24,8 +24,7 @@ def seen(system, time):
     found = torn(system)
     assert found is not None
     own = system.surface.particle[system.surface.triangles][found.parted_at >= time]
-    bare = found.bare
-    return np.concatenate([own, bare.triangles[(bare.since < time) & (bare.until >= time)]])
+    return np.concatenate([own, found.triangles[(found.since < time) & (found.until >= time)]])
 
 
 def volume(position, triangles):
@@ -70,7 +69,7 @@ def test_bodies_in_one_system_keep_their_cells_apart():
     assert found is not None
     gone = np.isfinite(found.parted_at)
     assert gone.tolist() == (surface.particle[surface.triangles] < 27).all(axis=1).tolist()
-    assert len(found.bare.triangles) == 0  # all of a body's cells part at once: nothing is laid bare
+    assert len(found.triangles) == 0  # all of a body's cells part at once: nothing is laid bare
 
 
 def test_a_body_with_a_hole_has_no_cells_there():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msdwarp.cli.of_files import shown_of
+from msdwarp.cli.file_commands import frames_shown
 from msdwarp.cli.options import Options
+from msdwarp.cli.provenance import restored_options
 
 SMALL = ("--resolution", "128x72", "--device", "cpu")
 FRAMES = 13  # of 0.2 s
@@ -107,7 +108,7 @@ class Run:
     ],
 )
 def test_a_film_keeps_to_its_speed_and_a_frame_rate_that_can_be_shown(fps, choice, frames, film_fps):
-    shown, rate = shown_of(Run(fps), *choice)
+    shown, rate = frames_shown(Run(fps), *choice)
     assert list(shown) == list(frames)
     assert rate == pytest.approx(film_fps)
     assert rate * shown.step / fps == pytest.approx(choice[3])
@@ -135,7 +136,7 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube,
 
 
 def test_a_run_stores_where_the_camera_stood():
-    pictures = Options.stored(Options().as_stored()).pictures
+    pictures = restored_options(Options().as_stored()).pictures
     assert (pictures.azimuth, pictures.elevation, pictures.zoom) == (None, None, 1.0)
 
 

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from msdwarp import Simulation, Trajectory
-from msdwarp.cli import app as cli
 from msdwarp.cli.options import Options
+from msdwarp.cli.scene_files import find_scene
 
 ROOT = Path(__file__).parents[2]
 SMALL = ["--duration", "0.1", "--resolution", "128x72", "--device", "cpu"]
@@ -44,7 +44,7 @@ def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
     assert (code, err) == (0, "")
     path = tmp_path / "out" / "cube" / "trajectory.vtkhdf"
     assert "wrote out/cube/trajectory.vtkhdf" in out
-    scene = cli.find_scene("cube")._replace(parameters={"size": 3}).scene()
+    scene = find_scene("cube")._replace(parameters={"size": 3}).scene()
     simulation = Simulation.from_scene(scene, device="cpu")
     with Trajectory(path) as trajectory:
         for k, frame in enumerate(simulation.frames(0.1)):

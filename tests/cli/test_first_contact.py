@@ -4,12 +4,13 @@ import os
 import shutil
 import subprocess
 import sys
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import pytest
 
 from msdwarp import Trajectory
 from msdwarp.cli.options import Options
+from msdwarp.cli.provenance import restored_options
 from msdwarp.files import read_restart
 from msdwarp.integrators import METHODS
 
@@ -251,14 +252,12 @@ def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
 
 @pytest.mark.parametrize("where", ["options", "pictures"])
 def test_options_of_a_later_version_are_refused(where):
-    from msdwarp.cli.options import Options
-
     stored = Options().as_stored()
     (stored if where == "options" else stored["pictures"])["wind"] = 3.0
     with pytest.raises(ValueError, match=r"those of a later version of msdwarp: \['wind'\]"):
-        Options.stored(stored)
+        restored_options(stored)
 
 
 def test_every_method_there_is_can_be_asked_for():
-    (names,) = [one for one in get_args(Options.__dataclass_fields__["integrator"].type) if one is not type(None)]
+    (names,) = [one for one in get_args(get_type_hints(Options)["integrator"]) if one is not type(None)]
     assert set(get_args(names)) == METHODS.keys()

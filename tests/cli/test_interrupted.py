@@ -117,7 +117,7 @@ from msdwarp.cli.options import Options
 from msdwarp.cli.draw import Pictures
 from msdwarp.cli.scene_files import find_scene
 from msdwarp.cli.process import start_warp
-from msdwarp.cli.resume import resume_run
+from msdwarp.cli.stored_runs import resume_run
 from msdwarp.cli.run import run_scene
 
 start_warp(False)

@@ -187,15 +187,17 @@ def test_a_restart_file_does_not_say_where_a_log_appears(msdwarp, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("other", [False, True], ids=["the same frames again", "others"])
-def test_where_no_restart_file_can_be_written_no_frame_is_lost(msdwarp, own, monkeypatch, other):
+def test_where_no_restart_file_can_be_written_no_frame_and_no_line_is_lost(msdwarp, own, monkeypatch, other):
     def full(path, *_):
         raise OSError(28, "No space left on device", str(path))
 
     folder = own.parent / "out" / "own"
-    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
+    log = folder / "e.csv"
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1", "--log", "e.csv")[0] == 0
     early = (folder / "restart.h5").read_bytes()
     assert msdwarp("resume", str(folder), "--duration", "0.3")[0] == 0
     (folder / "restart.h5").write_bytes(early)
+    before = log.read_text()
     if other:  # as they are on another device
         with h5py.File(folder / "trajectory.vtkhdf", "r+") as file:
             file["VTKHDF/Points"][-1] += 1e-6
@@ -205,9 +207,11 @@ def test_where_no_restart_file_can_be_written_no_frame_is_lost(msdwarp, own, mon
     assert (code, "No space left on device" in err) == (1, True)
     with Trajectory(folder / "trajectory.vtkhdf") as found:
         assert len(found) >= 19
+    assert log.read_text().startswith(before)
     assert msdwarp("resume", str(folder), "--duration", "0.4")[0] == 0
-    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.4", "--out", "whole")[0] == 0
+    assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.4", "--out", "whole", "--log", "e.csv")[0] == 0
     assert_same_run(folder, own.parent / "whole")
+    assert log.read_text() == (own.parent / "whole" / "e.csv").read_text()
 
 
 @pytest.mark.slow

@@ -15,9 +15,10 @@ pytest.importorskip("viser")
 
 import msdwarp as msd
 from msdwarp import checks
-from msdwarp.cli.rerun import rerun
+from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.cli.view import SHELF, ViewOptions, _like, _limited, _running, view_of
+from msdwarp.cli.stored_runs import rerun
+from msdwarp.cli.view import SHELF, _like, _limited, _running, view_of
 from msdwarp.live import View
 
 WAITS = 300.0

@@ -21,7 +21,7 @@ from msdwarp import (
     box,
 )
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
-from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.assemble import assemble
 
 K, LENGTH, SWING, OMEGA = 8.0, 0.5, 0.2, 3.0
 """Stiffness [N/m] and rest length [m] of a spring, its muscle's largest strain, and how fast it swings [rad/s]."""
@@ -139,7 +139,7 @@ def test_actuators_add_up_and_keep_to_their_particles(device):
     moved = simulation.frame().position - body.position
     assert np.abs(moved[64:, 2]).max() > 1e-3
     np.testing.assert_allclose(moved[:64], 0.0, rtol=0, atol=4 * EPS64)  # rest lengths as placed are rounded
-    effect = simulation.model.effects[0]
+    effect = simulation.assembly.all[0]
     np.testing.assert_array_equal(effect.members, np.arange(128) >= 64)
 
 
@@ -272,13 +272,13 @@ def test_a_muscle_follows_a_change_of_what_it_pulls_with(plain_device):
 def test_the_bound_is_that_of_the_most_contracted_body(plain_device, strain):
     body, how = jelly(), {"device": plain_device, "precision": "float64"}
     short = body.replace(rest_length=0.7 * body.rest_length)
-    found = rate_bounds(body, Model(body, loads=[Actuator(strain)], **how))
-    expected = rate_bounds(short, Model(short, **how))
+    found = rate_bounds(body, assemble(body, loads=[Actuator(strain)], **how))
+    expected = rate_bounds(short, assemble(short, **how))
     # At 60 looks a second the least of the cosine is found to (2/120)²/2 · 0.15.
     assert found.stiffness == pytest.approx(expected.stiffness, rel=1e-12 if strain == -0.3 else 1e-4)
-    plain = rate_bounds(body, Model(body, **how))
+    plain = rate_bounds(body, assemble(body, **how))
     assert expected.stiffness > 1.2 * plain.stiffness
-    longer = rate_bounds(body, Model(body, loads=[Actuator(0.5)], **how))
+    longer = rate_bounds(body, assemble(body, loads=[Actuator(0.5)], **how))
     assert longer.stiffness == pytest.approx(plain.stiffness, rel=1e-14)  # atomics add in any order
 
 

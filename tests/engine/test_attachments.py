@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import msdwarp as msd
 from msdwarp import RK4, Attachment, Box, Leapfrog, LinearlyImplicitEuler, Simulation, Sphere, System, box
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
-from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.assemble import assemble
 
 K, OMEGA = 36.0, 6.0
 """Stiffness [N/m] and frequency [rad/s] of 1 kg on it."""
@@ -170,7 +170,7 @@ def test_energy_is_conserved(device):
     ]
     how = options(device, gravity=9.82, integrator=RK4(), fps=50.0, substeps=20)
     simulation = Simulation(held, loads=loads, **how)
-    assert simulation.model.work is None  # what stands still does none
+    assert simulation.assembly.external_work is None  # what stands still does none
     before = simulation.measure()
     simulation.step(20)
     after = simulation.measure()
@@ -182,7 +182,7 @@ def test_energy_is_conserved(device):
 def test_the_bound_knows_attachments(plain_device):
     # An attached particle swings with k/m, which is the bound: other springs double it.
     loads = [Attachment([0], stiffness=K, damping=3.0), Attachment([0], stiffness=K)]
-    rates = rate_bounds(one(), Model(one(), loads=loads, device=plain_device, precision="float64"))
+    rates = rate_bounds(one(), assemble(one(), loads=loads, device=plain_device, precision="float64"))
     assert rates.stiffness == pytest.approx(2 * K, rel=8 * EPS64)
     assert rates.damping == pytest.approx(3.0, rel=8 * EPS64)
     # Near its limit of 2/ω a step is stable, beyond it is refused.
@@ -240,7 +240,7 @@ def test_a_change_on_the_way_leaves_points_where_they_are():
     stored = 0.5 * K * (3.0 - sunk) ** 2
     assert simulation.measure().effect_energy == pytest.approx(stored, rel=1e-5)  # float32
     simulation.step(2)
-    np.testing.assert_allclose(simulation.model.effects[-1].data.point.numpy()[0], one().position[0])
+    np.testing.assert_allclose(simulation.assembly.all[-1].data.point.numpy()[0], one().position[0])
 
 
 @pytest.mark.slow
@@ -294,8 +294,10 @@ def test_what_cannot_be_attached_is_refused(make, message):
 
 def test_an_attachment_says_what_it_is():
     points = np.zeros((4, 3))
-    assert repr(Attachment("rim", stiffness=200.0)) == "Attachment(rim, stiffness=200)"
+    assert repr(Attachment("rim", stiffness=200.0)) == "Attachment(on='rim', stiffness=200)"
     many = Attachment([0, 1, 2, 3], points, stiffness=2.0, damping=0.5, rest_length=[1.0, 2, 3, 4])
-    assert repr(many) == "Attachment(4 particles, to 4 points, stiffness=2, damping=0.5, rest_length=1 to 4)"
+    assert repr(many) == (
+        "Attachment(on=4 particles, to=12 numbers, stiffness=2, damping=0.5, rest_length=4 numbers)"
+    )
     carried = Attachment(to=MOVING, stiffness=1.0, rest_length="now")
-    assert repr(carried) == "Attachment(carried_by=Sphere(motion=<lambda>), stiffness=1, rest_length=now)"
+    assert repr(carried) == "Attachment(carried_by=Sphere(motion=<lambda>), stiffness=1, rest_length='now')"

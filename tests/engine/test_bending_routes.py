@@ -9,7 +9,7 @@ from tangles import FAR, PRECISIONS, assert_forces_are_right, every_route, movin
 
 from msdwarp import Material, Simulation, System, box, lattice, sheet
 from msdwarp.engine.model.lattice import find_lattice, step_of
-from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 
 CONSTANTS = {"stiffness": 300.0, "damping": 0.5, "mass": 0.1, "bending": 5.0}
@@ -49,7 +49,7 @@ def test_a_sheet_of_constants_is_a_uniform_lattice():
 
 
 def test_second_neighbours_are_read_one_particle_at_a_time():
-    made = Dynamics(Model(SHEETS["sheet 8"], device="cpu", force_algorithm="stencil"))
+    made = Dynamics(assemble(SHEETS["sheet 8"], device="cpu", force_algorithm="stencil"))
     assert made.composition.force_algorithm.column_forces is None
 
 

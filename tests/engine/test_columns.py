@@ -11,6 +11,7 @@ from msdwarp import RK4, SymplecticEuler, System, box, sheet
 from msdwarp.engine.model.lattice import find_lattice
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 
 # Algorithms are compared from wherever bodies start, in the floor too.
@@ -101,7 +102,7 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
 @pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
 def test_lattices_without_layers_have_no_columns(in_columns, name):
     assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
-    made = Dynamics(Model(lattices(2.0)[name], device="cpu", force_algorithm="stencil"))
+    made = Dynamics(assemble(lattices(2.0)[name], device="cpu", force_algorithm="stencil"))
     assert made.composition.force_algorithm.column_forces is None or made._columns == 0
 
 

@@ -21,7 +21,7 @@ from msdwarp import (
     box,
     chain,
 )
-from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.colliders.collide import fixed_contact
@@ -41,7 +41,7 @@ FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 
 
 def motion(system: System, **options) -> Composition:
-    return Dynamics(Model(system, device="cpu", **options)).composition
+    return Dynamics(assemble(system, device="cpu", **options)).composition
 
 
 def generated(kernel: wp.Kernel) -> str:

@@ -8,8 +8,8 @@ from tangles import CONSTANTS, assert_forces_are_right, tangle
 
 from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.force_algorithm import scatter_order
-from msdwarp.engine.model.model import Model
 from msdwarp.engine.springs import force_algorithms as forces
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 
 # Algorithms are compared from wherever bodies start, in the floor too.
@@ -91,7 +91,7 @@ def arrays(data) -> dict[str, wp.array]:
 
 def read_beside_the_state(force_algorithm: str, system: System) -> dict[str, wp.array]:
     """Return the arrays that a route's kernels read beside positions and velocities."""
-    return arrays(Dynamics(Model(system, device="cpu", force_algorithm=force_algorithm)).scene.forces)
+    return arrays(Dynamics(assemble(system, device="cpu", force_algorithm=force_algorithm)).scene.forces)
 
 
 LISTS = {"scatter": {"f", "connections"}, "gather": {"first", "other"}}

@@ -249,7 +249,7 @@ def test_obstacles_do_not_stop_what_is_driven(device):
         ),
         (
             [PrescribedMotion([0], lambda t: (t, 0, 0), about=(0.0, 1.0))],
-            r"loads\[0\]\.about is .* must have 3 coordinates",
+            r"loads\[0\]\.about is .* must be 3 finite numbers",
         ),
     ],
 )

@@ -13,6 +13,7 @@ from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.model.effect import Effect
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import assemble as effects
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.compensation import compensated_sum
@@ -62,7 +63,7 @@ class Anchors(Effect):
     def begin_frame(self, time: float) -> None:
         self.told.append(("frame", time))
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         blocks = stiffness.numpy() + K * np.eye(self._model.dim)
         stiffness.assign(blocks)
 
@@ -158,14 +159,14 @@ def test_energy_counts_what_it_stores(with_anchors, device):
 
 def test_the_step_bears_it(with_anchors, device):
     # k/m of the light particles is 36 s⁻²; the bound may be twice that.
-    model = Model(start(3), device=device, precision="float64")
+    model = assemble(start(3), device=device, precision="float64")
     assert K <= rate_bounds(start(3), model).stiffness <= 2 * K * (1 + 4 * EPS64)
 
 
 def test_it_is_told_what_begins(with_anchors):
     simulation = Simulation(start(1), device="cpu", substeps=3, fps=50.0)
     simulation.step(2)
-    told = simulation.model.effects[-1].told
+    told = simulation.assembly.all[-1].told
     assert told == [("begin", 3, pytest.approx(1 / 150)), ("frame", 0.0), ("frame", pytest.approx(0.02))]
 
 
@@ -174,14 +175,14 @@ def test_effects_act_side_by_side(with_anchors, device):
     body = chain(4, 0.5, mass=1.0, stiffness=900.0, damping=5.0).replace(yield_strain=0.01, relaxation_time=0.0)
     body = body.translate((0.75, 0, 0.0))
     simulation = Simulation(body, colliders=[Plane(offset=-0.1)], device=device, precision="float64")
-    assert [type(effect).__name__ for effect in simulation.model.effects] == ["Colliders", "Plasticity", "Anchors"]
+    assert [type(effect).__name__ for effect in simulation.assembly.all] == ["Colliders", "Plasticity", "Anchors"]
     simulation.step(60)
     assert simulation.rest_length.max() < 0.49  # pulled together, they gave way
     assert simulation.frame().position[:, 2].min() >= -0.1 - 4 * EPS64
 
 
 def test_a_scene_without_it_has_nothing_of_it():
-    plain = Dynamics(Model(chain(3), device="cpu"))
+    plain = Dynamics(assemble(chain(3), device="cpu"))
     assert plain.composition.pieces == ()
     assert "anchors" not in {name for name, *_ in plain.scene._cls.vars.items()}
     assert math.isfinite(rate_bounds(chain(3)).stiffness)

@@ -26,7 +26,7 @@ def moved(system: System, frames: int = 10, force_algorithm: str = "stencil", **
 def one_lane(monkeypatch) -> None:
     """Have what lanes take be taken by one, as a CPU can."""
 
-    def begin(self, model, lanes):
+    def begin(self, model, fracture, lanes):
         lattice, damper = model.lattice, model.damper
         damper = damper if lattice.constants["damping"].any() else None
         self.force_algorithm = forces.stencil_of_lanes(
@@ -86,7 +86,7 @@ def test_lanes_change_nothing_but_the_order_of_sums(lanes, blocks, integrator, m
     ]:
         found = []
         for count in (1, lanes):
-            monkeypatch.setattr(forces, "lanes", lambda model, count=count: count)
+            monkeypatch.setattr(forces, "lanes", lambda model, tears, count=count: count)
             options = {"integrator": integrator, "blocks": blocks, "device": "cuda:0", "precision": "float64"}
             found.append(moved(BODIES[name], force_algorithm=force_algorithm, colliders=[], **options))
         assert np.abs(found[0] - found[1]).max() < 1e-12
@@ -96,7 +96,7 @@ def test_lanes_change_nothing_but_the_order_of_sums(lanes, blocks, integrator, m
 def test_loads_obstacles_and_work_are_counted_once_for_all_lanes(monkeypatch):
     found = []
     for count in (1, 4):
-        monkeypatch.setattr(forces, "lanes", lambda model, count=count: count)
+        monkeypatch.setattr(forces, "lanes", lambda model, tears, count=count: count)
         simulation = Simulation(
             BODIES["cloth"],
             force_algorithm="stencil",

@@ -119,7 +119,7 @@ def test_the_bound_knows_the_gas(plain_device):
         Simulation(stiff, loads=loads, gravity=0.0, device=plain_device, precision="float64")
         for loads in ([], [EnclosedGas(0.0, outside=1e7)])
     )
-    before, after = (rate_bounds(one.system, one.model, one.state).stiffness for one in (plain, blown))
+    before, after = (rate_bounds(one.system, one.assembly, one.state).stiffness for one in (plain, blown))
     start = volume(stiff.surface.particle[stiff.surface.triangles], stiff.position)
     inertia = float((stiff.mass * (stiff.position**2).sum(axis=1)).sum())
     assert after > before + 9 * 1e7 * start / inertia  # the mode that breathes
@@ -169,4 +169,4 @@ def test_a_run_resumes_with_the_gas_it_began_with(plain_device):
     rest.step(5)
     np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
     first.change(damping=2.0)
-    assert first.model.effects[0]._gases[0].volume == whole.model.effects[0]._gases[0].volume
+    assert first.assembly.all[0]._gases[0].volume == whole.assembly.all[0]._gases[0].volume

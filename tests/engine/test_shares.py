@@ -29,7 +29,7 @@ from msdwarp import (
     sheet,
 )
 from msdwarp.engine.collision.body_contact import BodyContact
-from msdwarp.engine.model.model import Model
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, divided, ending_in, threads_for
 from msdwarp.kernels.collision.cpu_partition import CHUNK, first_of_part, next_of_part
 
@@ -159,7 +159,7 @@ def test_threads_share_contacts(name):
         body_contact = False
         for _ in range(6):
             simulation.step()
-            (touching,) = (one for one in simulation.model.effects if isinstance(one, BodyContact))
+            (touching,) = (one for one in simulation.assembly.all if isinstance(one, BodyContact))
             body_contact |= bool((touching.checkpoint()["touch.partner"] >= 0).any())
         frame = simulation.frame()
         runs.append([frame.position, frame.velocity, *touching.checkpoint().values()])
@@ -214,7 +214,7 @@ def test_each_share_has_the_connections_that_end_in_it():
 
 
 def model(shape):
-    return Model(box(shape, stiffness=100.0), device="cpu")
+    return assemble(box(shape, stiffness=100.0), device="cpu")
 
 
 def test_automatic_threads_go_by_the_body(monkeypatch):
@@ -222,15 +222,15 @@ def test_automatic_threads_go_by_the_body(monkeypatch):
     monkeypatch.setattr("msdwarp.engine.stepping.cpu_partition.cores", lambda: 4)
     assert threads_for(model((3, 3, 3)), "auto") == 1
     middle = model((11, 11, 11))
-    assert 2 * LEAST_SHARE < middle.connection_count < 3 * LEAST_SHARE
+    assert 2 * LEAST_SHARE < middle.model.connection_count < 3 * LEAST_SHARE
     assert threads_for(middle, "auto") == 2
     assert threads_for(model((20, 20, 20)), "auto") == 4
     small = box((10, 9, 10), stiffness=100.0)
     assert LEAST_SHARE < small.connection_count < 2 * LEAST_SHARE
-    assert threads_for(Model(small, device="cpu"), "auto") == 1
-    assert threads_for(Model(small, loads=[Contact()], device="cpu"), "auto") == 2  # its points are shared, too
+    assert threads_for(assemble(small, device="cpu"), "auto") == 1
+    assert threads_for(assemble(small, loads=[Contact()], device="cpu"), "auto") == 2  # its points are shared, too
     flowing = small.replace(yield_strain=0.1, relaxation_time=0.1)
-    assert threads_for(Model(flowing, loads=[Contact()], device="cpu"), "auto") == 1  # one thread takes its stages
+    assert threads_for(assemble(flowing, loads=[Contact()], device="cpu"), "auto") == 1
     monkeypatch.setenv(THREADS, "3")
     assert threads_for(model((20, 20, 20)), "auto") == 3
     assert threads_for(model((3, 3, 3)), 5) == 5  # asked for

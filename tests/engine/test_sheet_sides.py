@@ -43,7 +43,7 @@ def thrown(speed: float, device: str = "cpu", bumps: float = 0.0, sideways: floa
 
 def held_back(simulation: Simulation) -> int:
     """Return how many points have come through and are remembered."""
-    data = next(one for one in simulation.model.effects if isinstance(one, BodyContact))._data
+    data = next(one for one in simulation.assembly.all if isinstance(one, BodyContact))._data
     seen, corner, x = data.contact_side.numpy(), data.corner.numpy(), np.asarray(simulation.frame().position)
     slot, point = np.nonzero(seen)
     grain = data.ends.numpy()[point, 0]
@@ -141,7 +141,7 @@ def test_a_sheet_whose_triangles_are_not_turned_alike_has_no_sides():
             contact=Contact(stiffness=STIFFNESS, thickness=THICKNESS),
             device="cpu",
         )
-        data = next(one for one in simulation.model.effects if isinstance(one, BodyContact))._data
+        data = next(one for one in simulation.assembly.all if isinstance(one, BodyContact))._data
         assert bool(data.sided.numpy()[0]) == sided
 
 

@@ -214,7 +214,7 @@ def test_the_bound_knows_a_skin_of_gas(plain_device):
     # A gas of stiffness γ p / V for its volume: the rate of Σ |∂V/∂x|²/m, by differences of the volume.
     system, outside = BODIES["cylinder"](), 1e6
     simulation = Simulation(system, loads=[EnclosedGas(0.0, outside=outside)], **options(plain_device))
-    rate = rate_bounds(simulation.system, simulation.model, simulation.state).effect_stiffness
+    rate = rate_bounds(simulation.system, simulation.assembly, simulation.state).effect_stiffness
     surface, slope, before = system.surface, np.zeros(system.position.shape), volume(system)
     for i, k in np.ndindex(*slope.shape):
         moved = system.position.copy()

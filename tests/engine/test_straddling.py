@@ -42,7 +42,7 @@ def post(width: float, **options) -> Box:
 
 
 def straddles(simulation: Simulation) -> bool:
-    return any(isinstance(effect, SurfaceContact) for effect in simulation.model.effects)
+    return any(isinstance(effect, SurfaceContact) for effect in simulation.assembly.all)
 
 
 def lowest(simulation: Simulation) -> float:

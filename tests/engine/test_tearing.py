@@ -100,7 +100,7 @@ def without(system: System, gone: np.ndarray) -> System:
 @pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 def test_a_torn_lattice_moves_as_one_built_so(plain_device, force_algorithm, precision, blocks, monkeypatch):
     # What cannot tear has several threads to a particle on a GPU, which sum in another order.
-    monkeypatch.setattr(forces, "lanes", lambda model: 1)
+    monkeypatch.setattr(forces, "lanes", lambda model, tears: 1)
     body = box((6, 4, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.05)
     left = body.position[:, 0] < 0.0
     seam = left[body.connections[:, 0]] != left[body.connections[:, 1]]
@@ -275,6 +275,6 @@ def test_a_weak_seam_is_found_by_the_stencil_too(plain_device):
 
 def test_a_scene_that_cannot_tear_has_nothing_of_it():
     simulation = Simulation(chain(3), device="cpu")
-    assert simulation.model.tearing is None
+    assert simulation.assembly.fracture is None
     assert not simulation.stepping.dynamics.composition.force_algorithm.tears
     assert not hasattr(simulation.stepping.dynamics.scene.forces, "breaking")

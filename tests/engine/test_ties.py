@@ -11,6 +11,7 @@ from msdwarp import RK4, CoulombDamper, Simulation, System, box, chain, join, sh
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 
 SMALL = {"mass": 0.01, "stiffness": 40.0, "damping": 0.02}
@@ -71,7 +72,7 @@ def test_ties_obey_the_dampers_law(plain_device):
 
 def test_columns_feel_ties(plain_device, in_columns):
     tied = pair()
-    made = Dynamics(Model(tied, device="cpu", force_algorithm="stencil"))
+    made = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil"))
     assert made._columns > 0  # one stencil for both bodies, as without ties
     assert_forces_are_right(moving(tied), plain_device, "float64", "stencil")
 
@@ -80,9 +81,9 @@ def test_where_only_ties_are_damped_the_stencil_is_not():
     tied = pair().replace(
         damping=np.where(np.arange(pair().connection_count) < pair().connection_count - 12, 0.0, 1.0)
     )
-    own = Dynamics(Model(tied, device="cpu", force_algorithm="stencil")).composition.force_algorithm
+    own = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil")).composition.force_algorithm
     bare = Dynamics(
-        Model(tied.replace(damping=0.0), device="cpu", force_algorithm="stencil")
+        assemble(tied.replace(damping=0.0), device="cpu", force_algorithm="stencil")
     ).composition.force_algorithm
     assert own is bare
 
@@ -149,7 +150,7 @@ def test_the_bound_knows_stiff_ties(plain_device):
     soft, stiff = pair(), pair(stiffness=4e4)
     bounds = [
         rate_bounds(
-            stiff, Model(stiff, device=plain_device, precision="float64", force_algorithm=force_algorithm)
+            stiff, assemble(stiff, device=plain_device, precision="float64", force_algorithm=force_algorithm)
         ).stiffness
         for force_algorithm in ("gather", "stencil")
     ]

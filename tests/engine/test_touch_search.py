@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")
 
 
 def contact_of(simulation: Simulation) -> BodyContact:
-    return next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
+    return next(effect for effect in simulation.assembly.all if isinstance(effect, BodyContact))
 
 
 def rows_of(simulation: Simulation) -> list[list[int]]:

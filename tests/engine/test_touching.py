@@ -26,7 +26,7 @@ G = 9.82
 
 
 def contact_of(simulation: Simulation) -> BodyContact:
-    return next(effect for effect in simulation.model.effects if isinstance(effect, BodyContact))
+    return next(effect for effect in simulation.assembly.all if isinstance(effect, BodyContact))
 
 
 # --- Single particles ---
@@ -358,7 +358,7 @@ def test_nothing_of_it_is_there_where_nothing_touches():
     plain = Simulation(meeting("a", "b"), device="cpu").stepping.dynamics.composition
     for contact in (Contact(exclude=True), [Contact(groups=("a", "b"), exclude=True)]):
         simulation = Simulation(meeting("a", "b"), contact=contact, device="cpu")
-        assert not any(isinstance(effect, BodyContact) for effect in simulation.model.effects)
+        assert not any(isinstance(effect, BodyContact) for effect in simulation.assembly.all)
         assert simulation.stepping.dynamics.composition == plain  # from which all kernels are made
     touching = Simulation(meeting("a", "b"), contact=Contact(), device="cpu").stepping.dynamics.composition
     assert [piece.field for piece in touching.pieces] == ["body_contact"]

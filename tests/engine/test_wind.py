@@ -142,7 +142,7 @@ def test_the_bound_knows_the_resistance(plain_device):
     system_rates = Simulation(
         body, loads=[Wind((50.0, 0, 0), drag=DRAG, lift=0.0, area=0.05)], device=plain_device
     )
-    rate = rate_bounds(system_rates.system, system_rates.model, system_rates.state).damping
+    rate = rate_bounds(system_rates.system, system_rates.assembly, system_rates.state).damping
     steepest = RHO * DRAG * 0.05 * 50 / 0.02
     assert steepest <= rate * (1 + 4 * EPS64) <= 2 * steepest * (1 + 1e-12)
     assert stability_limit(body, SymplecticEuler()) == math.inf  # without wind nothing limits it

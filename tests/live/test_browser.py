@@ -114,6 +114,35 @@ def test_the_view_wakes_the_thread_that_sends(view):
         assert len(pictures(socket_, 3)) >= 3  # what one client is sent
 
 
+def test_a_client_may_leave_while_it_is_sent_something(view):
+    # viser warns of it in the view's thread, and here warnings are errors.
+    with client(view):
+        until(lambda: view.screens[0].watched)
+        (gone,) = view.screens[0]._server.get_clients().values()
+    until(lambda: not view.screens[0].watched)
+    gone.scene.set_background_image(None)
+    gone.add_notification("too late", "")
+    runs(view)
+
+
+def test_controls_follow_what_keys_and_clients_do(view):
+    gui = view.screens[0]._server.gui
+
+    def widget(label):
+        return next((one for one in list(gui._gui_input_handle_from_uuid.values()) if one.label == label), None)
+
+    with client(view):
+        until(lambda: widget("gravity [m/s²]") is not None)
+        view.press("up")
+        view.post("gravity", value=[0.0, 0.0, -3.0])
+        view.post("wires", value=True)
+        until(lambda: widget("speed (1 is real time)").value == "2")
+        until(lambda: widget("gravity [m/s²]").value == 3.0)
+        until(lambda: widget("connections").value)
+        view.press("r")
+        until(lambda: widget("gravity [m/s²]").value == 9.82)
+
+
 def test_nothing_of_the_disk_is_served(view):
     import http.client
 
@@ -292,20 +321,23 @@ def test_what_is_entered_stays_until_it_is_taken_up(monkeypatch):
     # The panel is told again and again where the simulation stands: an entry on its way must not be undone.
     now = [10.0]
     monkeypatch.setattr(panel.time, "monotonic", lambda: now[0])
-    shown, slider = panel.Panel(None), SimpleNamespace(value=1.0)
-    shown._set(slider, 1.0)
+    slider, stands = SimpleNamespace(value=1.0), [1.0]
+    control = panel.Control(slider, lambda: stands[0])
+
+    def updated(value):
+        stands[0] = value
+        control.update()
+        return slider.value
+
+    assert updated(1.0) == 1.0
     slider.value = 0.4  # entered
     now[0] += 0.5 * panel.PATIENCE
-    shown._set(slider, 1.0)
-    assert slider.value == 0.4
-    shown._set(slider, 0.4)  # taken up
+    assert updated(1.0) == 0.4
+    assert updated(0.4) == 0.4  # taken up
     now[0] += 3 * panel.PATIENCE
-    shown._set(slider, 0.4)
-    shown._set(slider, 2.0)  # changed by another page: at once
-    assert slider.value == 2.0
+    assert updated(0.4) == 0.4
+    assert updated(2.0) == 2.0  # changed by another page: at once
     slider.value = 7.0  # entered, and refused
-    shown._set(slider, 2.0)
-    assert slider.value == 7.0
+    assert updated(2.0) == 7.0
     now[0] += 1.1 * panel.PATIENCE
-    shown._set(slider, 2.0)
-    assert slider.value == 2.0
+    assert updated(2.0) == 2.0

@@ -8,7 +8,7 @@ from test_view import CUBE, Listener, played, running
 
 from msdwarp import Contact, Scene, Simulation, Trajectory
 from msdwarp.files import TrajectoryWriter
-from msdwarp.live import Played, Repeat, View
+from msdwarp.live import Played, View
 from msdwarp.pictures import Stage
 
 
@@ -28,9 +28,9 @@ def test_friction_and_restitution_are_set_and_done_again_to_the_last_bit():
     assert handling.contact("obstacles", "friction") == 0.0
     assert handling.contact("bodies", "restitution") == 0.9
     again = running(**changes)
-    repeat = Repeat(again.handling, handling.deeds)
+    due = list(handling.deeds)
     for _ in range(40):
-        repeat.before_frame()
+        again.handling.do_due(due)
         again.advance()
     np.testing.assert_array_equal(again.frame().position, first.frame().position)
     first.reset()

@@ -154,7 +154,7 @@ def test_a_window_is_never_sent_images():
 def test_many_triangles_are_drawn_where_a_gpu_simulates(device, monkeypatch):
     if device == "cpu":
         pytest.skip("a CPU draws more slowly than triangles are sent")
-    module = importlib.import_module("msdwarp.live.view")  # by its name it is a function
+    module = importlib.import_module("msdwarp.live.state")
     monkeypatch.setattr(module, "MOST_TRIANGLES", 10)
     source = running()
     source.device = device

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from msdwarp import Contact, Force, Plane, Scene, Simulation, Trajectory, box
-from msdwarp.live import KEYS, Handling, Played, Repeat, Running, View, within_reach
+from msdwarp.live import KEYS, Handling, Played, Running, View, within_reach
 from msdwarp.live.shown import ENERGIES
 from msdwarp.studies import plots
 
@@ -89,7 +89,8 @@ def test_the_first_pictures_already_tell_how_fast_it_runs(monkeypatch):
 
     for seconds, told in ((0.25, "4 pictures a second"), (1.0, "1 picture a second")):
         clock = Clock()
-        monkeypatch.setattr(sys.modules[View.__module__], "time", clock)
+        for module in ("view", "state"):
+            monkeypatch.setattr(sys.modules[f"msdwarp.live.{module}"], "time", clock)
         view, _ = played(*[lambda view, c=clock, s=seconds: c.sleep(s)] * 4)
         assert view.lines[0].endswith(f" of real time, {told}")
 
@@ -103,11 +104,9 @@ def test_pause_and_single_frames():
 
 @pytest.mark.slow
 def test_every_key_has_a_command_that_says_something():
-    for name, several in KEYS.items():
-        for key in several:
-            turns = [0, lambda v, n=name, k=key: v.press(n, shift=k.shift), 0, 0]
-            view, _ = played(*turns, paused=True)
-            assert view.helps if name == "h" else view.notice, name
+    for key in KEYS:
+        view, _ = played(0, lambda v, k=key: v.press(k.name, shift=k.shift), 0, 0, paused=True)
+        assert view.helps if key.name == "h" else view.notice, key
 
 
 def test_a_key_scales_a_parameter_and_shift_undoes_it():
@@ -205,9 +204,9 @@ def test_what_was_done_by_hand_is_done_again_to_the_last_bit(changes):
             handling.do("freeze")
         first.advance()
     again = running(**changes)
-    repeat = Repeat(again.handling, handling.deeds)
+    due = list(handling.deeds)
     for _ in range(30):
-        repeat.before_frame()
+        again.handling.do_due(due)
         again.advance()
     np.testing.assert_array_equal(again.frame().position, first.frame().position)
     assert again.handling.deeds == handling.deeds
@@ -301,12 +300,40 @@ def test_scenes_lie_on_number_keys():
     assert "no scene 3" in view.notice
 
 
+def test_a_scene_is_rebuilt_by_the_function_that_built_it():
+    built = []
+
+    def other():
+        source = running(gravity=1.0)
+        source.rebuild = lambda **parameters: built.append(("other", parameters)) or running(gravity=2.0)
+        return source
+
+    def first(**parameters):
+        built.append(("first", parameters))
+        return running()
+
+    options = {"scenes": {"one": running, "two": other}, "rebuild": first}
+    view, _ = played(
+        lambda v: v.post("parameters", size=3),
+        lambda v: v.press("2"),
+        lambda v: v.post("parameters", width=4),
+        lambda v: v.post("parameters", width=5),
+        0,
+        **options,
+    )
+    assert built == [("first", {"size": 3}), ("other", {"width": 4}), ("other", {"width": 5})]
+    assert view.source.scene.gravity == 2.0
+    view, _ = played(lambda v: v.press("1"), lambda v: v.post("parameters", size=3), 0, **options)
+    assert "not built by a function" in view.notice
+    assert not view.can_rebuild
+
+
 def test_a_hand_is_refused_what_is_no_deed():
     handling = running().handling
     with pytest.raises(ValueError, match="deed"):
         handling.do("explode")
     with pytest.raises(ValueError, match="nothing that is done"):
-        Repeat(handling, [{"frame": 0, "deed": "scale", "wrong": 1}]).before_frame()
+        handling.do_due([{"frame": 0, "deed": "scale", "wrong": 1}])
     assert isinstance(handling, Handling)
 
 

@@ -199,7 +199,7 @@ def test_a_shadow_lies_on_the_ground(screen):
         yield from turns(5)  # VTK may draw before the first frame is in place
         shown = window._screen
         lit = shown.image().astype(int)
-        shown._shaded.actor.SetVisibility(False)
+        shown._actors.on_ground.SetVisibility(False)
         shown.redraw()
         darker = shown.image().astype(int) - lit
         assert darker.min() > -10  # to paint the ground twice changes nothing else

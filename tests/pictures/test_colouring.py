@@ -8,7 +8,7 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
 from msdwarp.pictures.drawing import ColourScale, Drawing
-from msdwarp.pictures.legend import with_bar
+from msdwarp.pictures.legend import bar, with_corner
 from msdwarp.pictures.timelapse import timelapse
 
 SIZE = (320, 180)
@@ -146,6 +146,11 @@ def test_tubes_take_a_colour_at_either_end_and_balls_their_own():
     np.testing.assert_allclose(colours, colours_of(np.array([0.0, 1.3, 3.9]), 4.0)[particle], atol=1e-6)
 
 
+def with_bar(image, scale, stops):
+    """Return a picture with the bar of a scale."""
+    return with_corner(image, bar(len(image), scale, stops), right=True)
+
+
 def test_the_legend_shows_the_scale():
     image = np.full((720, 1280, 3), 200, np.uint8)
     drawn = with_bar(image, SPEED, VALUE_STOPS)
@@ -155,9 +160,9 @@ def test_the_legend_shows_the_scale():
     # The bar is the row with most of the scale's first colour's kin: it starts and ends with the stops.
     first, last = (np.round(255 * np.array(VALUE_STOPS[k])) for k in (0, -1))
     row, column = np.argwhere((drawn == first).all(axis=2))[0]
-    bar = drawn[row, column : column + 260].astype(int)
-    np.testing.assert_array_equal(bar[-1], last)
-    np.testing.assert_allclose(bar / 255, colours_of(np.linspace(0, 1, 260), 1.0), atol=0.5 / 255 + 1e-9)
+    shown = drawn[row, column : column + 260].astype(int)
+    np.testing.assert_array_equal(shown[-1], last)
+    np.testing.assert_allclose(shown / 255, colours_of(np.linspace(0, 1, 260), 1.0), atol=0.5 / 255 + 1e-9)
     for other in (SPEED._replace(label="energy [J]"), SPEED._replace(full=3.0)):
         assert (with_bar(image, other, VALUE_STOPS) != drawn).any()
 

@@ -13,7 +13,6 @@ from msdwarp import checks
 from msdwarp.bodies.space import in_space
 from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.light import SHADOW
-from msdwarp.pictures.parts import round_solid
 from msdwarp.pictures.stage import UNSEEN, VIEW_ANGLE, Camera, Ground, outermost
 
 SIZE = (320, 180)
@@ -205,17 +204,6 @@ def test_particles_of_small_systems_are_balls(particles, count, drawn):
     colours = drawing.colours.numpy()[tubes:].reshape(count, -1, 3)
     assert (colours[0] < colours[1]).all()  # the pinned one is darker
     assert drawing.triangles.max() < len(drawing.points)
-
-
-@pytest.mark.parametrize(("halvings", "corners"), [(0, 12), (1, 42), (2, 162)])
-def test_a_ball_is_closed_and_round(halvings, corners):
-    points, triangles = round_solid(halvings)
-    assert len(points) == corners
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
-    edges = {(int(t[k]), int(t[k - 2])) for t in triangles for k in range(3)}
-    assert len(edges) == 3 * len(triangles)
-    assert all((b, a) in edges for a, b in edges)
-    assert (np.linalg.det(points[triangles]) > 0).all()  # all face outwards
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 
 import msdwarp as msd
-from msdwarp import checks, textures
-from msdwarp.pictures.atlas import atlas, plain
+from msdwarp import textures
+from msdwarp.pictures.drawing import atlas
 
 ALL = {
     "tiles": lambda: textures.tiles("#e4633f", "#f2b591"),
@@ -125,7 +125,7 @@ def test_a_scoop_has_no_seam_and_follows_its_seed():
 def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
     random = np.random.default_rng(1)
     images = [random.integers(0, 256, (*size, 3), dtype=np.uint8) for size in sizes]
-    whole, moves = atlas(images)
+    whole, places = atlas(images)
 
     def seen(image, uv):
         """Return what is at (u, v), linear between pixels, as both renderers take it."""
@@ -136,12 +136,8 @@ def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
         )
 
     uv = np.concatenate([random.random((200, 2)), [(0, 0), (1, 0), (0, 1), (1, 1)]])
-    for image, move in zip(images, moves, strict=True):
-        np.testing.assert_allclose(seen(whole, move(uv)), seen(image, uv), atol=1e-9)
-
-
-def test_an_image_of_one_colour_is_that_colour():
-    np.testing.assert_array_equal(plain(checks.colour("", "#c03020")), [[[0xC0, 0x30, 0x20]]])
+    for image, (corner, scale) in zip(images, places, strict=True):
+        np.testing.assert_allclose(seen(whole, corner + scale * uv), seen(image, uv), atol=1e-9)
 
 
 @pytest.mark.parametrize(

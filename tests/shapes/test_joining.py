@@ -88,8 +88,8 @@ def test_of_what_is_equally_near_the_first_is_taken():
 
 
 REFUSED = [
-    (lambda: join(LEFT, RIGHT, **K), "within and pairs are two ways"),
-    (lambda: join(LEFT, RIGHT, within=1.0, pairs=[(0, 0)], **K), "within and pairs are two ways"),
+    (lambda: join(LEFT, RIGHT, **K), "within and pairs both select particles"),
+    (lambda: join(LEFT, RIGHT, within=1.0, pairs=[(0, 0)], **K), "within and pairs both select particles"),
     (lambda: join(LEFT, 3, within=1.0, **K), "b is 3; it must be a System"),
     (lambda: join(LEFT, RIGHT, within=0.0, **K), "within is 0; it must be a number above 0"),
     (lambda: join(LEFT, RIGHT, within=0.4, **K), "within is 0.4 m; no particle of one body is that near"),

@@ -207,15 +207,15 @@ def test_bodies_still_touch_when_loads_change(device, after):
     simulation = Simulation(
         meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], contact=CONTACT, **options(device, fps=100.0)
     )
-    effects = simulation.model.effects
+    effects = simulation.assembly.all
     simulation.step(20)
     simulation.change(loads=[after])
-    assert (simulation.model.effects is effects) == isinstance(after, Force)
+    assert (simulation.assembly.all is effects) == isinstance(after, Force)
     simulation.step(60)
     assert simulation.frame().velocity[0, 0] < -0.9
     simulation.change(loads=[Contact(exclude=True)])  # what stands among the loads counts as before
     simulation.change(loads=[])
-    assert not any(type(one).__name__ == "BodyContact" for one in simulation.model.effects)
+    assert not any(type(one).__name__ == "BodyContact" for one in simulation.assembly.all)
 
 
 def test_bodies_begin_and_cease_to_touch_by_a_change(device):
@@ -271,11 +271,11 @@ def test_a_schedule_says_that_it_holds_no_loads(what):
 def test_bad_changes_are_refused_by_name_and_change_nothing(changes, message):
     simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], **options("cpu"))
     simulation.step(2)
-    before, acting = simulation.frame(), simulation.model.effects
+    before, acting = simulation.frame(), simulation.assembly.all
     with pytest.raises(ValueError, match=message):
         simulation.change(**changes)
     np.testing.assert_array_equal(simulation.frame().velocity, before.velocity)
-    assert simulation.model.effects is acting
+    assert simulation.assembly.all is acting
 
 
 def test_a_scene_says_that_gravity_is_a_function():

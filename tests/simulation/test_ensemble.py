@@ -7,6 +7,7 @@ from alone import assert_each_is_as_alone
 from msdwarp import (
     RK4,
     RKC2,
+    Attachment,
     Box,
     Contact,
     Ensemble,
@@ -20,7 +21,6 @@ from msdwarp import (
     Sphere,
     SymplecticEuler,
     UnstableStep,
-    Wind,
     at,
     box,
     chain,
@@ -267,14 +267,20 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ({"friction": [0.1, 0.2]}, "friction is given; there must be colliders"),
         ({"stiffness": "soft"}, "stiffness must be an array of numbers"),
         ({"integrator": LinearlyImplicitEuler()}, "integrator is Linearly.*explicit"),
-        ({"gravity": lambda t: 9.82}, "gravity is a function of time"),
         ({"threads": 3}, "threads is 3"),
         ({"threads": "all"}, "threads is 'all'"),
-        ({"colliders": [Plane(motion=lambda t: (0, 0, t))]}, "an obstacle moves"),
-        ({"scene": block().replace(yield_strain=0.1)}, "yield"),
-        ({"scene": block().replace(break_strain=0.1)}, "break"),
-        ({"scene": Scene(system=block(), loads=[Wind((1, 0, 0))])}, r"loads\[0\] is Wind"),
-        ({"loads": [Force(lambda t: (0, 0, t))]}, r"loads\[0\] is Force"),
+        (
+            {"loads": [Attachment([0], stiffness=1.0)], "position": np.tile(block().position, (2, 1, 1))},
+            r"position differs between worlds, and loads\[0\]",
+        ),
+        (
+            {"contact": Contact(surface_colliders=True), "colliders": [Box((0, 0, -9))]},
+            "contact has surface_colliders=True",
+        ),
+        (
+            {"scene": block().replace(break_strain=0.1), "stiffness": [1.0, 2.0], "force_algorithm": "stencil"},
+            "force_algorithm is 'stencil', and the system can tear",
+        ),
         (
             {"scene": Scene(system=block(), contact=Contact()), "contact": Contact()},
             "contact is given beside a Scene",

@@ -8,7 +8,6 @@ import pytest
 import warp as wp
 
 from msdwarp import Contact, Ensemble, Plane, Scene, Simulation, System, ball, box, sheet
-from msdwarp.engine import BodyContact
 from msdwarp.engine.collision.neighbor_list import NeighborList
 
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")  # the ball comes at 8 m/s
@@ -67,8 +66,8 @@ def sheets(apart: float) -> Scene:
     return Scene(system=two, colliders=[Plane()], contact=Contact(thickness=0.14, self_contact=False))
 
 
-def nearby_in(model) -> NeighborList:
-    return next(one for one in model.effects if isinstance(one, BodyContact))._neighbors
+def nearby_in(run) -> NeighborList:
+    return run.assembly.body_contact._neighbors
 
 
 def marked(nearby: NeighborList) -> list[wp.array]:
@@ -91,7 +90,7 @@ def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, thr
         pytest.skip("a GPU has threads of its own")
     simulation = Simulation.from_scene(sheets(0.15), device=plain_device, threads=threads)
     simulation.step(2)
-    nearby = nearby_in(simulation.model)
+    nearby = nearby_in(simulation)
     old = marked(nearby)
     nearby._give_room(64, 2)
     simulation.stepping.balance()
@@ -104,7 +103,7 @@ def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, thr
 def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_device):
     ensemble = Ensemble(sheets(0.15), 2, device=plain_device)
     ensemble.step(2)
-    nearby = nearby_in(ensemble.model)
+    nearby = nearby_in(ensemble)
     old = marked(nearby)
     nearby._give_room(64, 4)
     ensemble.step()

@@ -8,8 +8,8 @@ import problems
 import pytest
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
-from msdwarp.engine.model.model import Model
 from msdwarp.engine.model.state import State
+from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
@@ -185,11 +185,11 @@ def test_snapshot_is_the_system_as_it_is_now(device):
 
 @every_integrator
 def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
-    # A frame replays a recorded graph; here the same substeps are launched by hand.
+    # By a recorded graph, and launched by hand.
     system = problems.tumbling_box(damping=0.1)
     simulation = Simulation(system, integrator=integrator, fps=10, substeps=8, device=device, precision="float64")
-    model = Model(system, device=device, precision="float64")
-    dynamics, state = Dynamics(model), State.from_system(system, model, integrator.method_state)
+    assembly = assemble(system, device=device, precision="float64")
+    dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model, integrator.method_state)
     work, h = integrator.workspace(state), 1 / 80
     integrator.start(dynamics, state, work, h)
     for _ in range(3):

@@ -22,9 +22,8 @@ from msdwarp import (
     box,
     chain,
     match_stiffness,
-    quiet,
 )
-from msdwarp.quiet import in_turn
+from msdwarp.runtime import in_turn, turns
 from msdwarp.simulation import Readback
 from msdwarp.studies.history import history
 
@@ -119,9 +118,9 @@ def test_a_simulation_made_in_one_thread_is_stepped_in_another(plain_device):
 
 def is_taken():
     """Tell whether it is this thread's turn, or that of the one that it draws for."""
-    free = not getattr(quiet._mine, "turn", False) and quiet._turn.acquire(blocking=False)
+    free = not getattr(turns._mine, "turn", False) and turns._turn.acquire(blocking=False)
     if free:
-        quiet._turn.release()
+        turns._turn.release()
     return not free
 
 
@@ -213,7 +212,7 @@ def test_a_process_that_was_forked_meanwhile_has_turns_of_its_own():
         pytest.skip("needs fork")
     code = """
 import os, signal, threading
-from msdwarp.quiet import in_turn
+from msdwarp.runtime import in_turn, turns
 inside, end = threading.Event(), threading.Event()
 other = threading.Thread(target=in_turn(lambda: (inside.set(), end.wait())))
 other.start()

@@ -77,7 +77,7 @@ def test_noise_that_is_not_as_told_is_told(told, said):
 
 
 def channel(time, noise=1.0, told=True):
-    return Channel(POINTS, time, np.zeros((len(time), 1)), np.array([0]), noise, told=told)
+    return Channel(POINTS, time, np.zeros((len(time), 1)), np.array([0]), noise, noise_given=told)
 
 
 @pytest.mark.parametrize("alike", [False, True])

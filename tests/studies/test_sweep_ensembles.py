@@ -107,12 +107,13 @@ def test_automatic_substeps_are_those_of_the_world_that_needs_most(tmp_path):
 
 @pytest.mark.slow
 def test_what_no_ensemble_has_is_a_run_of_its_own(tmp_path):
-    # One stiffness is beyond the limit of stability with these substeps; wind is no load of ensembles.
+    # One stiffness is beyond the limit of stability with these substeps.
     several = {"stiffness": [300.0, 400.0, 4e6], "wind": [False, True]}
     how = {"substeps": 12, "device": "cpu"}
-    said = "2 of 6 points were worlds of ensembles, the others runs of their own: loads[0] is Wind"
-    with pytest.warns(UserWarning, match=re.escape(said)):
+    said = "4 of 6 points were worlds of ensembles, the others runs of their own: in world 0 substeps is 12"
+    with pytest.warns(UserWarning, match=re.escape(said)) as heard:
         found = msd.sweep(swept.thrown, several, tmp_path / "worlds", jobs="ensemble", **how)
+    assert heard[0].filename == __file__
     assert found["status"].values.tolist() == [["done"] * 2] * 2 + [["failed"] * 2]
     alike(found, msd.sweep(swept.thrown, several, tmp_path / "runs", jobs=1, **how))
 

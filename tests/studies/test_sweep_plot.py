@@ -9,8 +9,7 @@ from PIL import Image
 
 from msdwarp.studies import plot_sweep
 from msdwarp.studies.grid import points
-from msdwarp.studies.sweep_points import Point
-from msdwarp.studies.sweep_results import dataset, write_results
+from msdwarp.studies.sweep_points import Point, dataset, write_results
 
 pytest.importorskip("h5netcdf")
 
@@ -19,9 +18,7 @@ STIFFNESS = [10.0, 30.0, 100.0, 300.0]
 
 def results(folder: Path, grid: dict, failed: int = -1) -> Path:
     """Write made-up results over a grid, of which one point may have failed; return the file."""
-    planned = [
-        Point(given, {"scene": "made up", "parameters": given, "options": {}}, None) for given in points(grid)
-    ]
+    planned = [Point({"scene": "made up", "parameters": given, "options": {}}, None) for given in points(grid)]
     rows = [
         {"status": "done", "message": "", "elastic_J": float(k), "foot_force_z_N": 1.0}
         for k in range(len(planned))

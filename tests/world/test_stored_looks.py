@@ -20,10 +20,10 @@ IMAGE = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
         ({"ball": "red"}, "looks['ball'] is 'red'; it must be a Look, such as Look(colour='#d9603b')"),
         (
             {"rope": msd.Look(azimuth=10, obstacle="#000000", obstacle_texture=IMAGE)},
-            "looks['rope'] says azimuth and obstacle and obstacle_texture, which is of the whole picture; it must "
-            "be said by the scene's look",
+            "looks['rope'] sets azimuth and obstacle and obstacle_texture, which is of the whole picture; it must "
+            "be set by the scene's look",
         ),
-        ({"ball": msd.Look(strain=True)}, "looks['ball'] says strain, which is of the whole picture"),
+        ({"ball": msd.Look(strain=True)}, "looks['ball'] sets strain, which is of the whole picture"),
     ],
 )
 def test_what_is_no_look_of_a_body_is_named(looks, message):

@@ -61,7 +61,7 @@ def test_restitution_falls_with_damping():
         ({"groups": ("a", "b", "c")}, "groups is .*; it must be two names"),
         ({"groups": (1, 2)}, "groups is .*; it must be two names"),
         ({"surface_colliders": "no"}, "surface_colliders is 'no'; it must be one of False, True"),
-        ({"on": "die"}, "on is 'die'; which bodies are meant is said by groups"),
+        ({"on": "die"}, "on is 'die'; the bodies are given by groups"),
     ],
 )
 def test_wrong_arguments_are_refused_by_name(arguments, message):
@@ -80,7 +80,7 @@ DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("
             Contact(groups=("low", "hihg")),
             "^a name in contact.groups is 'hihg'; it must be one of 'low', 'high'",
         ),
-        (sheet((3, 3), dim=2), Contact(), "^contact is asked for in 2 dimensions; bodies touch in three only"),
+        (sheet((3, 3), dim=2), Contact(), "^contact is requested in 2 dimensions; it exists in three only"),
         (DICE, "all", "contact"),
         (DICE, [Contact(), 0.5], "contact"),
     ],

@@ -1,7 +1,7 @@
 """BodyContact: contact between the bodies of a system on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -25,8 +25,10 @@ from ...kernels.collision import (
 )
 from ...world import Contact
 from ..device.csr import rows
+from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.effect import Effect
+from ..model.model import Model
 from .contact_parameters import (
     STORED,
     check_stiffness,
@@ -41,10 +43,6 @@ from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated, blocks_by_row, surfaces_by_row
 from .tunnelling import Tunnelling
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..stepping.cpu_partition import CpuPartition
 
 OVERLAP = 0.01
 """By so much of their spacing bodies may overlap at the start before something is said."""
@@ -71,7 +69,7 @@ class BodyContact(Effect):
         Whether what bodies push each other's particles with is summed, in `impulse`.
     """
 
-    def __init__(self, model: "Model", rules: Sequence[Contact], contact_forces: bool = False) -> None:
+    def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
         self._model, self._rules, self._dt = model, rules, 0.0
         surfaces = self._surfaces = contact_surfaces(model.system)
         by_row, each = surfaces_by_row(model, surfaces), Repeated(model)
@@ -224,7 +222,7 @@ class BodyContact(Effect):
             wp.copy(self._data.contact_body, other._data.contact_body)
             wp.copy(self._data.contact_side, other._data.contact_side)
 
-    def use_partition(self, partition: "CpuPartition | None") -> None:
+    def use_partition(self, partition: Launcher | None) -> None:
         """Have threads of the CPU share the search and the contacts, where there are several."""
         self._neighbors.partition = partition
 
@@ -344,7 +342,7 @@ class BodyContact(Effect):
             self._data.initial_overlap.assign(arrays["touch.allowed"])
             self._data.overlap_release_speed = float(arrays["touch.outwards"][0])
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))

@@ -26,6 +26,8 @@ class BodyContactWorlds(BodyContact):
         Whether each world was frozen before the last frame: what its bodies do since does not count.
     """
 
+    by_world = ("force",)
+
     def _sink(self) -> None:
         """Raise ValueError where bodies overlap at the start: what leads them apart is not of single worlds."""
         self._overlapping_at_start, self._overlapping = False, None
@@ -116,11 +118,6 @@ class BodyContactWorlds(BodyContact):
     def units(self) -> wp.array:
         """The unit in which the forces of each world are summed [N], shape [worlds]."""
         return self._data.unit
-
-    @property
-    def stride_in_bytes(self) -> int:
-        """How far the forces on one world's vertices lie from the next one's, in bytes."""
-        return self._data.force.size // self._model.worlds * wp.types.type_size_in_bytes(wp.int64)
 
     def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what contacts add to the blocks of K [N/m] and B [N s/m] in so many worlds.

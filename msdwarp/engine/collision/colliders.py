@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -14,10 +13,8 @@ from ...kernels.colliders import KINDS, ColliderTerm, Needed, fixed_contact, mov
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
+from ..model.model import Model
 from .penetration_depth import describe, start_depths, touching, ways_out
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 LARGEST = 1e30
 """The largest number of a solid [m]: `msdwarp.kernels.colliders.signed_distance` takes it for deeper than any
@@ -48,7 +45,7 @@ class Colliders(Effect):
     """
 
     def __init__(
-        self, model: "Model", colliders: Sequence[Collider], rule: str, contact_forces: bool = False
+        self, model: Model, colliders: Sequence[Collider], rule: str, contact_forces: bool = False
     ) -> None:
         for k, collider in enumerate(colliders):
             if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
@@ -82,11 +79,13 @@ class Colliders(Effect):
         if self._deepest > 0.0:
             data.inverse_mass = self._inverse_mass
         if self._moves:
-            self.done = data.done = wp.zeros(model.particle_count, dtype=wp.float64, device=self._device)
+            count = model.worlds * model.particle_count
+            self.done = data.done = wp.zeros(count, dtype=wp.float64, device=self._device)
+        self.by_world = (*("done",) * self._moves, *("impulse",) * contact_forces)
         data.count = len(colliders)
         if contact_forces:
             wide = vector(model.dim, wp.float64)
-            data.impulse = wp.zeros(model.particle_count, dtype=wide, device=self._device)
+            data.impulse = wp.zeros(model.worlds * model.particle_count, dtype=wide, device=self._device)
         for k, collider in enumerate(colliders):
             _check_range(f"colliders[{k}]", collider, model)
         describe(data.solids, self._colliders, model.dim, model.scalar, self._device)
@@ -114,7 +113,7 @@ class Colliders(Effect):
         """Whether all obstacles are planes, which no way is swept for."""
         return all(isinstance(one, Plane) for one in self._colliders)
 
-    def brings_in(self, model: "Model") -> NDArray[np.float64]:
+    def brings_in(self, model: Model) -> NDArray[np.float64]:
         """Return how much energy what started inside an obstacle gets in each row of a model [J], about."""
         mass = model.row_of("mass")
         moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / DEPENETRATION_TIME) ** 2
@@ -189,14 +188,14 @@ class Colliders(Effect):
         return self._moves
 
 
-def _deepest(model: "Model", colliders: Sequence[Collider]) -> float:
+def _deepest(model: Model, colliders: Sequence[Collider]) -> float:
     """Return how deep a free particle starts in an obstacle [m]; 0 where all are outside, or touch one."""
     places = model.system.position[np.isfinite(model.mass)]
     deepest = float(start_depths(places, colliders).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
 
 
-def _put_out(model: "Model", colliders: Sequence[Collider]) -> NDArray[np.float64]:
+def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]:
     """Return where particles are once those that start in obstacles have been put onto their surfaces [m]."""
     position, free = np.array(model.system.position), np.isfinite(model.mass)
     for collider in colliders:
@@ -211,13 +210,13 @@ def _with_a_past(poses: NDArray) -> NDArray:
     return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 
-def _furthest(model: "Model") -> float:
+def _furthest(model: Model) -> float:
     """Return the largest coordinate of a solid, and the furthest way of what moves, in this precision [m]."""
     # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
     return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
 
 
-def _check_range(name: str, collider: Collider, model: "Model") -> None:
+def _check_range(name: str, collider: Collider, model: Model) -> None:
     """Raise ValueError for a rod whose ends are one point in this precision: it would keep nobody out."""
     least, where = float(np.finfo(model.dtype).tiny), f"in {model.precision}"
     if isinstance(collider, Capsule | Cone):

@@ -1,7 +1,5 @@
 """ContactForces: what contacts push particles with in a frame, for probes, pictures and files."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import warp as wp
 
@@ -9,11 +7,9 @@ from ...bodies import uniform_like
 from ...kernels.basis import vector
 from ...kernels.colliders import mean_forces, sum_impulses
 from ..device.device import scalar_array
+from ..model.model import Model
 from .body_contact import BodyContact
 from .colliders import Colliders
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 
 class ContactForces:
@@ -22,24 +18,26 @@ class ContactForces:
     Parameters
     ----------
     model
-        The system on a device; its effects sum what they push with.
+        The system on a device.
+    colliders, body_contact
+        The effects that sum what they push with, where the scene has them.
     seconds
         Length of a frame [s].
     """
 
-    def __init__(self, model: "Model", seconds: float) -> None:
+    def __init__(
+        self, model: Model, colliders: Colliders | None, body_contact: BodyContact | None, seconds: float
+    ) -> None:
         self._model, self._seconds = model, seconds
         mass = uniform_like(np.where(np.isfinite(model.mass), model.mass, 0.0), model.mass)
         self._mass = scalar_array(mass, wp.float64, model.device)
-        contact = next((one for one in model.effects if isinstance(one, Colliders)), None)
-        touching = next((one for one in model.effects if isinstance(one, BodyContact)), None)
         nothing, self._summed = self._zeros(), list[wp.array]()
         self._by_obstacles = self.by_bodies = nothing
-        if contact is not None and contact.contact_forces:
-            self._by_obstacles = contact.data.impulse
+        if colliders is not None and colliders.contact_forces:
+            self._by_obstacles = colliders.data.impulse
             self._summed.append(self._by_obstacles)
-        if touching is not None and touching.impulse is not None:
-            self.by_bodies = touching.impulse
+        if body_contact is not None and body_contact.impulse is not None:
+            self.by_bodies = body_contact.impulse
             """What other bodies push with [N s], float64, shape [particle_count]."""
             self._summed.append(self.by_bodies)
         self._sum = self._zeros()
@@ -66,8 +64,3 @@ class ContactForces:
         inputs = [self.by_all(), self._seconds]
         kernel = mean_forces(model.dim, model.scalar)
         wp.launch(kernel, model.particle_count, inputs, [force], device=model.device)
-
-
-def felt_by(model: "Model", seconds: float) -> ContactForces | None:
-    """Return what sums the contact forces on the particles of a model; None where nobody asks for them."""
-    return ContactForces(model, seconds) if model.feels_contact else None

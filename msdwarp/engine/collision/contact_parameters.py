@@ -1,16 +1,14 @@
 """What contact between bodies needs beforehand: rules by kinds of bodies, bounds of rates, chunks of facets."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces, places_along_curve
 from ...world import Contact
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 CONTACTS_OF_A_SPHERE = 32.0
 """With how many others a single particle is taken to be in contact at a time, in the bound of the rates.
@@ -129,7 +127,7 @@ def contact_blocks(
 
 
 def rules_by_kind(
-    model: "Model", surfaces: TouchingSurfaces, rules: Sequence[Contact]
+    model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the kind of each body, and by kinds the number of the rule that holds, −1 where none does.
 

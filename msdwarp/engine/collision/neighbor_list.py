@@ -1,7 +1,7 @@
 """NeighborList: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -25,12 +25,10 @@ from ...kernels.collision import (
     range_of_speeds,
 )
 from ...kernels.compensation import compensated_sum
+from ..device.launcher import Launcher
+from ..model.model import Model
 from .contact_parameters import PIECE, curve, pieces
 from .tables_by_world import Repeated
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..stepping.cpu_partition import CpuPartition
 
 ROOM = 32
 """Facets that a row has room for at first, and bodies beside one."""
@@ -80,7 +78,7 @@ class NeighborList:
     """
 
     def __init__(
-        self, model: "Model", surfaces: TouchingSurfaces, data: Any, farthest: float, thickest: float, sided: bool
+        self, model: Model, surfaces: TouchingSurfaces, data: Any, farthest: float, thickest: float, sided: bool
     ) -> None:
         self._model, self._data, self._farthest, self._sided = model, data, farthest, sided
         self._around = max(farthest, float(data.depth.numpy().max()))
@@ -96,7 +94,7 @@ class NeighborList:
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._since_rarer = MOST_PATIENCE
-        self.partition: CpuPartition | None = None
+        self.partition: Launcher | None = None
         """What has threads of the CPU share what a frame launches; None where one thread does it all."""
         self.now = self._found_at = 0.0
         """When in a frame what is launched next takes place [s]."""

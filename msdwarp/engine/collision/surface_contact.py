@@ -1,7 +1,7 @@
 """SurfaceContact: what keeps obstacles from coming in between the particles of bodies that touch."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -21,13 +21,11 @@ from ...kernels.collision import (
 )
 from ...world import Box, Collider, Contact, Load, Plane
 from ..model.effect import Effect
+from ..model.model import Model
 from .body_contact import OVERLAP, SEPARATION_TIME, UNITS, BodyContact
 from .colliders import LARGEST, Colliders
 from .contact_parameters import STORED, given_stiffness, rules_by_kind
 from .penetration_depth import start_depths
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 HARDER = 8.0
 """All places around a vertex together, by a contact of the body with one alike but rigid: seldom are all in."""
@@ -41,22 +39,19 @@ LEAST_RESTITUTION = 0.3
 """What bounces less is damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
 
 
-def straddling(
-    model: "Model", colliders: Sequence[Collider], loads: Sequence[Load], found: Sequence[Effect]
-) -> Effect | None:
+def surface_contact_of(
+    model: Model,
+    contact: Colliders,
+    touching: BodyContact,
+    colliders: Sequence[Collider],
+    loads: Sequence[Load],
+) -> "SurfaceContact | None":
     """Return the effect of obstacles that come in between particles, where that is asked for and any could.
 
     The half-space below a plane cannot: what has its corners above it lies above it.
     """
-    contact = next((one for one in found if isinstance(one, Colliders)), None)
-    touching = next((one for one in found if isinstance(one, BodyContact)), None)
     rules = [one for one in loads if isinstance(one, Contact)]
-    if (
-        contact is None
-        or contact.planes_only
-        or touching is None
-        or not any(one.surface_colliders for one in rules)
-    ):
+    if contact.planes_only or not any(one.surface_colliders for one in rules):
         return None
     surfaces = contact_surfaces(model.system)
     spread = np.flatnonzero((surfaces.corner != surfaces.corner[:, :1]).any(axis=1))
@@ -86,7 +81,7 @@ class SurfaceContact(Effect):
 
     def __init__(
         self,
-        model: "Model",
+        model: Model,
         contact: Colliders,
         touching: BodyContact,
         colliders: Sequence[Collider],
@@ -244,7 +239,7 @@ class SurfaceContact(Effect):
             self._data.initial_overlap.assign(arrays["straddle.allowed"])
             self._data.overlap_release_speed = float(arrays["straddle.outwards"][0])
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
         for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
             more = np.maximum(each - others[0], 0.0)
@@ -279,7 +274,7 @@ def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.flo
     return ends.min(axis=0) - geometry["radius"], ends.max(axis=0) + geometry["radius"]
 
 
-def _rigid_stiffness(model: "Model", surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> NDArray[np.float64]:
+def _rigid_stiffness(model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> NDArray[np.float64]:
     """Return the stiffness of a contact of each body with one that is rigid [N/m]: twice that with one alike.
 
     What a scene gives for a body and others of its kind holds as it is.
@@ -300,7 +295,7 @@ def _places_to_a_vertex(surfaces: TouchingSurfaces, corner: NDArray[np.int32]) -
 
 
 def _blocks(
-    model: "Model",
+    model: Model,
     surfaces: TouchingSurfaces,
     corner: NDArray[np.int32],
     stiffness: NDArray[np.float64],

@@ -6,16 +6,14 @@ looks have a branch for each world. So all worlds are searched at once, and none
 
 from collections.abc import Callable
 from math import lcm
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces, contact_surfaces, mean_stiffness
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 MOST_NUMBERED = 2**31 - 1
 """Points, facets or entries of all worlds together that 32-bit numbers count."""
@@ -24,7 +22,7 @@ MOST_NUMBERED = 2**31 - 1
 class Repeated:
     """Uploads tables of one world for all worlds of a model, one after the other; outside of ensembles once."""
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: Model) -> None:
         self._worlds, self._device = model.worlds, model.device
 
     def alike(self, values: Any, kind: Any, further: int = 0) -> wp.array:
@@ -48,7 +46,7 @@ class Repeated:
         return wp.array(first, dtype=int, device=self._device)
 
 
-def surfaces_by_row(model: "Model", surfaces: TouchingSurfaces) -> list[TouchingSurfaces]:
+def surfaces_by_row(model: Model, surfaces: TouchingSurfaces) -> list[TouchingSurfaces]:
     """Return what may touch, in each row of stiffnesses and rest lengths that worlds have; else just that."""
     if not model.in_worlds:
         return [surfaces]
@@ -63,7 +61,7 @@ def surfaces_by_row(model: "Model", surfaces: TouchingSurfaces) -> list[Touching
 
 
 def blocks_by_row(
-    model: "Model",
+    model: Model,
     by_row: list[TouchingSurfaces],
     blocks_of: Callable[[NDArray[np.float64], TouchingSurfaces], tuple[NDArray, NDArray]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import is_uniform
-from ...quiet import start_warp
+from ...runtime import start_warp
 
 PRECISIONS = {
     "float32": (wp.float32, np.float32),

@@ -6,9 +6,8 @@ import numpy as np
 import warp as wp
 
 from ...kernels.reductions import columns, look_over
-from ..collision.colliders import Colliders
-from ..model.model import Model
 from ..model.state import State, copy_vectors, moving
+from ..stepping.assemble import Assembly
 from .energies import measure
 from .energy_balance import rounding_energy, size, weight
 from .readout import Found, Sweep
@@ -23,12 +22,13 @@ class Baseline(NamedTuple):
     """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
 
     @classmethod
-    def of(cls, model: Model, state: State) -> Self:
+    def of(cls, assembly: Assembly, state: State) -> Self:
         """Return the baseline of a run that starts in this state."""
-        start = measure(model, state)
+        start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
         # What starts in an obstacle drags along what it is connected to.
-        scale += sum(float(one.brings_in(model)[0]) for one in model.effects if isinstance(one, Colliders))
+        if assembly.colliders is not None:
+            scale += float(assembly.colliders.brings_in(model)[0])
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 
@@ -42,18 +42,21 @@ class DivergenceMonitor:
     weight times the system's size.
     """
 
-    def __init__(self, model: Model, state: State, energy_limit: float, baseline: Baseline | None = None) -> None:
-        self._model, self._state = model, state
+    def __init__(
+        self, assembly: Assembly, state: State, energy_limit: float, baseline: Baseline | None = None
+    ) -> None:
+        model = self._model = assembly.model
+        self._state = state
         self._energy_limit = energy_limit
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
         self.told = list[float]()
         """What was read last of what has been found."""
         self._sweep = Sweep(model.device, model.particle_count, columns.LOOKED)
-        self._work, self._most_work = model.work, 0.0
+        self._work, self._most_work = assembly.external_work, 0.0
         # What loads have done is no sign of divergence.
         self._shares = None if self._work is None else self._work.shares()
-        self.compare_with(baseline or Baseline.of(model, state))
+        self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:
         """Compare energies with a baseline from now on."""
@@ -75,7 +78,7 @@ class DivergenceMonitor:
         self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self._most
         if self._work is not None:
-            work = self._work.before + told[columns.WORK]
+            work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
             most += self._most_work  # work is known to first order in the step only, also what has come back
@@ -96,13 +99,14 @@ class DivergenceMonitor:
 class Backup:
     """The state at the start of a frame, with all that substeps leave to the next."""
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, assembly: Assembly, state: State) -> None:
         self._state = state
         here, live = state.state_in, self.live()
         together = state.empty_vectors(2 + len(here.method_state))
         self.kept = together + tuple(state.model.vectors() for _ in live[len(together) :])
-        changing = (array for effect in state.model.effects for array in effect.changing)
-        self._changing = [(live, wp.clone(live)) for live in changing]
+        changing = (array for effect in assembly.all for array in effect.changing)
+        self.changing = [(live, wp.clone(live)) for live in changing]
+        """What effects change, and room for what it was."""
 
     def live(self) -> list[wp.array]:
         """Return the arrays that are kept, in the order of `kept`."""
@@ -112,11 +116,11 @@ class Backup:
     def save(self) -> None:
         """Keep the present state."""
         copy_vectors(self.kept, self.live())
-        for live, kept in self._changing:
+        for live, kept in self.changing:
             wp.copy(kept, live)
 
     def restore(self) -> None:
         """Go back to the state kept."""
         copy_vectors(self.live(), self.kept)
-        for live, kept in self._changing:
+        for live, kept in self.changing:
             wp.copy(live, kept)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
 from ...kernels.springs import leave_out_broken
-from ...quiet import in_turn
-from ..model.model import Model
+from ...runtime import in_turn
 from ..model.state import State
+from ..stepping.assemble import Assembly
 from .readout import Sweep
 
 MOST_THREADS = 65536
@@ -52,21 +52,22 @@ class Measures(NamedTuple):
 
 @in_turn
 def measure(
-    model: Model, state: State, velocity: wp.array | None = None, x_lost: wp.array | None = None
+    assembly: Assembly, state: State, velocity: wp.array | None = None, x_lost: wp.array | None = None
 ) -> Measures:
     """Return the measures of a state.
 
     Parameters
     ----------
-    model, state
-        The system on a device.
+    assembly, state
+        The system on a device, and what acts on it.
     velocity
         Velocities at the instant of the positions; by default the state's own.
     x_lost
         What the positions have lost by rounding, in compensated precision.
     """
-    v, sums = state.v if velocity is None else velocity, Sums(model)
-    others = [one.energy_and_power(state.x, v) for one in model.effects]
+    model, work = assembly.model, assembly.external_work
+    v, sums = state.v if velocity is None else velocity, Sums(assembly)
+    others = [one.energy_and_power(state.x, v) for one in assembly.all]
     there = wp.zeros(columns.COLUMNS, dtype=wp.float64, device=model.device)
     sums.launch(state.x, v, v, x_lost, None, there)
     found = np.asarray(there.numpy(), dtype=np.float64)
@@ -80,19 +81,19 @@ def measure(
         found[columns.ANGULAR_MOMENTUM :][turning],
         float(found[columns.STRAIN]),
         sum(energy for energy, _ in others),
-        0.0 if model.work is None else model.work.total(state.x, state.v),
+        0.0 if work is None else work.total(state.x, state.v),
     )
 
 
 class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`."""
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    def __init__(self, assembly: Assembly) -> None:
+        model = self._model = assembly.model
         self._sweep = Sweep(model.device, max(model.particle_count, model.connection_count), columns.COLUMNS)
         # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
         between = None if model.lengths_change else model.system.between_neighbours
-        self._what = model.system.damper.law, model.tearing is not None, between is not None
+        self._what = model.system.damper.law, assembly.fracture is not None, between is not None
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
@@ -127,16 +128,17 @@ def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -
         wp.launch(put_in_order, len(values), [values, place], [result], device=values.device)
 
 
-def write_strain(model: Model, state: State, place: wp.array | None, strain: wp.array) -> None:
+def write_strain(assembly: Assembly, state: State, place: wp.array | None, strain: wp.array) -> None:
     """Write each connection's strain, length / rest length − 1, computed in float64, shape [connection_count].
 
     That of a broken one is NaN.
 
     `place` says where that of each connection on the device goes; None where the order is the system's.
     """
+    model, fracture = assembly.model, assembly.fracture
     kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
     inputs = [model.connections, model.rest_length, place, state.x, state.compensation.x]
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
-    if model.tearing is not None:
-        inputs = [model.tearing.broken_at, place]
+    if fracture is not None:
+        inputs = [fracture.broken_at, place]
         wp.launch(leave_out_broken(model.scalar), model.connection_count, inputs, [strain], device=model.device)

@@ -53,10 +53,10 @@ class EnergySums:
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
         self._dynamics, self._state, self._lag = dynamics, state, lag
-        self._model, self._sums = dynamics.model, Sums(dynamics.model)
-        self._mass = mass(self._model)
+        self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
+        self._mass, self._work = mass(self._model), dynamics.assembly.external_work
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
-        self._shares = None if self._model.work is None else self._model.work.shares()
+        self._shares = None if self._work is None else self._work.shares()
 
     def launch(self, found: Found) -> None:
         """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
@@ -65,16 +65,18 @@ class EnergySums:
             seen = now.method_state[0] if now.method_state else now.v  # by dampers
             fields = {"compensation": now.compensation, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
             self._dynamics.launch(kick, h=self._lag, **fields)
-        if self._model.work is not None and self._shares is not None:
-            self._model.work.launch(now.x, now.v, self._shares)
+        if self._work is not None and self._shares is not None:
+            self._work.launch(now.x, now.v, self._shares)
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, self._shares, found.state_out)
 
     def balance(self, told: list[float]) -> EnergyBalance:
         """Return the balance of the present state, of what was found."""
         model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
-        work = 0.0 if model.work is None else model.work.before + told[columns.WORK]
+        work = 0.0 if self._work is None else float(self._work.before[0]) + told[columns.WORK]
         free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
-        energy = free + elastic + sum(effect.energy(self._state.x) for effect in model.effects) - swing
+        energy = (
+            free + elastic + sum(effect.energy(self._state.x) for effect in self._dynamics.assembly.all) - swing
+        )
         together = 0.0
         if not model.pinned:
             momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]

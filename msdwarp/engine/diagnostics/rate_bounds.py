@@ -1,6 +1,7 @@
 """Rates: how fast a system can oscillate and creep, bounded in one pass (see `integrators.stability`)."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,11 +9,12 @@ import warp as wp
 
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...kernels.reductions import largest_rate
-from ...quiet import in_turn
+from ...runtime import in_turn
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
 from ..springs.linearised import write_diagonal_blocks
+from ..stepping.assemble import Assembly, assemble
 
 
 class Rates(NamedTuple):
@@ -36,20 +38,20 @@ class Rates(NamedTuple):
 
 
 @in_turn
-def rate_bounds(system: System, model: Model | None = None, state: State | None = None) -> Rates:
+def rate_bounds(system: System, assembly: Assembly | None = None, state: State | None = None) -> Rates:
     """Return upper bounds of a system's rates, as it stands or, on a device, in the given state.
 
     Parameters
     ----------
     system
         The system.
-    model, state
-        The system on a device; by default it is uploaded to the CPU in float64, as it stands.
+    assembly, state
+        The system on a device, with what acts on it; by default it is uploaded to the CPU in float64.
     """
-    if model is None:
-        model = Model(system, device="cpu", precision="float64")
-    state = State.from_system(system, model) if state is None else state
-    bounds = _bounds(model, state)
+    if assembly is None:
+        assembly = assemble(system, device="cpu", precision="float64")
+    state = State.from_system(system, assembly.model) if state is None else state
+    bounds = _bounds(assembly, state)
     springs, dampers = system.stiffness, system.damping
     if is_uniform(springs) and is_uniform(dampers):
         springs, dampers = stored(springs), stored(dampers)
@@ -60,12 +62,12 @@ def rate_bounds(system: System, model: Model | None = None, state: State | None 
     ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
     if system.damper != LINEAR and math.isfinite(ratio):
         ratio = 0.0  # somewhere the slope of every other law is nothing, or almost
-    return Rates(bounds[0], bounds[1], ratio, *_effect_bounds(model, state))
+    return Rates(bounds[0], bounds[1], ratio, *_effect_bounds(assembly, state))
 
 
-def resists(model: Model) -> bool:
+def resists(assembly: Assembly) -> bool:
     """Return whether rates depend on how fast particles move: whether any effect resists their motion."""
-    return any(type(one).add_resistance is not Effect.add_resistance for one in model.effects)
+    return any(type(one).add_resistance is not Effect.add_resistance for one in assembly.all)
 
 
 def _blocks(model: Model) -> list[wp.array]:
@@ -74,36 +76,42 @@ def _blocks(model: Model) -> list[wp.array]:
     return [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
 
 
-def _bounds(model: Model, state: State) -> tuple[float, float]:
+def _bounds(assembly: Assembly, state: State) -> tuple[float, float]:
     """Return bounds of the largest eigenvalues of M⁻¹K and M⁻¹B, with what effects add."""
+    model = assembly.model
     blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
-    _add_effects(model, state, blocks)
+    add_effects(model, assembly.all, state.x, state.v, blocks)
     return _largest(model, blocks)
 
 
-def _add_effects(model: Model, state: State, blocks: list[wp.array]) -> None:
-    """Add what effects hold particles with, and how they resist their motion."""
-    for effect in model.effects:
-        effect.add_blocks(state.x, *blocks)
-    resisting = [one for one in model.effects if type(one).add_resistance is not Effect.add_resistance]
+def add_effects(
+    model: Model, effects: Sequence[Effect], x: wp.array, v: wp.array, blocks: list[wp.array], world: int = 0
+) -> None:
+    """Add what effects hold particles of a world with, and how they resist their motion."""
+    for effect in effects:
+        effect.add_blocks(x, blocks[0], blocks[1], world)
+    resisting = [one for one in effects if type(one).add_resistance is not Effect.add_resistance]
     if resisting:
         total = np.zeros(model.particle_count)
         for effect in resisting:
-            effect.add_resistance(state.x, state.v, total)
+            effect.add_resistance(x, v, total)
         blocks[1].assign(blocks[1].numpy() + total[:, None, None] * np.eye(model.dim))
 
 
-def _effect_bounds(model: Model, state: State) -> tuple[float, float]:
-    """Return the same of what effects add alone."""
+def acts_on_rates(effects: Sequence[Effect]) -> bool:
+    """Tell whether any effect adds to the bounds."""
     overridden = ("add_blocks", "add_resistance")
-    if not any(
-        getattr(type(one), name) is not getattr(Effect, name) for one in model.effects for name in overridden
-    ):
+    return any(getattr(type(one), name) is not getattr(Effect, name) for one in effects for name in overridden)
+
+
+def _effect_bounds(assembly: Assembly, state: State) -> tuple[float, float]:
+    """Return the same of what effects add alone."""
+    if not acts_on_rates(assembly.all):
         return 0.0, 0.0
-    blocks = _blocks(model)
-    _add_effects(model, state, blocks)
-    return _largest(model, blocks)
+    blocks = _blocks(assembly.model)
+    add_effects(assembly.model, assembly.all, state.x, state.v, blocks)
+    return _largest(assembly.model, blocks)
 
 
 def _largest(model: Model, blocks: list[wp.array]) -> tuple[float, float]:

@@ -47,7 +47,7 @@ class Sensors:
         self._model, self._readings, self._seconds = model, readings, seconds / readings
         self._sums, first = list[_Sum](), 0
         for name, probe in requested.items():
-            self._sums.append(_Sum(model, name, probe, first))
+            self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
         self.moves = VELOCITY in asked or FORCE in asked
@@ -99,8 +99,8 @@ class Sensors:
 class _Sum:
     """The sums of one probe, in columns from `first` on."""
 
-    def __init__(self, model: Model, name: str, probe: Probe, first: int) -> None:
-        self.name, self.what, self._first, self._model = name, probe.what, first, model
+    def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
+        self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
         self.width = probes.STRAIN_COLUMNS if self.what == STRAIN else model.dim
         if self.what == STRAIN:
             chosen = np.zeros(model.connection_count, dtype=bool)
@@ -126,7 +126,7 @@ class _Sum:
     def launch_strain(self, x: wp.array, x_lost: wp.array, rows: wp.array) -> None:
         """Launch the sum over the strains of connections."""
         model = self._model
-        kernel = sum_strain(model.dim, model.scalar, model.compensated, model.tearing is not None)
+        kernel = sum_strain(model.dim, model.scalar, model.compensated, self._tears)
         inputs = [self._member, model.connections, model.rest_length, model.stiffness, model.damping]
         inputs += [x, x_lost if model.compensated else x]
         wp.launch(kernel, len(self._shares), inputs, [self._shares], device=model.device)
@@ -179,5 +179,5 @@ def sensors_of(
     every
         "frame" or "substep".
     """
-    requested = probes_by(every, dynamics.model.probes)
+    requested = probes_by(every, dynamics.assembly.probes)
     return Sensors(dynamics, state, requested, readings, seconds, contact_forces) if requested else None

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.ensembles import (
+from ...kernels.reductions import (
     ENERGY_COLUMNS,
     Weighed,
     add_blocks_of_worlds,
@@ -16,14 +16,17 @@ from ...kernels.ensembles import (
     sum_energies,
     sum_lanes,
 )
+from ..model.model import Model
 from ..model.state import State
-from ..model.worlds import EnsembleModel
+from ..stepping.assemble import Assembly
+from ..stepping.start_checks import starting_state
+from .rate_bounds import acts_on_rates, add_effects
 
 LANES = 32
 """Threads that share the sums of a world on a GPU."""
 
 
-def lanes(model: EnsembleModel) -> int:
+def lanes(model: Model) -> int:
     """Return how many threads share the sums of a world."""
     return LANES if model.device.is_cuda else 1
 
@@ -31,15 +34,25 @@ def lanes(model: EnsembleModel) -> int:
 class WorldEnergies:
     """Sums the energies of all worlds."""
 
-    def __init__(self, model: EnsembleModel) -> None:
-        self._model = model
+    def __init__(self, assembly: Assembly) -> None:
+        model = self._model = assembly.model
         self._constants = [model.upload_rows(model.row_of(name)) for name in ("rest_length", "stiffness")]
+        shape = model.worlds, model.connection_count
+        if assembly.plasticity is not None:
+            self._constants[0] = assembly.plasticity.rest_length.reshape(shape)
+        if assembly.fracture is not None:
+            self._constants[1] = assembly.fracture.data.stiffness.reshape(shape)
 
     def read(self, x: wp.array, v: wp.array, x_lost: wp.array) -> NDArray[np.float64]:
         """Return kinetic, elastic and gravitational energies [J], shape [worlds, 3]."""
         model = self._model
         kernel = sum_energies(model.dim, model.scalar, model.compensated)
-        constants = [model.world_inverse_mass, model.world_gravity, model.connections, *self._constants]
+        constants = [
+            model.upload_inverse_mass(),
+            model.upload_gravity(),
+            model.connections,
+            *self._constants,
+        ]
         if model.order is not None:  # that of the device is another order
             constants[2] = wp.array(model.system.connections, dtype=wp.vec2i, device=model.device)
         return _summed(model, kernel, [*constants, x, v, x_lost, model.stride], ENERGY_COLUMNS)
@@ -61,7 +74,7 @@ class GroupMeans:
         How many numbers the function returns as a vector of float64; 0 where it returns one number.
     """
 
-    def __init__(self, model: EnsembleModel, what: Any, chosen: NDArray[np.bool_], width: int = 0) -> None:
+    def __init__(self, model: Model, what: Any, chosen: NDArray[np.bool_], width: int = 0) -> None:
         self._model = model
         member = np.flatnonzero(chosen)
         if isinstance(what, str):
@@ -86,7 +99,7 @@ def _shares_of_mass(mass: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(total > 0, free / np.where(total > 0, total, 1.0), 1.0 / mass.shape[1])
 
 
-def _summed(model: EnsembleModel, kernel: Any, inputs: list, columns: int) -> NDArray[np.float64]:
+def _summed(model: Model, kernel: Any, inputs: list, columns: int) -> NDArray[np.float64]:
     """Return what a kernel sums by lanes, shape [worlds, columns]."""
     wide: Any = wp.float64
     shares = wp.empty((model.worlds, lanes(model), columns), dtype=wide, device=model.device)
@@ -96,15 +109,33 @@ def _summed(model: EnsembleModel, kernel: Any, inputs: list, columns: int) -> ND
     return sums.numpy().astype(np.float64)
 
 
-def world_rates(model: EnsembleModel) -> NDArray[np.float64]:
+def _add_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> None:
+    """Add what effects hold particles with in each world, but for contact between bodies."""
+    model = assembly.model
+    others = [one for one in assembly.all if one is not assembly.body_contact]
+    if not acts_on_rates(others):
+        return
+    for world in range(model.different):
+        here = slice(world * model.stride, world * model.stride + model.particle_count)
+        x: Any = state.x[here]
+        v: Any = state.v[here]
+        own: list[Any] = [one[world] for one in blocks]
+        add_effects(model, others, x, v, own, world)
+
+
+def world_rates(assembly: Assembly) -> NDArray[np.float64]:
     """Return the bounds of M⁻¹K [1/s²] and M⁻¹B [1/s] of the worlds that differ, shape [model.different, 2].
 
     They are those of `rate_bounds` for each alone, as it starts.
     """
-    if not model.connection_count and model.touching is None:
+    model, contact = assembly.model, assembly.body_contact
+    if not model.connection_count and not assembly.all:
         return np.zeros((model.different, 2))
     rows = {name: model.row_of(name) for name in ("rest_length", "stiffness", "damping")}
     rows["damping"] = model.system.damper.steepest * rows["damping"]
+    if model.system.tears:
+        whole = ~model.system.broken
+        rows |= {name: np.where(whole, rows[name], 0.0) for name in ("stiffness", "damping")}
     arrays = [model.upload_rows(values) for values in rows.values()]
     connections = wp.array(model.system.connections, dtype=wp.vec2i, device=model.device)
     kinds, count = (model.dim, model.scalar), model.particle_count
@@ -112,18 +143,19 @@ def world_rates(model: EnsembleModel) -> NDArray[np.float64]:
     shape = (model.different, count)
     blocks = [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
     threads = (model.different, model.connection_count)
-    wp.launch(
-        add_blocks_of_worlds(*kinds),
-        threads,
-        [connections, *arrays, model.start(0).x, model.stride],
-        blocks,
-        device=model.device,
-    )
-    if model.touching is not None:
-        for block, each in zip(blocks, model.touching.blocks_of(model.different), strict=True):
+    inputs, start = [connections, *arrays], starting_state(model.system, assembly, 0, 0.0, 60.0)
+    kernel = add_blocks_of_worlds(*kinds)
+    wp.launch(kernel, threads, [*inputs, start.x, model.stride], blocks, device=model.device)
+    _add_effects(assembly, start, blocks)
+    if contact is not None:
+        for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
             block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
     wp.launch(
-        raise_bounds_of_worlds(*kinds), shape, [model.world_inverse_mass, *blocks], [bounds], device=model.device
+        raise_bounds_of_worlds(*kinds),
+        shape,
+        [model.upload_inverse_mass(), *blocks],
+        [bounds],
+        device=model.device,
     )
     return bounds.numpy().astype(np.float64)

@@ -1,7 +1,7 @@
-"""Actuating: muscles, as a scene gives them, on a device."""
+"""Actuators: muscles, as a scene gives them, on a device."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from math import lcm
 
 import numpy as np
 import warp as wp
@@ -12,21 +12,23 @@ from ...world import Actuator, Load
 from ..device.csr import rows
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 AHEAD = np.arange(600) / 60.0
 """When the bound of the rates looks at what muscles will do [s]."""
 
 
-def actuating(model: "Model", loads: Sequence[Load]) -> Effect | None:
+def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
     """Return the effect of the actuators among the loads of a scene."""
     named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Actuator)]
-    return Actuated(model, [f"{name}.strain" for name, _ in named], [one for _, one in named]) if named else None
+    return (
+        ActuatedSprings(model, [f"{name}.strain" for name, _ in named], [one for _, one in named])
+        if named
+        else None
+    )
 
 
-class Actuated(Effect):
+class ActuatedSprings(Effect):
     """Rest lengths that are functions of time: what springs of those pull more than springs of their own.
 
     Parameters
@@ -39,7 +41,7 @@ class Actuated(Effect):
         Muscles, one at least.
     """
 
-    def __init__(self, model: "Model", names: Sequence[str], actuators: Sequence[Actuator]) -> None:
+    def __init__(self, model: Model, names: Sequence[str], actuators: Sequence[Actuator]) -> None:
         self._model, self._names, self._actuators = model, names, actuators
         self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
         # The columns of the table are the actuators, one behind the other, each with all delays that it has.
@@ -55,7 +57,9 @@ class Actuated(Effect):
         self._connection, self._column = np.concatenate(connections), np.concatenate(columns)
         self._column_count = column_count
         self._varies = any(one.varies for one in actuators)
-        strength = model.system.stiffness[self._connection] * model.system.rest_length[self._connection]
+        springs, lengths = self._row("stiffness"), self._row("rest_length")
+        row = np.arange(lcm(len(springs), len(lengths)))
+        strength = springs[row % len(springs)] * lengths[row % len(lengths)]
         model.check_range(strength, "stiffness * rest_length")
         # The entries, particle by particle: each connection is one of both its ends.
         ends = model.system.connections[self._connection]
@@ -66,8 +70,15 @@ class Actuated(Effect):
         data.first = wp.array(first, dtype=int, device=model.device)
         data.other = wp.array(other[order], dtype=int, device=model.device)
         data.column = wp.array(np.tile(self._column, 2)[order], dtype=int, device=model.device)
-        data.strength = wp.array(np.tile(strength, 2)[order], dtype=model.scalar, device=model.device)
+        each = np.tile(strength, (1, 2))[:, order]
+        if len(each) > 1:
+            self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))
+        data.strength = wp.array(each.ravel(), dtype=model.scalar, device=model.device)
         self._at(np.zeros(1))  # what a function gets wrong is said before anything runs
+
+    def _row(self, name: str) -> NDArray[np.float64]:
+        """Return a constant of the actuated connections, shape [rows, actuated_count]."""
+        return self._model.row_of(name)[:, self._connection]
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the strains of a frame."""
@@ -99,14 +110,15 @@ class Actuated(Effect):
         """Write the strains of the frame that begins at `time`."""
         tables["strain"][:] = self._at(self.steps.times(time))
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what contracted muscles pull across their axes, at the largest contraction that is known."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self._connection
         least = np.repeat([self._least(one) for one in self._actuators], [len(each) for each in self._delays])
         strain = np.minimum(0.0, least)[self._column]
         inputs = [wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)]
-        for values in (system.rest_length[chosen], system.stiffness[chosen], strain):
+        lengths, springs = self._row("rest_length"), self._row("stiffness")
+        for values in (lengths[world % len(lengths)], springs[world % len(springs)], strain):
             inputs.append(wp.array(values, dtype=wp.float64, device=device))
         kernel = add_tension(model.dim, model.scalar)
         wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)

@@ -1,7 +1,7 @@
-"""Attaching: particles held by springs to points of the world, or of what moves in it, on a device."""
+"""Attachments: particles held by springs to points of the world, or of what moves in it, on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,25 +12,23 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
+from ..model.model import Model
 from ..model.stage_tables import exchanged
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 ASIDE = 0.01
 """How far before and after a stage a carrier is looked at, to know how fast it is there, in substeps."""
 
 
-def attaching(model: "Model", loads: Sequence[Load]) -> Effect | None:
+def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | None":
     """Return the effect of the attachments, and the hands, among the loads of a scene, if there are any."""
     named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Attachment | MouseSpring)]
-    return Attached(model, named) if named else None
+    return AttachmentSprings(model, named) if named else None
 
 
-class Attached(Effect):
+class AttachmentSprings(Effect):
     """The attachments of a scene."""
 
-    def __init__(self, model: "Model", named: Sequence[tuple[str, Attachment | MouseSpring]]) -> None:
+    def __init__(self, model: Model, named: Sequence[tuple[str, Attachment | MouseSpring]]) -> None:
         self._model = model
         self._named = [(name, one.bound(model.system)) for name, one in named]
         several: list[Any] = [one for _, one in self._named]
@@ -66,7 +64,8 @@ class Attached(Effect):
             wp.zeros(size, dtype=model.scalar, device=device) for _ in range(3)
         )
         if self._moving:
-            self.done = data.done = wp.zeros((2, size), dtype=wp.float64, device=device)
+            self.by_world = ("done",)
+            self.done = data.done = wp.zeros((2 * model.worlds, size), dtype=wp.float64, device=device)
         self._fill_rows()
 
     def _fill_rows(self) -> None:
@@ -175,7 +174,7 @@ class Attached(Effect):
         turn, shift = poses(f"{name}.carried_by", carrier.motion, carrier.centre(dim), times, furthest)
         return np.broadcast_to(np.eye(dim), (len(times), dim, dim)) if turn is None else turn, shift
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
@@ -190,8 +189,18 @@ class Attached(Effect):
 
     def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
         """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
-        count, device = self._member_count, self._model.device
-        sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
+        energy, power = self._measured(x, v)
+        return float(energy.sum()), float(power.sum())
+
+    def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
+        """Return what is stored in each world [J], shape [worlds]."""
+        return self._measured(x, v)[0].sum(axis=1)
+
+    def _measured(self, x: wp.array, v: wp.array) -> list[Any]:
+        """Return what each member's attachments store [J] and turn to heat [W], shape [worlds, member_count]."""
+        model, count = self._model, self._member_count
+        sums = [wp.zeros((model.worlds, count), dtype=wp.float64, device=model.device) for _ in range(2)]
         row = self.data.shift.shape[0] - 1 if self._moving else 0
-        wp.launch(self._composed.measure, count, [self.data, row, x, v], sums, device=device)
-        return float(sums[0].numpy().sum()), float(sums[1].numpy().sum())
+        inputs = [self.data, row, x, v, model.stride]
+        wp.launch(self._composed.measure, (model.worlds, count), inputs, sums, device=model.device)
+        return [one.numpy() for one in sums]

@@ -1,7 +1,7 @@
-"""Driving: particles moved by drives, on a device."""
+"""Drives: particles that follow prescribed motions."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,10 +12,8 @@ from ...kernels.loads import driven
 from ...world import Driven, Load, poses
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..model.state import State
+from ..model.model import Model
+from ..model.state import State
 
 POINTS = 5
 """Points that a derivative is taken from: exact for polynomials of degree 4."""
@@ -23,13 +21,13 @@ WINDOW = 1 / 16
 """Share of a frame in which these lie where a frame ends."""
 
 
-def driving(model: "Model", loads: Sequence[Load]) -> Effect | None:
+def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
     """Return the effect of drives among loads that are bound to a start; None where they hold nobody."""
     drives = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Driven) and len(one.held)]
-    return Driving(model, drives) if drives else None
+    return Drives(model, drives) if drives else None
 
 
-class Driving(Effect):
+class Drives(Effect):
     """Moves particles as drives say.
 
     Places are those of the motion at the time of each stage, rounded once. Velocities are found from them: in
@@ -38,7 +36,7 @@ class Driving(Effect):
     to the order of its method, which for leapfrog is 2 and for RK4 is 4.
     """
 
-    def __init__(self, model: "Model", drives: Sequence[tuple[str, Driven]]) -> None:
+    def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
         self._model, self._drives = model, drives
         self._wide = vector(model.dim, wp.float64)
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
@@ -55,7 +53,8 @@ class Driving(Effect):
             ("start", self._start, self._wide),
         ):
             setattr(data, name, wp.array(values, dtype=kind, device=model.device))
-        self.done = data.done = wp.zeros((2, len(self.held)), dtype=wp.float64, device=model.device)
+        self.by_world = ("done",)
+        self.done = data.done = wp.zeros((2 * model.worlds, len(self.held)), dtype=wp.float64, device=model.device)
         self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]
         self._longest = [_shortest_attached(model, one) for _, one in drives]
         self._furthest = float(np.finfo(model.dtype).max) / 4
@@ -95,7 +94,7 @@ class Driving(Effect):
         """Have kicks between frames know the accelerations at `time` [s]."""
         self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
 
-    def place(self, state: "State", time: float, fps: float) -> None:
+    def place(self, state: State, time: float, fps: float) -> None:
         """Put what is driven where it is at `time` [s], with the velocity that it has there."""
         values, rates = np.empty((2, len(self.held), self._model.dim))
         for k, (name, one) in enumerate(self._drives):
@@ -103,15 +102,17 @@ class Driving(Effect):
             mine = self._drive == k
             values[mine] = one.start @ turn.T + shift
             rates[mine] = one.start @ turning.T + speed
-        for name, exact in (("x", values), ("v", rates)):
-            array = getattr(state.state_in, name)
+        worlds, stride = self._model.worlds, self._model.stride
+        held = np.add.outer(stride * np.arange(worlds), self.held).ravel()
+        for name, own in (("x", values), ("v", rates)):
+            exact, array = np.tile(own, (worlds, 1)), getattr(state.state_in, name)
             rounded, whole = exact.astype(self._model.dtype), array.numpy().copy()
-            whole[self.held] = rounded
+            whole[held] = rounded
             array.assign(whole)
             if self._model.compensated:
                 compensation = getattr(state.state_in.compensation, name)
                 off = compensation.numpy().copy()
-                off[self.held] = rounded - exact
+                off[held] = rounded - exact
                 for one in {compensation, getattr(state.state_out.compensation, name)}:
                     one.assign(off)
 
@@ -182,7 +183,7 @@ class Driving(Effect):
             )
 
 
-def _shortest_attached(model: "Model", one: Driven) -> float:
+def _shortest_attached(model: Model, one: Driven) -> float:
     """Return the shortest rest length between a drive's particles and others [m]; inf where there is none."""
     held = one.particles(model.system)
     ends = held[model.system.connections]

@@ -1,7 +1,7 @@
-"""Mixing: vertices of a surface that are mixtures of particles, where loads act on such."""
+"""EmbeddedVertices: vertices of a surface that are mixtures of particles, where loads act on such."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import warp as wp
 
@@ -9,33 +9,33 @@ from ...bodies import facets_of
 from ...kernels.loads import mix_vertices, mixed_vertices
 from ...world import EnclosedGas, Load, Pressure, Wind
 from ..model.effect import Effect
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 
-def mixing(model: "Model", loads: Sequence[Load]) -> Effect | None:
+def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertices | None":
     """Return the effect of loads on surfaces whose vertices are mixtures; None where there are none."""
     on_facets = any(
         isinstance(one, Pressure | EnclosedGas) or (isinstance(one, Wind) and one.area is None) for one in loads
     )
-    return Mixing(model) if on_facets and facets_of(model.system).mixed else None
+    return EmbeddedVertices(model) if on_facets and facets_of(model.system).mixed else None
 
 
-class Mixing(Effect):
+class EmbeddedVertices(Effect):
     """Finds the vertices of a surface before forces are taken: loads read them as they would read particles."""
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: Model) -> None:
         self._model, facets = model, facets_of(model.system)
+        self.by_world = ("x", "v")
         self.piece = mixed_vertices(model.dim, model.scalar)
         self._mix = mix_vertices(model.dim, model.scalar, model.compensated)
         self._particle = wp.array(facets.particle, dtype=int, device=model.device)
         self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)
         self.data = self.piece.Data()
         for name in ("x", "v"):
-            setattr(self.data, name, wp.zeros(len(facets.particle), dtype=model.vector, device=model.device))
+            count = model.worlds * len(facets.particle)
+            setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch what finds the vertices of particles at x, which move at v."""
-        inputs = [self._particle, self._weight, compensation, x, v]
-        wp.launch(self._mix, len(self._particle), inputs, [self.data], device=self._model.device)
+        inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
+        wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)

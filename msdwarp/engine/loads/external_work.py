@@ -1,7 +1,6 @@
 """Work: what loads have done on a system from outside."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -10,19 +9,24 @@ from numpy.typing import NDArray
 from ...kernels.effect import ForceTerm
 from ...kernels.loads import NOTHING, add_work, sum_work, work
 from ..model.effect import Effect
+from ..model.model import Model
 from .forces import Steady
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-
+_STORED = {
+    "BodyContact": "touching",
+    "SurfaceContact": "straddling",
+    "Colliders": "contact",
+    "Drives": "driving",
+    "AttachmentSprings": "attached",
+}
+"""What the work of an effect is called in checkpoints."""
 MOST_SHARES = 4096
 """Threads that sum on a GPU."""
 
 
 def _stored(effect: Effect) -> str:
     """Return the name that an effect's work has in checkpoints: that of version 0.1."""
-    names = {"BodyContact": "touching", "SurfaceContact": "straddling", "Colliders": "contact"}
-    return names.get(type(effect).__name__, type(effect).__name__.lower())
+    return _STORED[type(effect).__name__]
 
 
 class Work(Effect):
@@ -41,9 +45,10 @@ class Work(Effect):
     """
 
     def __init__(
-        self, model: "Model", *, summed: bool, steady: Steady | None, others: Sequence[Effect] = ()
+        self, model: Model, *, summed: bool, steady: Steady | None, others: Sequence[Effect] = ()
     ) -> None:
-        self._model, self._device, count = model, model.device, model.particle_count if summed else 0
+        self._model, self._device = model, model.device
+        count = model.worlds * model.particle_count if summed else 0
         self._others = {f"work.{_stored(one)}": one.done for one in others if one.done is not None}
         self._counts = summed or any(isinstance(one.piece, ForceTerm) for one in others)
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
@@ -59,17 +64,14 @@ class Work(Effect):
         self._steady = wp.zeros(0, dtype=model.vector, device=model.device)
         self._sum = sum_work(model.dim, model.scalar)
         self._remaining = 0.0
-        self.before = 0.0
-        """What is to be added to the sums: what f·x of steady forces was at the start, and earlier work [J]."""
+        self.by_world = ("done", "last") if self._counts and summed else ()
+        self.before = np.zeros(model.worlds)
+        """What is to be added to each world's sums: f·x of steady forces at the start, and earlier work [J]."""
         if steady is not None:
             self._combination, self._steady = steady.data.combination, steady.data.value
             forces = steady.sums[self._combination.numpy()]
-            self.before = -float((forces * model.system.position).sum())
-
-    @property
-    def is_of_potentials(self) -> bool:
-        """Whether all work is that of constant forces: nothing is summed on the way."""
-        return not self._counts and not self._others
+            rows = model.row_of("position")
+            self.before -= (forces * rows).sum(axis=(1, 2))[np.arange(model.worlds) % len(rows)]
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
@@ -86,27 +88,34 @@ class Work(Effect):
 
     def settle(self, x: wp.array, v: wp.array) -> None:
         """Count what the last force still counts, before velocities change that are not its doing."""
-        done = self.total(x, v)
+        done = self.totals(x, v)
         self._last.zero_()
-        self.before += done - self.total(x, v)
+        self.before += done - self.totals(x, v)
 
     def shares(self) -> wp.array:
-        """Return room for the sums of many threads."""
-        threads = max(1, min(self._model.particle_count // 8, MOST_SHARES)) if self._device.is_cuda else 1
-        return wp.zeros(threads, dtype=wp.float64, device=self._device)
+        """Return room for the sums of many threads, as many for each world."""
+        most = max(1, MOST_SHARES // self._model.worlds)
+        threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
+        return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)
 
     def launch(self, x: wp.array, v: wp.array, shares: wp.array) -> None:
         """Launch the sums for particles at x that move at v, as the method has it; it may be recorded."""
-        inputs = [self._done, self._last, v, self._remaining, self._combination, self._steady, x]
+        model = self._model
+        inputs = [model.particle_count, model.stride, model.worlds, self._done, self._last, v, self._remaining]
+        inputs += [self._combination, self._steady, x]
         wp.launch(self._sum, len(shares), inputs, [shares], device=self._device)
         for done in self._others.values():
-            wp.launch(add_work, len(shares), [done.flatten()], [shares], device=self._device)
+            wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
 
-    def total(self, x: wp.array, v: wp.array) -> float:
-        """Return what has been done so far on particles that now are at x and move at v [J]."""
+    def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
+        """Return what has been done so far in each world on particles that now are at x and move at v [J]."""
         shares = self.shares()
         self.launch(x, v, shares)
-        return self.before + float(shares.numpy().sum())
+        return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)
+
+    def total(self, x: wp.array, v: wp.array) -> float:
+        """Return the same of all worlds together [J]."""
+        return float(self.totals(x, v).sum())
 
     @property
     def changing(self) -> list[wp.array]:
@@ -116,9 +125,7 @@ class Work(Effect):
     def checkpoint(self) -> dict[str, NDArray]:
         """Return what has been done on each particle, and before."""
         arrays = {"work.done": self._done, "work.last": self._last} | self._others
-        return {name: array.numpy().copy() for name, array in arrays.items()} | {
-            "work.before": np.array([self.before])
-        }
+        return {name: array.numpy().copy() for name, array in arrays.items()} | {"work.before": self.before.copy()}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
         """Take back what `checkpoint` gave."""
@@ -126,4 +133,4 @@ class Work(Effect):
         self._last.assign(arrays["work.last"])
         for name, done in self._others.items():
             done.assign(arrays[name])
-        self.before = float(arrays["work.before"][0])
+        self.before[:] = arrays["work.before"]

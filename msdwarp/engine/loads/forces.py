@@ -1,7 +1,6 @@
 """Forces: forces on particles, as a scene gives them, on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -10,29 +9,26 @@ from numpy.typing import NDArray
 from ...kernels.loads import function_force, steady_force, varying_force, weight_force
 from ...world import Falling, Force, Load
 from ..model.effect import Effect
+from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
 
 Named = Sequence[tuple[str, Force]]
 """Forces, and what they are called."""
 
 
-def forcing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of the forces among the loads of a scene."""
     named = [(f"loads[{k}].force", one) for k, one in enumerate(loads) if isinstance(one, Force)]
-    steady = [(name, one) for name, one in named if not one.varies]
-    varying = [(name, one) for name, one in named if one.varies and not one.of_place]
+    steady = [(name, one) for name, one in named if not one.varies and not one.of_place]
+    varying = [(name, one) for name, one in named if one.varies]
     functions = [one for _, one in named if one.of_place]
     effects: list[Effect] = [Steady(model, steady)] if steady else []
     effects += [Varying(model, varying)] if varying else []
     effects += [Weight(model, model.falling)] if model.falling is not None and not model.driven.all() else []
-    return effects + [OfPlace(model, one, k) for k, one in enumerate(functions)]
+    return effects + [ForceField(model, one, k) for k, one in enumerate(functions)]
 
 
-def combinations(model: "Model", forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the different sums of forces that particles feel, and which of them each does.
 
     Returns
@@ -53,7 +49,7 @@ def combinations(model: "Model", forces: Named) -> tuple[NDArray[np.float64], ND
 class Steady(Effect):
     """Forces that are constant."""
 
-    def __init__(self, model: "Model", forces: Named) -> None:
+    def __init__(self, model: Model, forces: Named) -> None:
         self.piece = steady_force(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
         shares, combination = combinations(model, forces)
@@ -81,7 +77,7 @@ class Steady(Effect):
 class Varying(StageTables):
     """Forces that are functions of time."""
 
-    def __init__(self, model: "Model", forces: Named) -> None:
+    def __init__(self, model: Model, forces: Named) -> None:
         self._model, self.named = model, forces
         self.piece = varying_force(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
@@ -106,7 +102,7 @@ class Varying(StageTables):
 class Weight(StageTables):
     """The weight of particles where gravity is a function of time."""
 
-    def __init__(self, model: "Model", falling: Falling) -> None:
+    def __init__(self, model: Model, falling: Falling) -> None:
         self._model, self._falling = model, falling
         self.piece = weight_force(model.dim, model.scalar, model.compensated)
         self.data, self.members = self.piece.Data(), np.isfinite(model.mass)
@@ -123,9 +119,9 @@ class Weight(StageTables):
         return gravity[:, None]
 
 
-class OfPlace(Effect):
+class ForceField(Effect):
     """A force that is a function of place, speed and time, on the device."""
 
-    def __init__(self, model: "Model", force: Force, number: int) -> None:
+    def __init__(self, model: Model, force: Force, number: int) -> None:
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
         self.data, self.members = self.piece.Data(), force.particles(model.system)

@@ -1,7 +1,7 @@
-"""Pressing: the pressures of a scene on a device."""
+"""SurfacePressure: the pressures of a scene on a device."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,30 +10,31 @@ from numpy.typing import NDArray
 from ...kernels.loads import gas_law, gas_pressure, given_pressure
 from ...world import EnclosedGas, Load, Pressure, volume
 from ..model.effect import Effect
+from ..model.model import Model
 from ..model.stage_tables import StageTables
-from .embedded_vertices import Mixing
+from .embedded_vertices import EmbeddedVertices
 from .surface_triangles import Faces, area_vectors
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 THREADS = 256
 """Threads that sum a volume."""
 
 
-def pressing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of the pressures among the loads of a scene: of given ones, and of gases."""
+def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices | None) -> list[Effect]:
+    """Return the effects of the pressures among the loads of a scene: of given ones, and of gases.
+
+    `vertices` are those of the surface where they are mixtures of particles.
+    """
     named = [(f"loads[{k}]", one) for k, one in enumerate(loads)]
     given = [(name, one) for name, one in named if isinstance(one, Pressure)]
     gases = [one for _, one in named if isinstance(one, EnclosedGas)]
     effects: list[Effect] = [GivenPressures(model, given)] if given else []
-    return effects + ([Gases(model, gases)] if gases else [])
+    return effects + ([Gases(model, gases, vertices)] if gases else [])
 
 
-class Pressing(Effect):
+class SurfacePressure(Effect):
     """What given pressures and gases share: the triangles that they act on."""
 
-    def __init__(self, model: "Model", pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
+    def __init__(self, model: Model, pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
         self._model = model
         faces = self._faces = Faces([one.facets(model.system) for one in pressures], model.particle_count)
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
@@ -59,10 +60,10 @@ class Pressing(Effect):
         blocks.assign(blocks.numpy() + each[:, None, None] * np.eye(self._model.dim))
 
 
-class GivenPressures(Pressing, StageTables):
+class GivenPressures(SurfacePressure, StageTables):
     """Pressures that are given, as numbers or as functions of time."""
 
-    def __init__(self, model: "Model", named: Sequence[tuple[str, Pressure]]) -> None:
+    def __init__(self, model: Model, named: Sequence[tuple[str, Pressure]]) -> None:
         super().__init__(model, [one for _, one in named], given_pressure)
         self.named = named
         self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
@@ -75,26 +76,28 @@ class GivenPressures(Pressing, StageTables):
         """Return each pressure at each time [Pa], shape [time_count, count]."""
         return np.stack([one.at(times, f"{name}.pressure") for name, one in self.named], axis=1)
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add how stiff the largest pressures of a frame make the particles."""
         self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
 
 
-class Gases(Pressing):
+class Gases(SurfacePressure):
     """Gases that are enclosed: their pressures follow from their volumes, in each stage of a substep."""
 
-    def __init__(self, model: "Model", gases: Sequence[EnclosedGas]) -> None:
+    def __init__(self, model: Model, gases: Sequence[EnclosedGas], vertices: EmbeddedVertices | None) -> None:
         super().__init__(model, gases, gas_pressure)
-        self._gases = gases
+        self._gases, self._vertices = gases, vertices
         self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
-        self.data.value = wp.zeros((1, len(gases)), dtype=model.scalar, device=model.device)
+        self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
+        self.by_world = ("value",)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch what finds the pressures for particles at x."""
         model, ends = self._model, self._faces.ends
-        threads = THREADS if model.device.is_cuda else 1
-        if self._faces.mixed:
-            x = next(one for one in model.effects if isinstance(one, Mixing)).data.x
+        threads, stride = THREADS if model.device.is_cuda else 1, model.stride
+        if self._vertices is not None:
+            x = self._vertices.data.x
+            stride = len(x) // model.worlds
         for k, gas in enumerate(self._gases):
             inputs = [
                 self.data.faces.corner,
@@ -102,10 +105,17 @@ class Gases(Pressing):
                 int(ends[k + 1]),
                 gas.pressure + gas.outside,
             ]
-            inputs += [gas.outside, gas.volume, gas.exponent, k, x, compensation.x]
-            wp.launch(self._law, threads, inputs, [self.data.value], device=model.device, block_dim=threads)
+            inputs += [gas.outside, gas.volume, gas.exponent, k, x, compensation.x, stride]
+            wp.launch(
+                self._law,
+                model.worlds * threads,
+                inputs,
+                [self.data.value],
+                device=model.device,
+                block_dim=threads,
+            )
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add how stiff the gases make the particles.
 
         Beside the turning of area vectors, a gas is a spring of stiffness γ p / V for its volume: a matrix of rank
@@ -113,7 +123,10 @@ class Gases(Pressing):
         """
         model, faces = self._model, self._faces
         places = faces.points(x.numpy())
-        inverse_mass = np.broadcast_to(model.inverse_mass.numpy(), model.particle_count).astype(np.float64)
+        masses = model.row_of("mass")
+        inverse_mass = np.broadcast_to(
+            (1.0 / masses[world % len(masses)]).astype(model.dtype), model.particle_count
+        )
         over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
         for k, gas in enumerate(self._gases):
             corner = faces.corner[faces.ends[k] : faces.ends[k + 1]]

@@ -1,7 +1,7 @@
 """The triangles of a system's surface on a device, for loads that act on them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from ...bodies import Facets
 from ..device.csr import rows
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 
 class Faces:
@@ -62,7 +60,7 @@ class Faces:
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
 
-    def on(self, model: "Model", Struct: Any) -> Any:
+    def on(self, model: Model, Struct: Any) -> Any:
         """Return them as `msdwarp.kernels.loads.surface_triangles` reads them, in a struct of this type."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)

@@ -1,7 +1,7 @@
-"""Blowing: the wind of a scene on a device."""
+"""WindEffect: the wind of a scene on a device."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 from ...kernels.loads import wind_on_faces, wind_on_particles
 from ...world import Load, Wind
 from ..model.effect import Effect
+from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import Faces, area_vectors
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 Named = Sequence[tuple[str, Wind]]
 """Winds, and what they are called."""
 
 
-def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
+def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of the wind among the loads of a scene: of that on surfaces, and on particles."""
     winds = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
     on_faces = [(name, one) for name, one in winds if one.area is None]
@@ -29,10 +27,10 @@ def blowing(model: "Model", loads: Sequence[Load]) -> list[Effect]:
     return effects + ([OnParticles(model, on_particles)] if on_particles else [])
 
 
-class Blowing(StageTables):
+class WindEffect(StageTables):
     """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
 
-    def __init__(self, model: "Model", winds: Named, compose: Any, **how: bool) -> None:
+    def __init__(self, model: Model, winds: Named, compose: Any, **how: bool) -> None:
         self._model, self.named = model, winds
         places = [name for name, one in winds if one.of_place]
         if places and len(winds) > 1:
@@ -81,10 +79,10 @@ class Blowing(StageTables):
         return coefficients * area * speed
 
 
-class OnFaces(Blowing):
+class OnFaces(WindEffect):
     """Wind on the triangles of a surface."""
 
-    def __init__(self, model: "Model", winds: Named) -> None:
+    def __init__(self, model: Model, winds: Named) -> None:
         faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
         closed = bool(faces.closed.any())
         super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, closed=closed)
@@ -101,10 +99,10 @@ class OnFaces(Blowing):
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
 
 
-class OnParticles(Blowing):
+class OnParticles(WindEffect):
     """Wind on particles that have an area."""
 
-    def __init__(self, model: "Model", winds: Named) -> None:
+    def __init__(self, model: Model, winds: Named) -> None:
         super().__init__(model, winds, wind_on_particles)
         chosen = [one.particles(model.system) for _, one in winds]
         if np.sum(chosen, axis=0).max() > 1:

@@ -1,7 +1,7 @@
 """Effect: what acts in a scene beside springs, dampers and gravity."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.colliders import ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...world import Load
-
-if TYPE_CHECKING:
-    from ..stepping.cpu_partition import CpuPartition
+from ..device.launcher import Launcher
 
 
 class Steps(NamedTuple):
@@ -59,6 +57,8 @@ class Effect:
     """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
     members: NDArray[np.bool_] | None = None
     """The particles that its force acts on, shape [particle_count], where its piece is selective."""
+    by_world: Sequence[str] = ()
+    """Names of arrays of `data` that hold the numbers of one world after the other's."""
     done: wp.array | None = None
     """Work that it has done from outside, as numbers to be added up [J], float64; None where it does none.
 
@@ -77,7 +77,7 @@ class Effect:
     def go_on_from(self, other: "Effect") -> None:
         """Take over what a run has left in the same effect of a model before a change."""
 
-    def use_partition(self, partition: "CpuPartition | None") -> None:
+    def use_partition(self, partition: Launcher | None) -> None:
         """Take what has threads of the CPU share what is launched in a frame; None where there is one thread."""
 
     def begin(self, substeps: int, dt: float) -> None:
@@ -164,11 +164,12 @@ class Effect:
         """Return the fields of the system that the run has changed, as they are now."""
         return {}
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add to the bound of the rates the stiffness [N/m] and damping [N s/m] that it holds particles with.
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
-        [particle_count], for particles at x. The bound is twice the largest eigenvalue of a block over the mass.
+        [particle_count], for particles of a world at x. The bound is twice the largest eigenvalue of a block over
+        the mass.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
@@ -176,6 +177,10 @@ class Effect:
 
         The same for forces that depend on speeds, for particles at x that move at v.
         """
+
+    def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
+        """Return the energy that it stores in each world when particles are at x and move at v [J]."""
+        return np.zeros(1)
 
     def energy(self, x: wp.array) -> float:
         """Return the energy that it stores when the particles are at x [J]."""

@@ -1,6 +1,7 @@
-"""Model: a system and its surroundings on a device, everything that a substep reads and never writes."""
+"""Model: a system on a device, everything that a substep reads and never writes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from math import lcm
 
 import numpy as np
 import warp as wp
@@ -9,50 +10,38 @@ from numpy.typing import ArrayLike, NDArray
 from ... import checks
 from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
-from ...kernels.effect import ForceTerm
-from ...quiet import in_turn
-from ...world import (
-    BODY_CONTACT_FORCE,
-    CONTACT_FORCE,
-    Collider,
-    Falling,
-    Gravity,
-    Load,
-    Probe,
-    bound,
-    check_loads,
-    checked_probes,
-    driven_particles,
-    with_potential,
-)
+from ...kernels.records import record_length
+from ...runtime import in_turn
+from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, find_device, scalar_array
 from ..device.vector_arrays import records_together
-from ..loads.external_work import Work
-from ..springs.fracture import Fracture
-from ..stepping.assemble import Surroundings, effects_of
-from .force_algorithm import choose_force_algorithm, scatter_order
+from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
-COLLIDER_RULES = ("coulomb", "report")
+Rows = Mapping[str, NDArray[np.float64]]
+"""What differs between worlds, by name: world w has row w mod (number of rows)."""
+CONSTANTS = ("rest_length", "stiffness", "damping")
+"""The constants of connections."""
+LINE = 8
+"""Particles in a line of the GPU's caches, with which each world begins."""
+MOST_RECORDS = 2**31 - 1
+"""Particles of all worlds together that 32-bit numbers count."""
 
 
 class Model:
-    """A system and its surroundings on a device: everything that a substep reads and never writes.
+    """A system on a device, in one world or many: everything that a substep reads and never writes.
+
+    The vectors of many worlds lie one world after the other, `stride` particles apart. Constants that differ
+    between worlds are `rows`; all else is as in one world. An `Assembly` has what else acts on the system.
 
     Parameters
     ----------
     system
-        What is simulated.
+        What is simulated; in many worlds, what all of them have.
     gravity
         Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
         shape [d]; or a function of time [s] that returns one of these, whose weight is a load.
-    colliders
-        Obstacles, in the order in which a particle meets them.
-    collider_rule
-        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`.
-    loads
-        What else acts on the system, each a `Load`.
-    probes
-        What is measured where a frame ends, by name.
+    driven
+        The particles that prescribed motions move, shape [particle_count]; None for none.
     device
         A Warp device's name; by default the first CUDA device, else the CPU.
     precision
@@ -61,6 +50,12 @@ class Model:
     force_algorithm
         How forces are summed: "scatter", "gather" or "stencil" (see `msdwarp.kernels.springs`); "auto" takes the
         one that was fastest where it was measured (see `msdwarp.engine.model.force_algorithm`).
+    worlds
+        Number of worlds.
+    rows
+        What differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
+        [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
+        [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
 
     Raises
     ------
@@ -68,10 +63,6 @@ class Model:
         If an argument is out of its range, or the system is no lattice that a stencil can hold.
     """
 
-    in_worlds = False
-    """Whether there are many worlds of it: it is an `EnsembleModel` then."""
-    worlds = 1
-    """How many worlds there are of it."""
     generation = 0
     """Rises when what launches take becomes another array, number or kernel: what was recorded before is void."""
 
@@ -81,20 +72,27 @@ class Model:
         system: System,
         *,
         gravity: Gravity = 9.82,
-        colliders: Sequence[Collider] = (),
-        collider_rule: str = "coulomb",
-        loads: Sequence[Load] = (),
-        probes: Mapping[str, Probe] | None = None,
+        driven: NDArray[np.bool_] | None = None,
         device: str | None = None,
         precision: str = "float32",
         force_algorithm: str = "auto",
-        contact_forces: bool = False,
+        worlds: int = 1,
+        rows: Rows | None = None,
     ) -> None:
         checks.one_of("precision", precision, PRECISIONS)
-        checks.one_of("collider_rule", collider_rule, COLLIDER_RULES)
         self.device = find_device(device)
         self.precision = precision
         self.scalar, self.dtype = PRECISIONS[precision]
+        self.worlds, self.in_worlds, self.rows = worlds, rows is not None, dict(rows or {})
+        if self.in_worlds:
+            # The largest mass and damping of all worlds, so that what any of them has is compiled.
+            largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
+            first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
+            if force_algorithm == AUTO:
+                force_algorithm = ensemble_force_algorithm(system, on_gpu=self.device.is_cuda)
+                if force_algorithm == "stencil" and (system.tears or not self._is_alike_by_direction(system)):
+                    force_algorithm = "gather"
+            system = system.replace(**largest, **first)
         self.dim = system.dim
         self.vector = vector(self.dim, self.scalar)
         self.particle_count = system.particle_count
@@ -111,13 +109,13 @@ class Model:
         self.compensated = precision == "float32-compensated"
         # What a scene lacks is not compiled.
         self.damper = system.damper.law if system.damping.any() else None
-        check_loads(loads, system)
-        loads = bound(loads, system)
-        self.driven = driven_particles(loads, system)
-        """Which particles drives move, shape [particle_count]."""
+        self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
+        """Which particles prescribed motions move, shape [particle_count]."""
         # What is driven no force moves: as what is pinned, it has no end of mass.
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
+        if "mass" in self.rows and self.driven.any():
+            self.rows["mass"] = np.where(self.driven, np.inf, self.rows["mass"])
 
         self.fall(with_potential(gravity))
         self.falling = Falling(gravity, on=np.isfinite(self.mass)) if callable(gravity) else None
@@ -139,11 +137,13 @@ class Model:
         if self.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
-        self.probes = checked_probes(probes or {}, system, colliders, loads)
-        around = Surroundings(tuple(colliders), collider_rule, loads, self.probes, contact_forces)
-        self.feels_contact = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
-        """Whether effects sum what contacts push particles with."""
-        self.effects = effects_of(self, around)
+        for name, values in self.rows.items():
+            self.check_range(values[np.isfinite(values)], name)
+        if worlds * self.stride + 2 * self.margin > MOST_RECORDS:
+            most = (MOST_RECORDS - 2 * self.margin) // self.stride
+            raise ValueError(
+                f"worlds is {worlds}; it must be at most {most} of {self.particle_count} particles each"
+            )
 
     def fall(self, gravity: ArrayLike) -> None:
         """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""
@@ -152,39 +152,39 @@ class Model:
         self.gravity = self.vector(*towards)
         self.generation += 1
 
+    def _is_alike_by_direction(self, system: System) -> bool:
+        """Tell whether in each world the connections of a direction are alike, as a stencil has them."""
+        rows = [self.rows[name] for name in CONSTANTS if name in self.rows and self.rows[name].strides[1] != 0]
+        parts = [part for body in system.directions for part in body.values()]
+        return all((values[:, part] == values[:, part][:, :1]).all() for values in rows for part in parts)
+
     @property
     def stride(self) -> int:
         """How far one world's particles lie from the next one's, in particles."""
-        return self.particle_count
+        return -(-(self.particle_count + self.margin) // LINE) * LINE if self.in_worlds else self.particle_count
+
+    @property
+    def stride_in_bytes(self) -> int:
+        """The same as `stride`, in bytes."""
+        return self.stride * record_length(self.dim) * wp.types.type_size_in_bytes(self.scalar)
+
+    @property
+    def vectors_each(self) -> int:
+        """Vectors in an array of them: one for each particle of each world, and the margins between worlds."""
+        return self.worlds * self.stride
+
+    @property
+    def different(self) -> int:
+        """How many worlds differ in anything; the others are like these, in turn."""
+        return lcm(*map(len, self.rows.values()))
 
     def row_of(self, name: str) -> NDArray[np.float64]:
-        """Return what worlds have of a parameter of the system, shape [rows, ...]; a single one has one row."""
+        """Return the rows of a parameter, shape [rows, ...]: one row where it is the same in all worlds."""
+        if name in self.rows:
+            return self.rows[name]
+        if name == "gravity":
+            return np.array(list(self.gravity), dtype=np.float64)[None]
         return np.asarray(self.mass if name == "mass" else getattr(self.system, name))[None]
-
-    @property
-    def work(self) -> Work | None:
-        """The work of its loads, where it has such."""
-        return next((effect for effect in self.effects if isinstance(effect, Work)), None)
-
-    def go_on_from(self, model: "Model", x: wp.array, v: wp.array) -> None:
-        """Take over what a run has summed with a model of the same loads, whose particles were at x, at v."""
-        if self.work is not None and model.work is not None:
-            self.work.before += model.work.total(x, v)
-        for effect in self.effects:
-            same = next((one for one in model.effects if type(one) is type(effect)), None)
-            if same is not None:
-                effect.go_on_from(same)
-
-    @property
-    def tearing(self) -> Fracture | None:
-        """What breaks connections; None where none can break or is broken."""
-        return next((effect for effect in self.effects if isinstance(effect, Fracture)), None)
-
-    @property
-    def begins_substeps(self) -> bool:
-        """Whether anything happens to connections as a substep begins: an effect acts on them, or they break."""
-        pieces = [one.piece for one in self.effects if isinstance(one.piece, ForceTerm)]
-        return self.tearing is not None or any(piece.begin is not None for piece in pieces)
 
     @property
     def lengths_change(self) -> bool:
@@ -238,10 +238,50 @@ class Model:
         """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
         return records_together(count, self.vectors_each, self.dim, self.scalar, self.device, self.margin)
 
-    @property
-    def vectors_each(self) -> int:
-        """Vectors in an array of them: one a particle."""
-        return self.particle_count
+    def of_each_world(self, rows: NDArray) -> NDArray:
+        """Return rows of numbers of connections for each world, in the device's order: shape [worlds, count]."""
+        ordered = rows if self.order is None else rows[:, self.order]
+        return np.tile(ordered, (self.worlds // len(rows), 1))
+
+    def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
+        """Upload numbers of shape [rows, count]; what is the same all along a row is stored once."""
+        count, along = values.shape
+        if along < 2 or values.strides[1] != 0:
+            return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
+        once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
+        size = wp.types.type_size_in_bytes(self.scalar)
+        view = wp.array(
+            ptr=once.ptr,
+            dtype=self.scalar,
+            shape=(count, along),
+            strides=(size, 0),
+            device=self.device,
+            capacity=once.capacity,
+        )
+        view._ref = once  # a view does not own its memory
+        return view
+
+    def upload_inverse_mass(self) -> wp.array:
+        """Upload the inverse masses of each row [1/kg], shape [rows, particle_count]."""
+        return self.upload_rows(1.0 / self.row_of("mass"))
+
+    def upload_gravity(self) -> wp.array:
+        """Upload the gravity of each row [m/s²], shape [rows]."""
+        return wp.array(self.row_of("gravity"), dtype=self.vector, device=self.device)
+
+    def by_world(self, vectors: wp.array) -> NDArray:
+        """Return what `vectors` holds, on the host: a copy of shape [worlds, particle_count, d]."""
+        flat = vectors.numpy().reshape(self.worlds, self.stride, self.dim)
+        return np.array(flat[:, : self.particle_count])
+
+    def spread(self, values: NDArray) -> NDArray:
+        """Return vectors of shape [rows, particle_count, d] as `vectors` holds them for all worlds."""
+        if values.shape[:2] == (self.worlds, self.stride):
+            return values.reshape(-1, self.dim)
+        flat = np.zeros((self.worlds, self.stride, self.dim), dtype=values.dtype)
+        rows = len(values)
+        flat.reshape(self.worlds // rows, rows, self.stride, self.dim)[:, :, : self.particle_count] = values
+        return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
         """Upload what connections have, 0 for broken ones; where any can break, a number for each."""

@@ -1,7 +1,7 @@
 """By stage: effects whose numbers are functions of time, as a table with a row for each stage of a frame."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from ...world import Load
 from ..device.frame_tables import InFrames, Tables
 from .effect import Effect
-
-if TYPE_CHECKING:
-    from .model import Model
+from .model import Model
 
 
 class StageTables(Effect):
@@ -26,7 +24,7 @@ class StageTables(Effect):
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
-    def set_up(self, model: "Model", width: int, dtype: Any, *, varies: bool) -> None:
+    def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
         """Set up tables of rows of so many numbers, or vectors, of a Warp type."""
         self._stage_model, self._width, self._dtype, self.varies = model, width, dtype, varies
         self.now = self.at(np.zeros(1))  # what a function gets wrong is said before anything runs

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...bodies import System
 from ...kernels.compensation import compensated_sum
-from ...quiet import in_turn
+from ...runtime import in_turn
 from .model import Model
 
 
@@ -54,18 +54,19 @@ class State:
     @classmethod
     @in_turn
     def from_system(cls, system: System, model: Model, method_state: int = 0) -> Self:
-        """Upload the positions and velocities of a system."""
-        model.check_range(system.position, "position")
-        model.check_range(system.velocity, "velocity")
+        """Upload the positions and velocities of a system, in worlds with rows of these the rows."""
         state = cls(model, method_state)
-        for name, exact in (("x", system.position), ("v", system.velocity)):
+        for name, field in (("x", "position"), ("v", "velocity")):
+            exact = model.rows[field] if field in model.rows else getattr(system, field)[None]
+            model.check_range(exact, field)
             rounded = exact.astype(model.dtype)
-            getattr(state.state_in, name).assign(rounded)
+            getattr(state.state_in, name).assign(model.spread(rounded))
             if model.compensated:  # what rounding takes from the start is not lost either
-                for compensation in {
+                lost = model.spread((rounded - exact).astype(model.dtype))
+                for array in {
                     getattr(instant.compensation, name) for instant in (state.state_in, state.state_out)
                 }:
-                    compensation.assign((rounded - exact).astype(model.dtype))
+                    array.assign(lost)
         return state
 
     def throw(self, exact: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.ensembles import EACH, SHARED, UNIFORM
-from ..model.model import Model
-from ..model.worlds import CONNECTIONS, EnsembleModel
+from ...kernels.integrators import EACH, SHARED, UNIFORM
+from ..model.model import CONSTANTS, Model
 from .force_algorithms import CLASSES
+from .fracture import Fracture
 
 
 class EnsembleForces(NamedTuple):
@@ -26,26 +26,45 @@ class EnsembleForces(NamedTuple):
     data: Any
     """The struct that its kernels read: what worlds share."""
     storage: str = ""
-    """See `kernels.ensembles.Differences`."""
+    """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)
     """How each constant differs."""
     fields: dict[str, wp.array] = {}  # noqa: RUF012
     """What the kernels read by world."""
 
 
-def ensemble_forces(model: EnsembleModel) -> EnsembleForces:
+def ensemble_forces(
+    model: Model, fracture: Fracture | None = None, rest_length: wp.array | None = None
+) -> EnsembleForces:
     """Return the forces of an ensemble by its model's algorithm.
+
+    Parameters
+    ----------
+    model, fracture
+        The worlds, and what breaks their connections.
+    rest_length
+        Rest lengths of connections that yield [m], of one world after the other.
 
     Raises
     ------
     ValueError
         If the algorithm is a stencil, and constants differ among the connections of a direction.
     """
-    if not model.rows.keys() & set(CONNECTIONS):
-        forces = CLASSES[model.force_algorithm](model)
+    forces = _algorithm_of_worlds(model, fracture, rest_length)
+    if fracture is not None:
+        fracture.repeat_for_worlds(forces.data)
+    return forces
+
+
+def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
+    """Return the algorithm, and the constants of connections where they differ."""
+    if rest_length is not None:
+        return _yielding(model, CLASSES[model.force_algorithm](model, fracture), rest_length)
+    if not model.rows.keys() & set(CONSTANTS):
+        forces = CLASSES[model.force_algorithm](model, fracture)
         return EnsembleForces(forces.force_algorithm, forces.data)
     classes = Classes(model)
-    forces = CLASSES[model.force_algorithm](_stand_in(model, classes))
+    forces = CLASSES[model.force_algorithm](_stand_in(model, classes), fracture)
     if model.force_algorithm == "scatter":  # its sums are those of all worlds
         forces.data.f = model.vectors()
     if model.force_algorithm == "stencil":
@@ -61,7 +80,7 @@ def ensemble_forces(model: EnsembleModel) -> EnsembleForces:
         )
     chosen = classes.named(constants.stiffness.numpy())
     how, fields = {}, {}
-    for name in CONNECTIONS:
+    for name in CONSTANTS:
         values = classes.values(name)[:, chosen]
         how[name] = EACH if name in model.rows else SHARED
         if name in model.rows:
@@ -71,12 +90,23 @@ def ensemble_forces(model: EnsembleModel) -> EnsembleForces:
     return EnsembleForces(forces.force_algorithm, forces.data, "own", how, fields)
 
 
+def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
+    """Return forces by connection, whose rest lengths change."""
+    fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
+    how = {"rest_length": EACH}
+    for name in ("stiffness", "damping"):
+        if name in model.rows:
+            values = np.ascontiguousarray(model.ordered(model.rows[name].T).T)
+            how[name], fields[name] = EACH, model.upload_rows(values)
+    return EnsembleForces(forces.force_algorithm, forces.data, "own", how, fields)
+
+
 class Classes:
     """The classes of connections that are alike in every world."""
 
-    def __init__(self, model: EnsembleModel) -> None:
+    def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
-        given = [model.row_of(name) for name in CONNECTIONS]
+        given = [model.row_of(name) for name in CONSTANTS]
         apart = [values for values in given if values.strides[1] != 0]
         self.of = np.zeros(count, dtype=np.int64)
         """The class of each connection, shape [connection_count]."""
@@ -92,7 +122,7 @@ class Classes:
 
     def together(self) -> NDArray[np.float64]:
         """Return all constants by row and class, shape [rows, class_count, 3] in the order of CONSTANTS."""
-        each = [self.values(name) for name in CONNECTIONS]
+        each = [self.values(name) for name in CONSTANTS]
         rows = lcm(*map(len, each))
         return np.stack([values[np.arange(rows) % len(values)] for values in each], axis=-1)
 
@@ -102,7 +132,7 @@ class Classes:
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 
-def _stand_in(model: EnsembleModel, classes: Classes) -> Model:
+def _stand_in(model: Model, classes: Classes) -> Model:
     """Return a model in which a connection's stiffness is the number of its class, counted from 1."""
     numbers: Any = classes.of + 1.0
     if model.dtype is np.float32 and numbers.max(initial=0.0) > 2**24:
@@ -120,7 +150,7 @@ def _stand_in(model: EnsembleModel, classes: Classes) -> Model:
     )
 
 
-def _tables(model: EnsembleModel, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
+def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
     """Upload a table of the constants of each kind for each row, in records of four numbers."""
     values = classes.together()[:, kinds]
     padded = np.zeros((*values.shape[:2], 4))
@@ -138,13 +168,13 @@ def _tables(model: EnsembleModel, classes: Classes, kinds: NDArray[np.int64]) ->
     return held
 
 
-def _by_direction(model: EnsembleModel, forces: Any, classes: Classes) -> EnsembleForces:
+def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces:
     """Return the forces of a stencil, whose constants are by direction, or by kind of lattice and direction."""
     data, how, fields = forces.data, {}, {}
     uniform = not isinstance(data.stiffness, wp.array)
     numbers = np.array([float(one) for one in data.stiffness]) if uniform else data.stiffness.numpy()
     chosen = classes.named(numbers)
-    for name in CONNECTIONS:
+    for name in CONSTANTS:
         # Directions in which there is no connection have no constants.
         values = np.where(numbers > 0, classes.values(name)[:, chosen], 0.0)
         how[name] = SHARED if name not in model.rows else EACH

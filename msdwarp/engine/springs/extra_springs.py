@@ -1,7 +1,5 @@
 """ExtraSprings: connections of lattices that lie in no direction, beside the stencil that the lattices take."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import warp as wp
 
@@ -9,9 +7,7 @@ from ...kernels.loads import tie_force
 from ...kernels.springs import CONSTANTS
 from ..device.csr import rows
 from ..model.effect import Effect
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 
 class ExtraSprings(Effect):
@@ -21,7 +17,7 @@ class ExtraSprings(Effect):
     taken over all connections, so that here is nothing but their force.
     """
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: Model) -> None:
         assert model.lattice is not None
         system, ties = model.system, model.lattice.ties
         damper = model.damper if system.damping[ties].any() else None
@@ -34,6 +30,9 @@ class ExtraSprings(Effect):
         data = self.data = self.piece.Data()
         data.first = wp.array(first, dtype=int, device=model.device)
         data.other = wp.array(other[order], dtype=int, device=model.device)
+        self.by_world = tuple(name for name in CONSTANTS if name in model.rows)
         for name in CONSTANTS:
-            values = getattr(system, name)[number[order]]
-            setattr(data, name, wp.array(values, dtype=model.scalar, device=model.device))
+            values = model.row_of(name)[:, number[order]]
+            if name in model.rows:
+                values = np.tile(values, (model.worlds // len(values), 1))
+            setattr(data, name, wp.array(values.ravel(), dtype=model.scalar, device=model.device))

@@ -48,23 +48,23 @@ From measurements on an H200; what has one thread in between is advanced by one 
 class Scatter:
     """The algorithm by connections."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
         kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
-        self.force_algorithm = scatter(*kinds, model.tearing and model.tearing.breaking)
+        self.force_algorithm = scatter(*kinds, fracture and fracture.breaking)
         self.data = self.force_algorithm.Forces()
         self.data.f, self.data.connections = model.vectors(), model.connections
         for name, value in fields.items():
             setattr(self.data.constants, name, value)
-        if model.tearing is not None:
+        if fracture is not None:
             joined = self.data.connections = wp.clone(model.connections)
-            model.tearing.carry_out(joined, partial(_join_with_themselves, model.tearing, joined))
+            fracture.carry_out(joined, partial(_join_with_themselves, fracture, joined))
 
 
-def _join_with_themselves(tearing: Fracture, connections: wp.array) -> None:
+def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
     """Let connections that are broken join their first particles with themselves."""
     joined = np.array(connections.numpy())
-    joined[tearing.broken, 1] = joined[tearing.broken, 0]
+    joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
 
 
@@ -74,16 +74,15 @@ class Gather:
     Several `lanes`, threads to a particle, are for systems that do not tear, on a GPU.
     """
 
-    def __init__(self, model: Model, lanes: int = 1) -> None:
+    def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
         storage = "packed" if packed else "listed" if model.lengths_change else storage
-        tearing = model.tearing
         kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
         if lanes > 1:
             self.force_algorithm = gather_of_lanes(*kinds, lanes)
         else:
-            self.force_algorithm = gather(*kinds, tearing and tearing.breaking)
+            self.force_algorithm = gather(*kinds, fracture and fracture.breaking)
         self.data = self.force_algorithm.Forces()
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
@@ -94,13 +93,13 @@ class Gather:
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind" or (storage, name) == ("lengths", "rest_length")
             setattr(self.data.constants, name, _by_slot(value, connection) if by_connection else value)
-        if tearing is not None:
-            tearing.data.number = connection
-            tearing.carry_out(self.data.other, partial(self._name_themselves, model, tearing))
+        if fracture is not None:
+            fracture.data.number = connection
+            fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
-    def _name_themselves(self, model: Model, tearing: Fracture) -> None:
+    def _name_themselves(self, model: Model, fracture: Fracture) -> None:
         """Let the slots of broken connections name their own particles."""
-        inputs = [self.data.first, tearing.data.number, tearing.broken_at]
+        inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
@@ -208,28 +207,27 @@ class Stencil:
     Several `lanes`, threads to a particle, are for uniform lattices that do not tear, on a GPU.
     """
 
-    def __init__(self, model: Model, lanes: int = 1) -> None:
+    def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
         damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
-        tearing = model.tearing
         if lanes > 1:
             kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lanes)
             self.force_algorithm = stencil_of_lanes(*kinds)
             self._share(model, lattice)
             return
         kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
-        self.force_algorithm = stencil(*kinds, tearing and tearing.breaking)
+        self.force_algorithm = stencil(*kinds, fracture and fracture.breaking)
         data = self.data = self.force_algorithm.Forces()
         data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
-        if tearing is not None:
+        if fracture is not None:
             numbers = lattice.numbers(model.system)
-            tearing.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            fracture.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
             if lattice.uniform:
                 offset, own = lattice.neighbours()
-                tearing.data.offset = wp.array(offset, dtype=int, device=device)
-                tearing.data.own = wp.array(own, dtype=model.scalar, device=device)
-            tearing.carry_out(data.mask, partial(self._clear, model, tearing, numbers))
+                fracture.data.offset = wp.array(offset, dtype=int, device=device)
+                fracture.data.own = wp.array(own, dtype=model.scalar, device=device)
+            fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
             data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
@@ -259,20 +257,20 @@ class Stencil:
         self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
         self.data.constants = _records_of_three(model, constants)
 
-    def _clear(self, model: Model, tearing: Fracture, numbers: NDArray[np.int32]) -> None:
+    def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
         """Clear the bits of broken connections, whose numbers are by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
-        gone = (numbers >= 0) & tearing.broken[numbers]
+        gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):
             mask[first] &= ~np.uint32(1 << d)
             mask[model.system.connections[numbers[d, first], 1]] &= ~np.uint32(1 << (d + directions))
         self.data.mask.assign(mask)
 
 
-def lanes(model: Model) -> int:
+def lanes(model: Model, tears: bool = False) -> int:
     """Return how many threads share a particle: several on a GPU where they are few."""
     lattice = model.lattice
-    if model.force_algorithm == "scatter" or not model.device.is_cuda or model.tearing is not None:
+    if model.force_algorithm == "scatter" or not model.device.is_cuda or tears:
         return 1
     if lattice is not None and not lattice.uniform:
         return 1
@@ -284,10 +282,8 @@ def lanes(model: Model) -> int:
 CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
 
 
-def forces_of(model: Model) -> Scatter | Gather | Stencil:
+def forces_of(model: Model, fracture: Fracture | None = None) -> Scatter | Gather | Stencil:
     """Return the forces by a model's algorithm, as they are best computed for one world."""
-    return (
-        Scatter(model)
-        if model.force_algorithm == "scatter"
-        else CLASSES[model.force_algorithm](model, lanes(model))
-    )
+    if model.force_algorithm == "scatter":
+        return Scatter(model, fracture)
+    return CLASSES[model.force_algorithm](model, fracture, lanes(model, fracture is not None))

@@ -1,7 +1,7 @@
 """Fracture: connections that break for good; which of them are broken becomes state."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,9 +11,10 @@ from ...bodies import System, stored, uniform
 from ...kernels.springs import NO_SUBSTEP, breaking
 from ..device.device import scalar_array
 from ..model.effect import Effect
+from ..model.model import Model
 
-if TYPE_CHECKING:
-    from ..model.model import Model
+JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
+"""The array of an algorithm that says who is joined with whom."""
 
 
 class Fracture(Effect):
@@ -25,13 +26,14 @@ class Fracture(Effect):
 
     piece = None
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: Model) -> None:
         self._model = model
         self.breaking = breaking(model.scalar)
         """What the algorithms are composed with."""
         system, device = model.system, model.device
-        self.broken_at = wp.array(model.ordered(_rounded(system.broken_at)), dtype=wp.float32, device=device)
-        """When connections broke [s], in the device's order; inf where they are whole."""
+        broken_at = model.of_each_world(_rounded(system.broken_at)[None]).ravel()
+        self.broken_at = wp.array(broken_at, dtype=wp.float32, device=device)
+        """When connections broke [s], in the device's order, world after world; inf where they are whole."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
@@ -40,12 +42,50 @@ class Fracture(Effect):
             setattr(data, name, scalar_array(model.ordered(values), model.scalar, device))
         data.broken_at, data.steepest = self.broken_at, model.steepest_damping
         data.stiffness, data.damping = model.stiffness, model.damping
+        if model.in_worlds:
+            self._have_worlds()
         # What energies and bounds are summed of.
-        self._summed = [model.stiffness, model.damping]
-        if model.steepest_damping is not model.damping:
-            self._summed.append(model.steepest_damping)
+        self._summed = [data.stiffness, data.damping]
+        if data.steepest is not data.damping:
+            self._summed.append(data.steepest)
         self._joined: list[wp.array] = []
+        self.joined_field = JOINED[model.force_algorithm]
+        """What the algorithm calls the array from which it strikes out what breaks."""
         self._strike_out: Callable[[], None] = lambda: None
+
+    def _have_worlds(self) -> None:
+        """Upload what differs between worlds, and what breaking changes in each."""
+        model, data = self._model, self.data
+        whole = ~model.system.broken
+        self.by_world = ("broken_at", "stiffness", "damping", "steepest")
+        slope = model.system.damper.steepest
+        for name, rows in (
+            ("stiffness", model.row_of("stiffness")),
+            ("damping", model.row_of("damping")),
+            ("steepest", slope * model.row_of("damping")),
+        ):
+            values = model.of_each_world(np.where(whole, rows, 0.0)).ravel()
+            setattr(data, name, wp.array(values, dtype=model.scalar, device=model.device))
+        systems = [
+            model.system.replace(rest_length=length, stiffness=stiffness)
+            for length in model.row_of("rest_length")
+            for stiffness in model.row_of("stiffness")
+        ]
+        least = min(map(least_ratio, systems)) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps))
+        data.least = model.scalar(least)
+        if "stiffness" in model.rows:
+            self.by_world = (*self.by_world, "stretch")
+            rows = [break_stretch(model.system.replace(stiffness=one)) for one in model.row_of("stiffness")]
+            stretch = model.of_each_world(np.array(rows)).ravel()
+            data.stretch = wp.array(stretch, dtype=model.scalar, device=model.device)
+
+    def repeat_for_worlds(self, forces: Any) -> None:
+        """Have an algorithm's struct hold, for each world, what breaking strikes out."""
+        one = getattr(forces, self.joined_field)
+        each = np.tile(one.numpy(), (self._model.worlds, *[1] * (one.numpy().ndim - 1)))
+        joined = wp.array(each, dtype=one.dtype, device=one.device)
+        setattr(forces, self.joined_field, joined)
+        self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
         """Have an algorithm know what is broken already.
@@ -63,8 +103,8 @@ class Fracture(Effect):
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which connections are broken, in the device's order, shape [connection_count]."""
-        return np.isfinite(self.broken_at.numpy())
+        """Which connections are broken, in the device's order, shape [connection_count]; of the first world."""
+        return np.isfinite(self.broken_at.numpy()[: self._model.connection_count])
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""

@@ -1,31 +1,45 @@
 """Plasticity: springs that give way for good; their rest lengths become state."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.springs import yielding
 from ..model.effect import Effect
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
 """What the system says of each connection that may yield."""
 
 
 class Plasticity(Effect):
-    """Lets connections of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`."""
+    """Lets connections of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`.
 
-    def __init__(self, model: "Model") -> None:
+    Attributes
+    ----------
+    rest_length
+        The present rest lengths [m], in the device's order, of one world's connections after the other's.
+    """
+
+    def __init__(self, model: Model) -> None:
         self._model = model
         self.piece = yielding(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
-        self.data.connections, self.data.rest_length = model.connections, model.rest_length
+        self.data.connections = model.connections
         for name in STORED:
             setattr(self.data, name, model.per_connection(name))
+        self.rest_length = model.rest_length
+        if model.in_worlds:
+            self.by_world = ("rest_length",)
+            each = model.of_each_world(model.row_of("rest_length")).ravel()
+            self.rest_length = wp.array(each, dtype=model.scalar, device=model.device)
+            if "rest_length" in model.rows:
+                self.by_world, self.data.original_length = (
+                    ("rest_length", "original_length"),
+                    wp.clone(self.rest_length),
+                )
+        self.data.rest_length = self.rest_length
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of so many substeps of `dt` seconds."""
@@ -34,15 +48,15 @@ class Plasticity(Effect):
     @property
     def changing(self) -> list[wp.array]:
         """The rest lengths."""
-        return [self._model.rest_length]
+        return [self.rest_length]
 
     def checkpoint(self) -> dict[str, NDArray]:
         """Return the rest lengths of the system's connections [m], in its precision."""
-        return {"rest_length": self._model.in_system_order(self._model.rest_length.numpy().copy())}
+        return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
         """Take back what `checkpoint` gave."""
-        self._model.rest_length.assign(self._model.ordered(arrays["rest_length"]))
+        self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:
         """Return rest lengths as they are now, and the original ones, which stay."""

@@ -1,30 +1,54 @@
-"""The effects there are, and which of them a scene has."""
+"""Assembly: a model and the effects that a scene has; `assemble` makes it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ... import checks
+from ...bodies import System
 from ...kernels.effect import ForceTerm
-from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, Collider, Contact, Load, Probe
+from ...runtime import in_turn
+from ...world import (
+    BODY_CONTACT_FORCE,
+    CONTACT_FORCE,
+    Attachment,
+    Collider,
+    Contact,
+    Driven,
+    EnclosedGas,
+    Gravity,
+    Load,
+    PrescribedMotion,
+    Probe,
+    bound,
+    check_loads,
+    checked_probes,
+    driven_particles,
+)
 from ..collision.body_contact import BodyContact
 from ..collision.body_contact_worlds import BodyContactWorlds
 from ..collision.colliders import Colliders
-from ..collision.surface_contact import straddling
-from ..loads.actuators import actuating
-from ..loads.attachments import attaching
-from ..loads.drives import driving
-from ..loads.embedded_vertices import mixing
+from ..collision.penetration_depth import start_depths, touching
+from ..collision.surface_contact import SurfaceContact, surface_contact_of
+from ..loads.actuators import actuators_of
+from ..loads.attachments import attachments_of
+from ..loads.drives import Drives, drives_of
+from ..loads.embedded_vertices import embedded_vertices_of
 from ..loads.external_work import Work
-from ..loads.forces import Steady, forcing
-from ..loads.pressure import pressing
-from ..loads.wind import blowing
+from ..loads.forces import Steady, forces_of_loads
+from ..loads.pressure import pressures_of
+from ..loads.wind import winds_of
 from ..model.effect import Effect
+from ..model.model import CONSTANTS, Model, Rows
 from ..springs.extra_springs import ExtraSprings
 from ..springs.fracture import Fracture
 from ..springs.plasticity import Plasticity
 
-if TYPE_CHECKING:
-    from ..model.model import Model
+COLLIDER_RULES = ("coulomb", "report")
 
 
 class Surroundings(NamedTuple):
@@ -33,26 +57,20 @@ class Surroundings(NamedTuple):
     colliders: Sequence[Collider] = ()
     """Obstacles, in the order in which a particle meets them."""
     collider_rule: str = "coulomb"
-    """The contact rule, "coulomb" or "report"."""
+    """The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`."""
     loads: Sequence[Load] = ()
     """What else acts on the system."""
     probes: Mapping[str, Probe] = MappingProxyType({})
     """What is measured, by name."""
     contact_forces: bool = False
-    """Whether what contacts push each particle with is asked for."""
+    """Whether the contact force on each particle is asked for."""
 
     def asks_for(self, *quantities: str) -> bool:
         """Tell whether a probe asks for one of these, or the contact forces are asked for as they are."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
-def collider_rule(model: "Model", around: Surroundings) -> Colliders:
-    """Return the effect of the obstacles that there are."""
-    return Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE))
-
-
-def touching(model: "Model", around: Surroundings) -> BodyContact | None:
-    """Return the effect of contact between bodies, if they touch."""
+def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
     rules = [one for one in around.loads if isinstance(one, Contact)]
     if all(one.exclude for one in rules):
         return None
@@ -61,34 +79,205 @@ def touching(model: "Model", around: Surroundings) -> BodyContact | None:
     return BodyContact(model, rules, around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE))
 
 
-EFFECTS: list[Callable[["Model", Surroundings], Effect | Sequence[Effect] | None]] = [
-    lambda model, around: collider_rule(model, around) if around.colliders else None,
+def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of wind and pressure, and before them the vertices that they act on."""
+    vertices = embedded_vertices_of(model, loads)
+    effects: list[Effect] = [] if vertices is None else [vertices]
+    return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)
+
+
+EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
+    lambda model, around: (
+        Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE))
+        if around.colliders
+        else None
+    ),
     lambda model, around: Plasticity(model) if model.system.yields else None,
     lambda model, around: Fracture(model) if model.system.tears else None,
-    lambda model, around: driving(model, around.loads),
+    lambda model, around: drives_of(model, around.loads),
     lambda model, around: ExtraSprings(model) if model.lattice is not None and len(model.lattice.ties) else None,
-    lambda model, around: forcing(model, around.loads),
-    lambda model, around: mixing(model, around.loads),  # what it finds is read by the next two
-    lambda model, around: blowing(model, around.loads),
-    lambda model, around: pressing(model, around.loads),
-    lambda model, around: attaching(model, around.loads),
-    lambda model, around: actuating(model, around.loads),
-    touching,
+    lambda model, around: forces_of_loads(model, around.loads),
+    lambda model, around: _on_surfaces(model, around.loads),
+    lambda model, around: attachments_of(model, around.loads),
+    lambda model, around: actuators_of(model, around.loads),
+    _body_contact,
 ]
 """For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
 
 
-def effects_of(model: "Model", around: Surroundings) -> list[Effect]:
-    """Return the effects that a scene has."""
-    found: list[Effect] = []
-    for make in EFFECTS:
-        made = make(model, around)
-        found += [made] if isinstance(made, Effect) else made or []
-    between = straddling(model, around.colliders, around.loads, found)
-    found += [between] if between is not None else []
-    summed = any(isinstance(effect.piece, ForceTerm) and effect.piece.works for effect in found)
-    steady = next((effect for effect in found if isinstance(effect, Steady)), None)
-    others = [effect for effect in found if effect.done is not None]
-    if summed or steady is not None or others:
-        found.append(Work(model, summed=summed, steady=steady, others=others))
-    return found
+class Assembly:
+    """A model, and the effects that act on it.
+
+    Attributes
+    ----------
+    model
+        The system on its device.
+    all
+        Every effect, in the order in which they act.
+    colliders, fracture, plasticity, drives, body_contact, surface_contact, external_work
+        The effect of that kind; None where the scene lacks it.
+    probes
+        What is measured, by name.
+    sums_contact_forces
+        Whether effects sum the contact forces on particles.
+    """
+
+    def __init__(self, model: Model, around: Surroundings) -> None:
+        self.model, self.probes = model, around.probes
+        self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
+        self.all: list[Effect] = []
+        for make in EFFECTS:
+            made = make(model, around)
+            self.all += [made] if isinstance(made, Effect) else made or []
+        self.colliders = self._one_of(Colliders)
+        self.fracture = self._one_of(Fracture)
+        self.plasticity = self._one_of(Plasticity)
+        self.drives = self._one_of(Drives)
+        self.body_contact: Any = self._one_of(BodyContact)
+        self.surface_contact: SurfaceContact | None = None
+        if self.colliders is not None and self.body_contact is not None:
+            found = surface_contact_of(model, self.colliders, self.body_contact, around.colliders, around.loads)
+            self.surface_contact = found
+            self.all += [found] if found is not None else []
+        self.external_work = self._work()
+        self.all += [self.external_work] if self.external_work is not None else []
+
+    def _one_of(self, kind: type) -> Any:
+        """Return the effect of a kind; None where there is none."""
+        return next((effect for effect in self.all if isinstance(effect, kind)), None)
+
+    def _work(self) -> Work | None:
+        """Return what sums the work of the effects; None where none does any."""
+        summed = any(isinstance(effect.piece, ForceTerm) and effect.piece.works for effect in self.all)
+        steady = self._one_of(Steady)
+        others = [effect for effect in self.all if effect.done is not None]
+        if not summed and steady is None and not others:
+            return None
+        return Work(self.model, summed=summed, steady=steady, others=others)
+
+    @property
+    def begins_substeps(self) -> bool:
+        """Whether anything happens to connections as a substep begins: an effect acts on them, or they break."""
+        pieces = [one.piece for one in self.all if isinstance(one.piece, ForceTerm)]
+        return self.fracture is not None or any(piece.begin is not None for piece in pieces)
+
+    def checkpoints(self) -> list[dict[str, NDArray]]:
+        """Return what substeps have changed in the effects of each world, as those of a single run restore it."""
+        found: list[dict[str, NDArray]] = [{} for _ in range(self.model.worlds)]
+        for effect in self.all:
+            if effect is self.body_contact:
+                parts = self.body_contact.checkpoints()
+            else:
+                arrays = {name: np.split(one, self.model.worlds) for name, one in effect.checkpoint().items()}
+                parts = [{name: one[w] for name, one in arrays.items()} for w in range(self.model.worlds)]
+            found = [known | part for known, part in zip(found, parts, strict=True)]
+        return found
+
+    def go_on_from(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
+        """Take over what a run has summed with the same loads, whose particles were at x and moved at v."""
+        if self.external_work is not None and other.external_work is not None:
+            self.external_work.before += other.external_work.totals(x, v)
+        for effect in self.all:
+            same = next((one for one in other.all if type(one) is type(effect)), None)
+            if same is not None:
+                effect.go_on_from(same)
+
+
+@in_turn
+def assemble(
+    system: System,
+    *,
+    gravity: Gravity = 9.82,
+    colliders: Sequence[Collider] = (),
+    collider_rule: str = "coulomb",
+    loads: Sequence[Load] = (),
+    probes: Mapping[str, Probe] | None = None,
+    contact_forces: bool = False,
+    **options: Any,
+) -> Assembly:
+    """Return a system on a device with what acts on it.
+
+    Parameters
+    ----------
+    system
+        What is simulated.
+    gravity
+        See `Model`.
+    colliders
+        Obstacles, in the order in which a particle meets them.
+    collider_rule
+        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`.
+    loads
+        What else acts on the system, each a `Load`.
+    probes
+        What is measured where a frame ends, by name.
+    contact_forces
+        Whether the contact force on each particle is summed.
+    options
+        Of `Model`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+    """
+    checks.one_of("collider_rule", collider_rule, COLLIDER_RULES)
+    check_loads(loads, system)
+    loads = bound(loads, system)
+    model = Model(system, gravity=gravity, driven=driven_particles(loads, system), **options)
+    measured = checked_probes(probes or {}, system, colliders, loads)
+    return Assembly(model, Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces))
+
+
+def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> Assembly:
+    """Return many worlds of a system on a device with what acts on them.
+
+    Parameters
+    ----------
+    system
+        What all worlds have.
+    worlds, rows
+        See `Model`.
+    options
+        Of `assemble`.
+
+    Raises
+    ------
+    ValueError
+        If the scene has an effect that worlds cannot have, or a number is out of the range of the precision.
+    """
+    for k, one in enumerate(options.get("loads", ())):
+        if isinstance(one, Contact) and one.surface_colliders:
+            raise ValueError("contact has surface_colliders=True, which worlds of an ensemble cannot have yet")
+        if "position" in rows and isinstance(one, Attachment | EnclosedGas | PrescribedMotion | Driven):
+            raise ValueError(
+                f"position differs between worlds, and loads[{k}], {one!r}, starts from the positions of the "
+                "scene; in an ensemble with such a load all worlds must start alike"
+            )
+    assembly = assemble(system, worlds=worlds, rows=rows, **options)
+    model = assembly.model
+    if system.tears and model.force_algorithm == "stencil" and model.rows.keys() & set(CONSTANTS):
+        raise ValueError(
+            "force_algorithm is 'stencil', and the system can tear; where the constants of connections differ "
+            "between worlds, it must be another"
+        )
+    _check_starts(model, options.get("colliders", ()))
+    return assembly
+
+
+def _check_starts(model: Model, colliders: Sequence[Collider]) -> None:
+    """Raise ValueError where worlds start inside obstacles, each in its own way.
+
+    All worlds share one depenetration. So the scene may start inside an obstacle where all worlds start alike.
+    """
+    if not colliders or not {"position", "rest_length", "mass"} & model.rows.keys():
+        return
+    places = model.row_of("position")
+    depths = start_depths(places.reshape(-1, model.dim), colliders).max(axis=0).reshape(places.shape[:2])
+    depths = np.where(np.isfinite(model.row_of("mass")).any(axis=0), depths, 0.0)
+    if depths.max() > touching(model.system):
+        row, particle = np.unravel_index(np.argmax(depths), depths.shape)
+        raise ValueError(
+            f"particle {particle} of world {row} starts {depths.max():.3g} m inside an obstacle; where "
+            "positions, rest lengths or masses differ between worlds, all particles must start outside"
+        )

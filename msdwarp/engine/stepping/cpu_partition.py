@@ -14,6 +14,7 @@ from ... import checks
 from ...kernels.integrators import ABORT, Composition, PartOfParticles, in_partition, scene, wait_for_all
 from ..device.thread_pool import replay_together
 from ..model.model import Model
+from .assemble import Assembly
 
 LEAST_SHARE = 5_000
 """Connections for each thread, at least: some 50 µs of work, of which meeting the others is then a small part."""
@@ -166,13 +167,13 @@ def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray
     return borders.reshape(-1, 2), np.unique(ends[concerned][~within[concerned]])
 
 
-def threads_for(model: Model, threads: int | str) -> int:
+def threads_for(assembly: Assembly, threads: int | str) -> int:
     """Return how many threads a body is advanced by.
 
     Parameters
     ----------
-    model
-        The body.
+    assembly
+        The body, and what acts on it.
     threads
         How many, or "auto": one for each core, fewer for small bodies.
 
@@ -184,25 +185,25 @@ def threads_for(model: Model, threads: int | str) -> int:
     if threads != "auto":
         if isinstance(threads, str):
             raise ValueError(f"threads is {threads!r}; it must be a whole number of at least 1, or 'auto'")
-        if checks.count("threads", threads, 1) > 1 and not model.device.is_cuda:
+        if checks.count("threads", threads, 1) > 1 and not assembly.model.device.is_cuda:
             return threads
         if threads > 1:
             raise ValueError(f"threads is {threads}; it must be 1 or 'auto' on a GPU, which has its own")
         return 1
-    if model.device.is_cuda:
+    if assembly.model.device.is_cuda:
         return 1
     most = os.environ.get(THREADS, "")
     if most and not (most.isdecimal() and int(most) > 0):
         raise ValueError(f"{THREADS} is {checks.repr_short(most)}; it must be a whole number of at least 1")
-    return max(1, min(int(most or MOST_BY_ITSELF), cores(), _work_to_share(model) // LEAST_SHARE))
+    return max(1, min(int(most or MOST_BY_ITSELF), cores(), _work_to_share(assembly) // LEAST_SHARE))
 
 
-def _work_to_share(model: Model) -> int:
+def _work_to_share(assembly: Assembly) -> int:
     """Return how many connections, and points that may touch, threads can share."""
-    points = sum(one.shared_points for one in model.effects)
-    if model.begins_substeps and any(one.precedes for one in model.effects):  # then one thread takes the stages
+    points = sum(one.shared_points for one in assembly.all)
+    if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # then one thread takes the stages
         return points
-    return model.connection_count + points
+    return assembly.model.connection_count + points
 
 
 def cores() -> int:

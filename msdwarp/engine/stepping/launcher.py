@@ -12,12 +12,14 @@ from ...kernels.colliders import NO_COLLIDERS, ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...kernels.integrators import (
     Composition,
+    Differences,
     begin_each_connection,
     beginning,
     each_column,
     each_connection,
     each_masked,
     each_particle,
+    force_on_each,
     persistent,
     scene,
 )
@@ -25,9 +27,12 @@ from ...kernels.springs import COLUMN, NO_SUBSTEP
 from ..model.effect import Effect, Steps
 from ..model.model import Model
 from ..model.state import State
+from ..springs.constants_by_world import ensemble_forces
 from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
+from .assemble import Assembly
 from .cpu_partition import CpuPartition
+from .worlds import differences, fill_world_data, threads_at_a_time
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
@@ -40,16 +45,30 @@ MOST_IN_SECOND_PASS = 0.25
 class Dynamics:
     """Joins a model, an algorithm for its forces, and its effects, and launches integrators' stages.
 
-    `forces` are by default those that the model has by its algorithm; `threads` of the CPU share the particles.
+    Parameters
+    ----------
+    assembly
+        The model and its effects.
+    threads
+        Threads of the CPU that share the particles.
+
+    Attributes
+    ----------
+    frozen
+        What has become of each world, shape [worlds]: those that are not 0 are advanced no more; None outside of
+        ensembles.
     """
 
-    def __init__(self, model: Model, forces: Any = None, threads: int = 1) -> None:
-        self.model = model
-        forces = forces or forces_of(model)
-        pieces = [effect.piece for effect in model.effects]
-        self._columns = columns(model) if forces.force_algorithm.column_forces else 0
+    frozen: Any = None
+
+    def __init__(self, assembly: Assembly, threads: int = 1) -> None:
+        self.assembly = assembly
+        model = self.model = assembly.model
+        forces, differs = self._forces()
+        pieces = [effect.piece for effect in assembly.all]
+        self._columns = columns(model) if forces.force_algorithm.column_forces and not model.in_worlds else 0
         effect_mask = self._effect_mask()
-        self._preceding = [one for one in model.effects if one.precedes]
+        self._preceding = [one for one in assembly.all if one.precedes]
         precedes = bool(self._preceding)
         few = 0 < np.count_nonzero(effect_mask) <= MOST_IN_SECOND_PASS * model.particle_count
         others = [one for one in pieces if isinstance(one, ForceTerm) and one.force is not None]
@@ -70,12 +89,16 @@ class Dynamics:
                 bool(self._columns and few and any(one.works for one in others))
                 or (bool(effect_mask.any()) and precedes)
             ),
+            differs=differs,
         )
         self._side = wp.Stream(model.device, priority=-1) if precedes and self.composition.second_pass else None
         self.scene = scene(self.composition)()
         self.scene.forces, self.scene.inverse_mass = forces.data, model.inverse_mass
         self.scene.gravity = model.gravity
-        for effect in model.effects:
+        if differs is not None:
+            self.frozen = wp.zeros(model.worlds, dtype=wp.int32, device=model.device)
+            fill_world_data(self.scene.worlds, assembly, forces, self.frozen)
+        for effect in assembly.all:
             self._place(effect)
         if self.composition.selective:
             self.scene.effect_mask = wp.array(effect_mask, dtype=wp.uint8, device=model.device)
@@ -83,7 +106,7 @@ class Dynamics:
             self.scene.masked_particles = wp.array(np.flatnonzero(effect_mask), dtype=int, device=model.device)
             self.scene.spring_force = model.vectors()
         self._steps, self._last_stage, self._looking = Steps(1.0, 1), 0, False
-        self._searching = [one for one in model.effects if type(one).search is not Effect.search]
+        self._searching = [one for one in assembly.all if type(one).search is not Effect.search]
         self._summing = [one for one in self._preceding if type(one).add_up is not Effect.add_up]
         self._in_frame = self._begins = self._within = False
         self._due: list[Effect] = []
@@ -92,11 +115,21 @@ class Dynamics:
         self.threads = threads
         self.partition = CpuPartition(model, self.composition, threads) if threads > 1 else None
         """What has threads share the stages of a frame that is recorded; None where one thread takes them."""
-        for effect in model.effects:
+        for effect in assembly.all:
             effect.use_partition(self.partition)
-        self._in_stages = not model.begins_substeps
+        self._in_stages = not assembly.begins_substeps
         self._by_one_thread = not model.device.is_cuda and bool(self._preceding) and self._in_stages
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
+
+    def _forces(self) -> tuple[Any, Differences | None]:
+        """Return the algorithm as kernels read it, and what differs between worlds, if there are many."""
+        model, fracture = self.model, self.assembly.fracture
+        if not model.in_worlds:
+            return forces_of(model, fracture), None
+        plasticity = self.assembly.plasticity
+        rest_length = None if plasticity is None else plasticity.rest_length
+        forces = ensemble_forces(model, fracture, rest_length)
+        return forces, differences(self.assembly, forces)
 
     def _place(self, effect: Effect) -> None:
         """Have kernels find an effect's data as they are now."""
@@ -109,7 +142,7 @@ class Dynamics:
     def _effect_mask(self) -> NDArray[np.uint8]:
         """Return which selective effects act on each particle, as bits."""
         effect_mask = np.zeros(self.model.particle_count, dtype=np.uint8)
-        selective = [one for one in self.model.effects if isinstance(one.piece, ForceTerm) and one.piece.selective]
+        selective = [one for one in self.assembly.all if isinstance(one.piece, ForceTerm) and one.piece.selective]
         if len(selective) > MOST_MARKS:
             raise ValueError(
                 f"{len(selective)} loads of different kinds act on particles; at most {MOST_MARKS} can"
@@ -125,7 +158,7 @@ class Dynamics:
         self.model.generation += 1  # tables are other ones
         if self.composition.timed:
             self.scene.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.steps = steps
             effect.begin(steps.substeps, steps.dt)
             self._place(effect)
@@ -134,19 +167,19 @@ class Dynamics:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
         if self.composition.timed:
             self.scene.time.assign(self._steps.times(time).astype(self.model.dtype))
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Do on the host what can be done early for the frame that begins at `time` [s], while another runs."""
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.prepare(time)
 
     def hold(self, time: float) -> None:
         """Have what is launched between frames find effects as they are at `time` [s]."""
         if self.composition.timed:
             self.scene.time.fill_(time)
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             effect.hold(time)
         self.rest()
 
@@ -164,7 +197,7 @@ class Dynamics:
         """
         if self.composition.timed:  # which is where the next one begins
             self.scene.stage = (substep + 1) * len(self._steps.stage_times)
-        work = self.model.work
+        work = self.assembly.external_work
         if work is not None:
             setattr(self.scene, work.field, work.idle)
         self._looking = True
@@ -178,9 +211,13 @@ class Dynamics:
     def begin_substep(self, state: State, substep: int) -> None:
         """Begin substep number `substep` of a frame: launch what effects do to each connection then."""
         if beginning(self.composition) is not None:
-            inputs = [self.scene, state.state_in.compensation, state.state_in.x]
-            kernel, threads = begin_each_connection(self.composition), self.model.connection_count
-            wp.launch(kernel, threads, inputs, device=self.model.device)
+            now, kernel = state.state_in, begin_each_connection(self.composition)
+            inputs = [self.scene, now.compensation, now.x]
+            if self.model.in_worlds:
+                step = force_on_each(self.composition).Step()
+                step.compensation, step.x = now.compensation, now.x
+                inputs = [self.scene, step]
+            wp.launch(kernel, self._of_each_world(self.model.connection_count), inputs, device=self.model.device)
         self._due = [effect for effect in self._searching if substep % effect.rebuild_interval == 0]
         self._within = substep > 0
         self._in_frame = self._begins = True
@@ -189,7 +226,7 @@ class Dynamics:
 
     def go_to(self, substep: int) -> None:
         """Have what is launched next find effects as they are in this substep of a frame."""
-        for effect in self.model.effects:
+        for effect in self.assembly.all:
             if effect.begin_substep(substep):
                 self._place(effect)
         if self.composition.timed:
@@ -267,9 +304,19 @@ class Dynamics:
         if self.partition is not None and self._is_shared:
             self.partition.launch(method, self.scene, self._as_steps(step, self.partition.kernel(method), 1), 1)
             return
-        kernel: Any = persistent(self.composition, method, 1)
+        kernel: Any = self.persistent(method, 1, 1)
         inputs = [self.scene, self._as_steps(step, kernel, 1), 1, self.model.connection_count, 1]
-        wp.launch(kernel, 1, inputs, device=self.model.device)
+        wp.launch(kernel, self.model.worlds, inputs, device=self.model.device)
+
+    def persistent(self, method: Any, blocks: int, threads: int) -> Any:
+        """Return the kernel that takes many steps by so many blocks of threads; a world takes one block."""
+        if self.model.in_worlds:
+            return persistent(self.composition, method, 1, threads, threads_at_a_time(self.assembly))
+        return persistent(self.composition, method, blocks)
+
+    def _of_each_world(self, count: int) -> int | tuple[int, int]:
+        """Return the threads of a launch: so many, in an ensemble for each world."""
+        return (self.model.worlds, count) if self.model.in_worlds else count
 
     def _as_steps(self, step: Any, kernel: Any, argument: int) -> wp.array:
         """Return a step as the array that an argument of a kernel takes."""
@@ -285,14 +332,19 @@ class Dynamics:
         """Launch a stage with a thread for each connection, and one for each particle or column of such."""
         model = self.model
         if forced and self.composition.force_algorithm.evaluate is not None and model.connection_count:
-            inputs = [self.scene.forces, step.compensation, step.x, step.v]
-            kernel, threads = each_connection(self.composition), model.connection_count
+            threads = self._of_each_world(model.connection_count)
+            if model.in_worlds:
+                inputs, kernel = [self.scene, step], each_connection(self.composition, method)
+            else:
+                inputs = [self.scene.forces, step.compensation, step.x, step.v]
+                kernel = each_connection(self.composition)
             wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
         if forced and self._columns:
             kernel, threads = each_column(self.composition, method), self._columns
         else:
-            kernel, threads = each_particle(self.composition, method), model.particle_count
-            threads *= self.composition.force_algorithm.lanes
+            lanes = self.composition.force_algorithm.lanes
+            kernel = each_particle(self.composition, method)
+            threads = self._of_each_world(model.particle_count * lanes)
         wp.launch(
             kernel,
             threads,

@@ -4,17 +4,20 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ...kernels.ensembles import MOST_BYTES
+from ...kernels.integrators import MOST_BYTES, on_chip_worlds
 from ...kernels.places import arrays_of
 from ...kernels.records import record_length
 from ...kernels.springs import COLUMN
+from ..model.model import Model
 from ..model.state import Instant, State
-from ..model.worlds import EnsembleModel
 from ..springs.force_algorithms import MANY_NEIGHBOURS
-from .substeps import power_of_two
+from .launcher import Dynamics
+from .worlds import power_of_two, threads_at_a_time
 
 LEAST_ROOM = 1024
 """Bytes; there is a kernel for each power of two from here on."""
+IN_COLUMNS = 512
+"""Threads of a multiprocessor that find registers enough for columns of particles."""
 MOST_THREADS = 512
 """Larger worlds have a thread for each column of particles, or are not advanced on the chip."""
 
@@ -39,8 +42,19 @@ class Chip(NamedTuple):
     room: int
     """Bytes of shared memory: a power of two, or the most that there is."""
 
+    def launch(self, dynamics: Dynamics, method: Any, stages: int) -> None:
+        """Launch so many stages of all worlds, a block of threads for each."""
+        at_a_time = threads_at_a_time(dynamics.assembly)
+        together = min(at_a_time, IN_COLUMNS) if self.in_columns else at_a_time
+        kernel: Any = on_chip_worlds(
+            dynamics.composition, method, self.threads, together, self.room, self.in_columns
+        )
+        inputs = [dynamics.scene, self.steps, stages, self.home, self.words, self.each, self.margin]
+        threads, device = dynamics.model.worlds * self.threads, dynamics.model.device
+        wp.launch(kernel, threads, inputs, device=device, block_dim=self.threads)
 
-def on_chip(model: EnsembleModel, state: State, force_algorithm: Any, Step: Any, stages: list[Any]) -> Chip | None:
+
+def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) -> Chip | None:
     """Return how the worlds of a model stay on the chip; None where they are too large for it.
 
     What a substep writes `state_out` goes where it is `state_in`: in a block nobody writes before all have read.
@@ -48,15 +62,15 @@ def on_chip(model: EnsembleModel, state: State, force_algorithm: Any, Step: Any,
 
     Parameters
     ----------
-    model, state
+    dynamics, state
         The worlds, and what moves.
-    force_algorithm
-        How particles get their forces.
-    Step, stages
-        The struct type of a stage, and the stages of a substep.
+    method, stages
+        The method, and its stages of a substep.
     """
-    if not model.device.is_cuda or force_algorithm.evaluate is not None:
+    model, force_algorithm = dynamics.model, dynamics.composition.force_algorithm
+    if not model.device.is_cuda or force_algorithm.evaluate is not None or dynamics.assembly.begins_substeps:
         return None
+    Step = method(dynamics.composition).Step
     needed, reach, in_columns = _threads(model, force_algorithm)
     if needed > MOST_THREADS:
         return None
@@ -87,7 +101,7 @@ def on_chip(model: EnsembleModel, state: State, force_algorithm: Any, Step: Any,
     )
 
 
-def _threads(model: EnsembleModel, force_algorithm: Any) -> tuple[int, int, bool]:
+def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
     """Return how many threads a world takes, how far beyond its particles they read, and if they have columns."""
     count, lattice = model.particle_count, model.lattice
     if lattice is None:

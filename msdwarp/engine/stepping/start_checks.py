@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from ... import checks
 from ...bodies import System, pieces, stored
 from ...world import Collider
-from ..collision.body_contact import BodyContact
-from ..collision.colliders import DEPENETRATION_TIME, Colliders
+from ..collision.colliders import DEPENETRATION_TIME
 from ..collision.penetration_depth import start_depths, touching, ways_out
-from ..collision.surface_contact import SurfaceContact
-from ..loads.drives import Driving
 from ..model.model import Model
 from ..model.state import State
+from .assemble import Assembly
 
 COARSE = 1e-3
 """Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
@@ -23,25 +21,25 @@ TORN = 2.0
 """Length that a connection would be led out to, over its own, from which on a body would be torn."""
 
 
-def starting_state(system: System, model: Model, carried: int, time: float, fps: float) -> State:
+def starting_state(system: System, assembly: Assembly, method_state: int, time: float, fps: float) -> State:
     """Return the state of a system at `time` [s], what is driven where its drive has it then.
 
     Parameters
     ----------
-    system, model
+    system, assembly
         The system, and the same on its device.
-    carried
+    method_state
         See `State`.
     time, fps
         When it starts [s], and frames per second.
     """
-    state = State.from_system(system, model, carried)
-    for effect in model.effects:
+    state = State.from_system(system, assembly.model, method_state)
+    for effect in assembly.all:
         effect.place(state, time, fps)
     return state
 
 
-def warn_of_start(model: Model, colliders: Sequence[Collider]) -> str | None:
+def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
     """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside.
 
     That is what starts inside an obstacle, or bodies that start inside each other.
@@ -51,15 +49,15 @@ def warn_of_start(model: Model, colliders: Sequence[Collider]) -> str | None:
     ValueError
         If a whole body starts so within an obstacle that leading it out would tear it.
     """
-    led_out = all(one.leads_out for one in model.effects if isinstance(one, Colliders))
+    model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
+    led_out = obstacles is None or obstacles.leads_out
     if led_out:
         check_swallowed(model.system, colliders, model.driven)
     inside = start_inside(model.system, colliders, model.driven, led_out=led_out)
-    displaced = [effect.displaced() for effect in model.effects if isinstance(effect, Driving)]
-    overlapping = [
-        effect.overlapping() for effect in model.effects if isinstance(effect, BodyContact | SurfaceContact)
-    ]
-    for doubt in (inside, start_far(model), *displaced, *overlapping):
+    displaced = None if drives is None else drives.displaced()
+    contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
+    overlapping = [effect.overlapping() for effect in contacts]
+    for doubt in (inside, start_far(model), displaced, *overlapping):
         if doubt:
             warnings.warn(doubt, checks.StartWarning, stacklevel=4)
     return next(filter(None, (inside, *overlapping)), None)

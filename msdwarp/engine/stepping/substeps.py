@@ -6,10 +6,12 @@ from typing import Literal
 import warp as wp
 
 from ... import checks
-from ...kernels.integrators import MOST_THREADS, persistent
+from ...kernels.integrators import MOST_THREADS
 from ..model.model import Model
 from ..model.state import State
 from .launcher import Dynamics
+from .shared_memory import Chip, on_chip
+from .worlds import power_of_two, threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
 """How many blocks of threads, and threads in each, take the substeps of a frame in one launch."""
@@ -38,7 +40,7 @@ class Stepper:
         Launches what looks at the state behind each substep, given its number in the frame; None for nothing.
     blocks
         Blocks of threads, and threads in each, that take all substeps in one launch; None for a launch for each
-        stage; "auto" for what was faster where it was measured.
+        stage; "auto" for what was faster where it was measured. In an ensemble the threads of a world's block.
     """
 
     def __init__(
@@ -49,24 +51,35 @@ class Stepper:
         *,
         one_kernel: bool = True,
         behind_each: Callable[[int], None] | None = None,
-        blocks: Blocks = "auto",
+        blocks: Blocks | int | str = "auto",
     ) -> None:
         self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
         self._behind_each = behind_each
-        if blocks == "auto":
-            blocks = persistent_blocks(dynamics.model, dynamics.composition.force_algorithm.lanes)
+        self._chip: Chip | None = None
+        model, chosen = dynamics.model, blocks == "auto"
+        if model.in_worlds:
+            assert not isinstance(blocks, tuple)
+            threads = threads_of_world(dynamics.assembly, blocks)
+            blocks = None if threads is None else (model.worlds, threads)
+        elif blocks == "auto":
+            blocks = persistent_blocks(model, dynamics.composition.force_algorithm.lanes)
+        assert not isinstance(blocks, int | str)
         one_kernel = one_kernel and behind_each is None and not dynamics.launches_before_forces
         self.blocks: tuple[int, int] | None = blocks if one_kernel else None
         """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
-        if self.blocks is None:
+        if self.blocks is None and not (model.in_worlds and one_kernel and chosen):
             return
         # Each substep flips the state: the third is the first again.
         stages = dynamics.record(lambda: (take_substep(), take_substep()))
-        (method, _), device = stages[0], dynamics.model.device
-        self._per_substep = len(stages) // 2
-        self._method, self._kernel = method, persistent(dynamics.composition, method, self.blocks[0])
-        self._kept = [step for _, step in stages]
-        self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=device)
+        (method, _), self._per_substep = stages[0], len(stages) // 2
+        self._method, self._kept = method, [step for _, step in stages]
+        if model.in_worlds and chosen:
+            self._chip = on_chip(dynamics, state, method, self._kept[: self._per_substep])
+        if self._chip is not None:
+            self.blocks = model.worlds, self._chip.threads
+        elif self.blocks is not None:
+            self._kernel = dynamics.persistent(method, *self.blocks)
+            self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=model.device)
 
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
@@ -78,7 +91,7 @@ class Stepper:
                     self._behind_each(first + k)
         else:
             self._persist(*self.blocks, substeps * self._per_substep, first)
-            if substeps % 2:
+            if substeps % 2 and self._chip is None:
                 self._state.flip()
         self._dynamics.rest()
         self._state.settle()
@@ -89,8 +102,11 @@ class Stepper:
         partition = self._dynamics.partition
         if partition is not None and partition.is_recording:
             partition.launch(self._method, self._dynamics.scene, self._steps, stages)
+        elif self._chip is not None:
+            self._chip.launch(self._dynamics, self._method, stages)
         else:
-            inputs = [self._dynamics.scene, self._steps, stages, model.connection_count, everyone]
+            share = threads if model.in_worlds else everyone
+            inputs = [self._dynamics.scene, self._steps, stages, model.connection_count, share]
             wp.launch(self._kernel, everyone, inputs, device=model.device, block_dim=threads)
         self._dynamics.have_begun()
 
@@ -123,8 +139,3 @@ def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
         if checks.count(f"blocks[{k}]", number, 1) > limit:
             where = "on a GPU" if on_gpu else "on the CPU"
             raise ValueError(f"blocks[{k}] is {number}; it must be at most {limit} {where}")
-
-
-def power_of_two(threads: int) -> int:
-    """Return so many threads or more, of few different numbers: a kernel is compiled for each."""
-    return max(32, 1 << (threads - 1).bit_length())

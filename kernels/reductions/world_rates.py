@@ -5,15 +5,15 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..reductions.stability import largest_eigenvalue
 from ..springs.linearised import connection_blocks
+from .stability import largest_eigenvalue
 
 
 @functools.cache
 def add_blocks_of_worlds(dim: int, scalar: type):
     """Compose the kernel, over worlds and connections, that adds each to the blocks of its two particles.
 
-    They are those of `forces.add_blocks`, by the same arithmetic.
+    They are those of `springs.add_blocks`, by the same arithmetic.
     """
     V, Block, blocks_of = (
         vector(dim, scalar),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import kernel, vector
-from ..reductions.measure import difference
+from .measure import difference
 
 KINETIC, ELASTIC, GRAVITATIONAL = 0, 1, 2
 """Columns of energies."""

@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel
-from ..integrators import Composition, loads, tools
 from ..places import Place, arrays_of, shifts
 from ..springs import COLUMN
-from .by_world import Differences, by_world
-from .stages import wait
+from .composition import Composition, loads, tools
+from .persistent import wait_in_block
+from .worlds import enter_world
 
 MOST_BYTES = 44 * 1024
 """Every GPU gives a block 48 KB of shared memory without being asked; Warp takes 4 bytes a thread of it."""
@@ -46,7 +46,6 @@ EMPTY = """
 @functools.cache
 def on_chip_worlds(
     composition: Composition,
-    differs: Differences,
     method: Any,
     threads: int,
     together: int,
@@ -63,7 +62,7 @@ def on_chip_worlds(
 
     Parameters
     ----------
-    composition, differs, method
+    composition, method
         What the kernel is composed from. The algorithm must not scatter.
     threads
         Threads of a block.
@@ -76,7 +75,7 @@ def on_chip_worlds(
     """
     _, SceneData, *_ = tools(composition)
     Step, advance, _ = method(composition)
-    ByWorld, take = by_world(composition, differs)
+    enter, moving, timed = enter_world(composition), composition.collider_term.moving, composition.timed
     shift = shifts(Step, arrays_of(Step, composition.compensated), Place.CHIP)
     force_algorithm, load, masked_particles = (
         composition.force_algorithm,
@@ -106,7 +105,6 @@ def on_chip_worlds(
 
     def take_steps_on_chip(
         scene: SceneData,
-        by: ByWorld,
         steps: wp.array(dtype=Step),
         count: int,
         home: wp.array(dtype=wp.int64),
@@ -117,18 +115,26 @@ def on_chip_worlds(
         tid = wp.tid()
         w = tid / wp.static(threads)
         thread = tid % wp.static(threads)
-        if by.frozen[w] != 0:
+        if scene.worlds.frozen[w] != 0:
             return
-        own = take(scene, by, w)
+        own = enter(scene, w)
+        if wp.static(moving):
+            first = int(scene.colliders.substep)
+        if wp.static(timed):
+            first_stage = int(scene.stage)
         i = thread
         stride = int(0)
         if wp.static(in_columns):
             stride = own.forces.stride
             i = thread / stride * (wp.static(COLUMN) * stride) + thread % stride
-        chip = fill(home, wp.int64(w) * by.stride, thread, words, each, margin)
+        chip = fill(home, wp.int64(w) * own.worlds.stride, thread, words, each, margin)
         for k in range(count):
             step = steps[k % steps.shape[0]]
             shift(step, chip)
+            if wp.static(moving):
+                own.colliders.substep = first + k / steps.shape[0]
+            if wp.static(timed):
+                own.stage = first_stage + k
             forces = Forces()
             if i < own.inverse_mass.shape[0]:
                 if wp.static(in_columns):
@@ -142,11 +148,11 @@ def on_chip_worlds(
                             if wp.static(masked_particles):
                                 mask = own.effect_mask[i + d * stride]
                             forces[d] += load(own, step.compensation, step.x, step.v, i + d * stride, mask)
-            wait()
+            wait_in_block()
             for d in range(wp.static(rows)):
                 if i + d * stride < own.inverse_mass.shape[0]:
                     advance(own, step, forces[d], i + d * stride)
-            wait()
-        empty(chip, home, wp.int64(w) * by.stride, thread, words, each, margin)
+            wait_in_block()
+        empty(chip, home, wp.int64(w) * own.worlds.stride, thread, words, each, margin)
 
     return kernel(take_steps_on_chip, launch_bounds=(threads, max(1, together // threads)))

@@ -1,0 +1,68 @@
+"""What differs between the worlds of an ensemble, as the struct in which kernels find it."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import vector
+
+SHARED, UNIFORM, EACH = "shared", "uniform", "each"
+"""How a constant of connections differs: not at all; a number for each world; or more numbers for each world."""
+
+
+class Differences(NamedTuple):
+    """What differs between worlds, which alone is compiled; hashable, so that equal ensembles share kernels."""
+
+    gravity: bool = False
+    mass: bool = False
+    friction: bool = False
+    """That of obstacles."""
+    storage: str = ""
+    """Where the algorithm has its constants: "one", "table", "own", "lattice" or "lattices"; see `worlds`."""
+    rest_length: str = SHARED
+    stiffness: str = SHARED
+    damping: str = SHARED
+    arrays: tuple[str, ...] = ()
+    """Arrays of the scene, "field.name", of which each world has its own part."""
+
+    @property
+    def of_constants(self) -> tuple[str, str, str]:
+        """How the constants of connections differ, in the order of CONSTANTS."""
+        return self.rest_length, self.stiffness, self.damping
+
+
+@functools.cache
+def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
+    """Compose the struct of what differs. Row w mod (number of rows) is that of world w.
+
+    stride: bytes from one world's vectors to the next one's. frozen: what has become of each world; what is not 0
+    is advanced no more, shape [world_count]. unit: of the forces of contacts [N], shape [world_count].
+    """
+    V, Three = vector(dim, scalar), vector(3, scalar)
+    fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}
+    if differs.gravity:
+        fields["gravity"] = wp.array(dtype=V)  # [m/s²]
+    if differs.mass:
+        fields["inverse_mass"] = wp.array2d(dtype=scalar)  # [1/kg], shape [rows, particle_count]
+    if differs.friction:
+        fields["friction"] = wp.array2d(dtype=scalar)  # shape [rows, obstacle_count]
+    if differs.storage == "one":
+        fields["constants"] = wp.array(dtype=Three)  # in the order of CONSTANTS
+    elif differs.storage == "table":
+        fields["constants"] = wp.array2d(dtype=Three)  # shape [rows, kind_count]
+    elif differs.storage:
+        for name in ("rest_length", "stiffness", "damping"):
+            how = getattr(differs, name)
+            if how == UNIFORM:
+                fields[name] = wp.array(dtype=scalar)  # shape [rows]
+            elif how == EACH and differs.storage == "own":
+                fields[name] = wp.array2d(dtype=scalar)  # shape [rows, connection_count or slot_count]
+            elif how == EACH and differs.storage == "lattice":
+                fields[name] = wp.array(dtype=Forces.vars[name].type)  # by direction, shape [rows]
+            elif how == EACH:
+                fields[name] = wp.array3d(dtype=scalar)  # shape [rows, kind_count, direction_count]
+    if body_contact:
+        fields["unit"] = wp.array(dtype=wp.float64)
+    names = {"__module__": __name__, "__qualname__": "world_data.<locals>.WorldData"}
+    return wp.struct(type("WorldData", (), {"__annotations__": fields} | names))

@@ -1,0 +1,137 @@
+"""How a thread comes to its own world of an ensemble.
+
+A world's particles lie side by side, one world after the other. A thread shifts the arrays of its stage to its own
+world, puts the world's numbers where those of a single scene stand, and goes on with the functions that a single
+scene is composed of: so each world moves as it would alone, to the last bit.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..places import Place, arrays_of, shifts
+from .composition import Composition, scene
+from .differences import EACH, SHARED, UNIFORM
+
+PART = """
+    const int {1}_count = s.{0}.shape[0] / count;
+    s.{0}.data = reinterpret_cast<decltype(s.{0}.data)>(
+        reinterpret_cast<char*>(s.{0}.data) + static_cast<wp::int64>(w) * {1}_count * s.{0}.strides[0]);
+    s.{0}.shape.dims[0] = {1}_count;
+#if defined(__CUDA_ARCH__)
+    __builtin_assume({2}(s.{0}.data));
+#endif
+"""
+
+
+@functools.cache
+def parts(Struct: Any, fields: tuple[str, ...]) -> Any:
+    """Compose wp.func (s, w, count): arrays of a struct become the w-th of `count` equal parts of them."""
+    code = "".join(PART.format(one, one.replace(".", "_"), Place.DEVICE.value) for one in fields)
+
+    @wp.func_native(code)
+    def take_part(s: wp.ref[Struct], w: int, count: int): ...
+
+    return take_part
+
+
+@functools.cache
+def enter_world(composition: Composition) -> Any:
+    """Compose wp.func (scene, w) -> the scene as world w has it."""
+    SceneData, differs = scene(composition), composition.differs
+    place_constants = _constants(composition, SceneData) if differs.storage else None
+    scattered = "f" in composition.force_algorithm.Forces.vars
+    gravity, mass, friction = differs.gravity, differs.mass, differs.friction
+    colliders_know_mass = mass and "inverse_mass" in composition.collider_term.Colliders.vars
+    body_contact = "body_contact" in SceneData.vars
+    sums = shifts(SceneData, ("forces.f",)) if scattered else None
+    take_part = parts(SceneData, differs.arrays) if differs.arrays else None
+
+    @wp.func
+    def take(surroundings: SceneData, w: int) -> SceneData:
+        own = surroundings
+        if wp.static(scattered):
+            sums(own, wp.int64(w) * own.worlds.stride)
+        if wp.static(take_part is not None):
+            take_part(own, w, own.worlds.frozen.shape[0])
+        if wp.static(body_contact):
+            own.body_contact.unit = own.worlds.unit[w]
+        if wp.static(gravity):
+            own.gravity = own.worlds.gravity[w % own.worlds.gravity.shape[0]]
+        if wp.static(mass):
+            own.inverse_mass = own.worlds.inverse_mass[w % own.worlds.inverse_mass.shape[0]]
+        if wp.static(colliders_know_mass):
+            own.colliders.inverse_mass = own.worlds.inverse_mass[w % own.worlds.inverse_mass.shape[0]]
+        if wp.static(friction):
+            own.colliders.surface.friction = own.worlds.friction[w % own.worlds.friction.shape[0]]
+        if wp.static(place_constants is not None):
+            own = place_constants(own, w)
+        return own
+
+    return take
+
+
+def _constants(composition: Composition, SceneData: Any) -> Any:
+    """Compose how the constants of connections of world w come to where the algorithm looks for them.
+
+    Storage "one" and "table" are those of `springs.constants`, a table for each world; "own" has arrays for each
+    world. In a "lattice" the constants by direction are in the struct of the algorithm itself; what is the same in
+    all directions of a world is one number, which stays in a register. "lattices" have a table by kind and
+    direction.
+    """
+    storage, (lengths, stiffnesses, dampings) = composition.differs.storage, composition.differs.of_constants
+    if storage == "one":
+
+        @wp.func
+        def place_one(own: SceneData, w: int) -> SceneData:
+            own.forces.constants.all = own.worlds.constants[w % own.worlds.constants.shape[0]]
+            return own
+
+        return place_one
+    if storage == "table":
+
+        @wp.func
+        def place_table(own: SceneData, w: int) -> SceneData:
+            own.forces.constants.table = own.worlds.constants[w % own.worlds.constants.shape[0]]
+            return own
+
+        return place_table
+    if storage == "own":
+
+        @wp.func
+        def place_own(own: SceneData, w: int) -> SceneData:
+            if wp.static(lengths != SHARED):
+                own.forces.constants.rest_length = own.worlds.rest_length[w % own.worlds.rest_length.shape[0]]
+            if wp.static(stiffnesses != SHARED):
+                own.forces.constants.stiffness = own.worlds.stiffness[w % own.worlds.stiffness.shape[0]]
+            if wp.static(dampings != SHARED):
+                own.forces.constants.damping = own.worlds.damping[w % own.worlds.damping.shape[0]]
+            return own
+
+        return place_own
+    Each = composition.force_algorithm.Forces.vars["stiffness"].type if storage == "lattice" else None
+
+    @wp.func
+    def place_by_direction(own: SceneData, w: int) -> SceneData:
+        if wp.static(lengths == UNIFORM):
+            own.forces.rest_length = Each(own.worlds.rest_length[w % own.worlds.rest_length.shape[0]])
+        elif wp.static(lengths == EACH):
+            own.forces.rest_length = own.worlds.rest_length[w % own.worlds.rest_length.shape[0]]
+        if wp.static(stiffnesses == UNIFORM):
+            own.forces.stiffness = Each(own.worlds.stiffness[w % own.worlds.stiffness.shape[0]])
+        elif wp.static(stiffnesses == EACH):
+            own.forces.stiffness = own.worlds.stiffness[w % own.worlds.stiffness.shape[0]]
+        if wp.static(dampings == UNIFORM):
+            own.forces.damping = Each(own.worlds.damping[w % own.worlds.damping.shape[0]])
+        elif wp.static(dampings == EACH):
+            own.forces.damping = own.worlds.damping[w % own.worlds.damping.shape[0]]
+        return own
+
+    return place_by_direction
+
+
+@functools.cache
+def to_world(Step: Any, compensated: bool) -> Any:
+    """Compose wp.func (step, bytes) that shifts all arrays of a method's step to a world."""
+    return shifts(Step, arrays_of(Step, compensated))

@@ -1,0 +1,109 @@
+"""Errors in words: of the command line, of the user's own code, of files and paths."""
+
+import os
+import traceback
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
+
+_KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
+_PACKAGE = Path(__file__).resolve().parents[1]
+_folders: set[Path] = set()
+"""Folders of scripts that have been run as scenes."""
+
+
+def message_of(error: Exception) -> str | None:
+    """Return what an error says to a user; None for a mistake of ours, which its traceback explains."""
+    if isinstance(error, CycloptsError):
+        return _usage(error)
+    if isinstance(error, MemoryError):
+        return f"out of memory: {error}"
+    found = user_message(error)
+    if found is None and not isinstance(error, ValueError | OSError):
+        from ..simulation import SimulationDiverged
+
+        return str(error) if isinstance(error, SimulationDiverged) else None
+    return str(error) if found is None else found
+
+
+def printable(text: str) -> str:
+    """Return a text with each character that a terminal would obey, not print, written out by its number."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def printable_lines(text: str) -> str:
+    """Return the same of each line of a text."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+def _usage(error: CycloptsError) -> str:
+    """Return what is wrong with a command line, and which command shows what is allowed."""
+    command = error.app.name[0] if error.app is not None else "msdwarp"
+    if error.command_chain:
+        command = " ".join(("msdwarp", *error.command_chain))
+    return f"{_wrong(error)} (see `{command} --help`)"
+
+
+def _wrong(error: CycloptsError) -> str:
+    if isinstance(error, UnknownCommandError) and error.unused_tokens and error.app is not None:
+        known = ", ".join(name for name in error.app if not name.startswith("-"))
+        return f"command is {error.unused_tokens[0]!r}; it must be one of {known}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"{' '.join(error.unused_tokens or ())!r} is one argument too many"
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        if any(token.keyword for token in error.argument.tokens) or getattr(error, "keyword", None):
+            return f"{error.argument.name} needs a value"
+        return f"{error.argument.name} is missing"
+    if isinstance(error, CoercionError) and error.msg is None and error.token is not None and error.target_type:
+        name = error.token.keyword or (error.argument.name if error.argument is not None else "")
+        return f"{name.lstrip('-')} is {error.token.value!r}; it must be {_allowed(error.target_type)}"
+    text = str(error).removesuffix(".")
+    return text[:1].lower() + text[1:]
+
+
+def _allowed(kind: Any) -> str:
+    """Return which values a flag of some type takes."""
+    if get_origin(kind) is Annotated:
+        return _allowed(get_args(kind)[0])
+    if get_origin(kind) is Literal:
+        values = [str(value) for value in get_args(kind)]
+        return values[0] if len(values) == 1 else f"one of {', '.join(values)}"
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(_allowed(one) for one in get_args(kind) if one is not type(None))
+    return _KINDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
+
+
+def remember_script(script: Path) -> None:
+    """Remember that a script, and what lies beside it, is the user's."""
+    _folders.add(script.resolve().parent)
+
+
+def user_message(error: Exception) -> str | None:
+    """Return an error of the user's code with its file and line.
+
+    None if it was not raised there, or by msdwarp for a value that the code passed, which the message explains.
+    """
+    root: BaseException = error
+    while isinstance(root.__cause__, Exception):
+        root = root.__cause__
+    if isinstance(root, SyntaxError) and root.filename and _is_users(root.filename):
+        return f"{_shown(root.filename)}, line {root.lineno}: {root.msg}"
+    frames = traceback.extract_tb(root.__traceback__)
+    theirs = [frame for frame in frames if _is_users(frame.filename)]
+    if not theirs or (isinstance(root, ValueError | OSError) and frames[-1] is not theirs[-1]):
+        return None
+    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+    return f"{_shown(theirs[-1].filename)}, line {theirs[-1].lineno}: {kind}{error}"
+
+
+def _is_users(filename: str) -> bool:
+    path = Path(filename).resolve()
+    ours = path.is_relative_to(_PACKAGE) or "site-packages" in path.parts
+    return not ours and any(path.is_relative_to(folder) for folder in _folders)
+
+
+def _shown(filename: str) -> str:
+    path = Path(filename).resolve()
+    return os.path.relpath(path) if path.is_relative_to(Path.cwd()) else str(path)

@@ -1,0 +1,197 @@
+"""Runs on disk, continued or repeated from what their files say of them."""
+
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from .. import checks
+from ..disk import TRAJECTORY, alone_in
+from ..files import Trajectory, probe, read_restart
+from ..live import FIRST_FRAME, Handling, read_deeds, within_reach
+from ..simulation import Simulation
+from ..studies import EnergyLog, compare
+from ..world import Scene
+from .options import Options, Pictures
+from .provenance import about, built_again, digest, restored_options
+from .results import RESTART, own_folder, pictures_in
+from .run import Run, last_frame, simulation_by, used
+from .script_signatures import UNTRUSTED, Script
+
+
+def resume_run(
+    folder: Path,
+    *,
+    duration: float | None = None,
+    device: str | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    script: Script = UNTRUSTED,
+) -> None:
+    """Continue a run from its restart file, to its end or another duration [s], and draw it.
+
+    The result equals that of an uninterrupted run, to the last bit if the algorithm sums in a fixed order and the
+    device is the same.
+
+    Raises
+    ------
+    ValueError
+        If the restart file or the trajectory is invalid, or the scene has changed.
+    FileExistsError
+        If pictures would be replaced, and `force` is False.
+    SimulationDiverged, Interrupted, OSError
+        As by `run_scene`.
+    """
+    if not (folder / RESTART).exists():
+        raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
+    with alone_in(folder):
+        for name in (RESTART, TRAJECTORY):
+            probe(folder / name)
+        arrays, attributes = read_restart(folder / RESTART)
+        made_by, checkpoint = _parts(folder / RESTART, attributes)
+        origin, scene = built_again(made_by, script)
+        if digest(scene) != made_by["digest"]:
+            raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
+        if duration is not None:
+            made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
+        device = device or made_by["device"]
+        options = restored_options(made_by["options"], device=device, quiet=quiet, force=force)
+        last, behind = last_frame(options), checks.count("frame_index", checkpoint["frame_index"], 0) + 1
+        simulation = simulation_by(scene, options)
+        simulation.restore(arrays, checkpoint)
+        _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)
+        pictures = pictures_in(folder, origin.name) if options.pictures.any else []
+        if behind > last and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
+            if not quiet:
+                frames = f"{behind} frames, {simulation.time:.4g} s"
+                print(f"the run is complete ({frames}); a longer --duration extends it")
+            return
+        if behind <= last and pictures and not force:
+            raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
+        path = options.log_path(folder)
+        # A restart file may come from anyone, and must not decide where a file appears.
+        if path is not None and not (options.logs_in_folder or script.trust or path.exists()):
+            raise ValueError(f"log is {path}, outside of {folder} and no longer there; allow it with --trust")
+        log = None if path is None or behind > last else EnergyLog(path, behind=behind)
+        talk = Console(stderr=True, quiet=quiet)
+        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+
+
+def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what made a run, and its checkpoint's numbers; raise ValueError if a part of them is missing."""
+    parts = []
+    wanted = {"run": ("scene", "parameters", "digest", "device", "options"), "checkpoint": ("frame_index",)}
+    for part, names in wanted.items():
+        found = checks.member(str(path), attributes, part)
+        for name in names:
+            checks.member(f"{path}: {part}", found, name)
+        parts.append(found)
+    return parts[0], parts[1]
+
+
+def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
+    """Raise ValueError unless a trajectory is of the run that a simulation was restored from."""
+    with Trajectory(path) as kept:
+        same = all(kept.attributes.get(name) == made_by[name] for name in ("scene", "parameters", "digest"))
+        k, between = divmod(simulation.frame_index, every)
+        if same and not between and k < len(kept):
+            pairs = zip(kept.frame(k)[1:], simulation.frame()[1:], strict=True)
+            same = all(np.array_equal(one, other) for one, other in pairs)
+        if not same:
+            raise ValueError(f"{path} is of another run than {path.with_name(RESTART)}")
+
+
+def rerun(
+    path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
+) -> str | None:
+    """Repeat the run of a trajectory; return how the result differs, None if it does not.
+
+    Parameters
+    ----------
+    path
+        The trajectory.
+    device
+        Device to simulate on; by default the one used before.
+    out
+        Folder to keep the result in, with the pictures that the run asked for; by default it is not kept.
+    quiet
+        Show no progress.
+    script
+        Which script may run.
+
+    Raises
+    ------
+    ValueError
+        If the file does not say what made it, or that cannot be built or simulated here.
+    """
+    with Trajectory(path) as trajectory, contextlib.ExitStack() as stack:
+        attributes = trajectory.attributes
+        origin, scene = built_again(attributes, script)
+        device = device or checks.member("the file", attributes, "device")
+        stored = checks.member("the file", attributes, "options")
+        options = restored_options(stored, log=None, restart=0.0, quiet=True, device=device)
+        if options.trajectory == "none":
+            options = replace(options, trajectory="plain")
+        if out is None:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            options = replace(options, pictures=Pictures(frames="none", video="none"))
+        else:
+            folder = stack.enter_context(own_folder(origin.name, out, False))
+        if not len(trajectory):
+            raise ValueError(f"{path} has no frames to repeat")
+        if FIRST_FRAME in attributes:
+            if out is not None:
+                raise ValueError("out is given; what was recorded live is compared as it is made, and not kept")
+            return _live_difference(trajectory, scene, options, read_deeds(path.parent))
+        simulation = simulation_by(scene, options)
+        new = about(origin, scene) | used(simulation, options)
+        last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
+        talk = Console(stderr=True, quiet=quiet)
+        Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
+        with Trajectory(folder / TRAJECTORY) as again:
+            if again.positions.shape != trajectory.positions.shape:
+                return f"it has {again.positions.shape[1]} particles now, not {trajectory.positions.shape[1]}"
+            found = compare(trajectory, again)
+        if found.first is None:
+            return None
+        size = float(np.ptp(trajectory.positions[0], axis=0).max()) or 1.0
+        return (
+            f"it differs from frame {found.first} ({trajectory.times[found.first]:.4g} s) on, by at most "
+            f"{found.largest:.2g} m, {found.largest / size:.1g} of the body's size, in frame {found.frame}"
+            f"{_causes(attributes, new)}"
+        )
+
+
+def _live_difference(
+    trajectory: Trajectory, scene: Scene, options: Options, deeds: list[dict[str, Any]]
+) -> str | None:
+    """Repeat a live recording with the user's actions; return how the result differs, None if it does not."""
+    handled = within_reach(scene)
+    simulation = simulation_by(handled, options)
+    handling = Handling(handled, simulation)
+    first = checks.count("first_frame of the file", trajectory.attributes[FIRST_FRAME], 0)
+    for k in range(first + len(trajectory)):
+        if k:
+            handling.do_due(deeds)
+            simulation.step()
+        if k >= first:
+            was, found = trajectory.frame(k - first), simulation.frame()
+            if not all(map(np.array_equal, was[1:], found[1:])):
+                return f"it differs from frame {k - first} ({was.time:.4g} s) on"
+    return None
+
+
+def _causes(before: dict, now: dict) -> str:
+    """Return what has changed since and may be the cause."""
+    other = [
+        f"{name} was {checks.repr_short(before.get(name))}, and is {now[name]!r}"
+        for name in ("digest", "versions", "commit", "device_name", "force_algorithm", "precision", "substeps")
+        if before.get(name) != now[name]
+    ]
+    if now["force_algorithm"] == "scatter" and now["device"] != "cpu":
+        other.append("sums scattered on a GPU are not repeatable to the last bit")
+    return "".join(f"\n  {line}" for line in other)

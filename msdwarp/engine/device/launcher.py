@@ -1,0 +1,14 @@
+"""Launcher: what has several threads of the CPU share a launch, as effects see it."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+
+class Launcher(Protocol):
+    """Shares launches among threads of the CPU; `CpuPartition` is one."""
+
+    is_recording: bool
+    """Whether launches are recorded for all threads."""
+
+    def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
+        """Have each thread launch its part of something: `launch_part(thread, thread_count)`."""

@@ -1,0 +1,98 @@
+"""What differs between the worlds of an ensemble, for kernels, and how many threads advance a world."""
+
+from typing import Any
+
+from ... import checks
+from ...kernels.effect import ForceTerm
+from ...kernels.integrators import Differences
+from ..springs.constants_by_world import EnsembleForces
+from ..springs.fracture import Fracture
+from .assemble import Assembly
+
+MOST_IN_BLOCK = {"float32": 1024, "float32-compensated": 1024, "float64": 512}
+"""Threads of a block, and of a multiprocessor, that find registers enough."""
+FEW_WORLDS_BLOCK, MANY_WORLDS_BLOCK = 1024, 512
+"""Threads of the largest block where each world has a multiprocessor for itself, and where they are more."""
+MOST_IN_SMALL_WORLD, MOST_IN_WORLD = 512, 4096
+"""Worlds of more particles are advanced by a launch for each stage: where there are few worlds, and many."""
+
+
+def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
+    """Return what differs between worlds: numbers of the system, and arrays that effects have for each world."""
+    rows, arrays = assembly.model.rows, list[str]()
+    for effect in assembly.all:
+        field = effect.piece.field if isinstance(effect.piece, ForceTerm) else "colliders"
+        if isinstance(effect, Fracture):
+            field, arrays = "forces.breaking", [*arrays, f"forces.{effect.joined_field}"]
+        arrays += [f"{field}.{name}" for name in effect.by_world]
+    return Differences(
+        gravity="gravity" in rows,
+        mass="mass" in rows,
+        friction="friction" in rows,
+        storage=forces.storage,
+        arrays=tuple(arrays),
+        **forces.how,
+    )
+
+
+def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, frozen: Any) -> None:
+    """Fill in the struct of what differs (`world_data`); see there for `frozen`."""
+    model = assembly.model
+    data.stride, data.frozen = model.stride_in_bytes, frozen
+    if "gravity" in model.rows:
+        data.gravity = model.upload_gravity()
+    if "mass" in model.rows:
+        data.inverse_mass = model.upload_inverse_mass()
+    if "friction" in model.rows:
+        data.friction = model.upload_rows(model.rows["friction"])
+    for name, array in forces.fields.items():
+        setattr(data, name, array)
+    if assembly.body_contact is not None:
+        data.unit = assembly.body_contact.units
+
+
+def threads_at_a_time(assembly: Assembly) -> int:
+    """Return how many threads a multiprocessor shall hold; solid obstacles take more registers."""
+    solids = assembly.colliders is not None and not assembly.colliders.planes_only
+    return MOST_IN_BLOCK[assembly.model.precision] // (2 if solids else 1)
+
+
+def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | None:
+    """Return how many threads take all substeps of a world; None where each stage is a launch.
+
+    Parameters
+    ----------
+    assembly
+        The worlds.
+    threads
+        What is asked for: a number, None, or "auto", an estimate of what a multiprocessor holds.
+
+    Raises
+    ------
+    ValueError
+        If so many threads cannot.
+    """
+    model, launches_between = assembly.model, any(one.precedes for one in assembly.all)
+    if isinstance(threads, str):
+        checks.one_of("threads", threads, ("auto",))
+    elif threads is not None:
+        if launches_between:
+            raise ValueError(f"threads is {threads}; it must be 'auto' or None where bodies touch")
+        most = MOST_IN_BLOCK[model.precision] if model.device.is_cuda else 1
+        if checks.count("threads", threads, 1) > most or threads != 1 << (threads - 1).bit_length():
+            raise ValueError(f"threads is {threads}; it must be 'auto', None, or a power of 2 up to {most} here")
+        return threads
+    if threads is None or launches_between:
+        return None
+    if not model.device.is_cuda:
+        return 1
+    many = 2 * model.worlds >= model.device.sm_count
+    if model.particle_count > (MOST_IN_WORLD if many else MOST_IN_SMALL_WORLD):
+        return None
+    most = FEW_WORLDS_BLOCK if model.worlds <= model.device.sm_count else MANY_WORLDS_BLOCK
+    return min(power_of_two(model.particle_count), most, threads_at_a_time(assembly))
+
+
+def power_of_two(threads: int) -> int:
+    """Return so many threads or more, of few different numbers: a kernel is compiled for each."""
+    return max(32, 1 << (threads - 1).bit_length())

@@ -1,0 +1,185 @@
+"""State: what a view shows and writes, and the screens that it does this on."""
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from .handling import Handling
+from .keys import listed
+from .picking import Pull
+from .recording import Filming, Recording
+from .shown import COLOURS, Shown
+from .sources import Reading, Source
+
+NOTICE_TIME = 1.5
+"""How long a short notice is shown [s]."""
+MOST_TRIANGLES = 100_000
+"""The most triangles that a page is sent where a GPU draws: a million are 6 MB a frame, an image less than 0.1 MB.
+A CPU needs longer to draw them than most links to carry them."""
+
+
+class Screen(Protocol):
+    """A window or a page. All of it is called in the thread of the view's loop."""
+
+    takes_images: bool
+    """Whether it can be sent images."""
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody looks."""
+        ...
+
+    def open(self, view: Any) -> None:
+        """Begin to show a `View`."""
+
+    def stage(self) -> None:
+        """Show another scene, or the same drawn in another way: `view.shown` is a new one."""
+
+    def show(self) -> None:
+        """Show the frame that `view.shown` follows now."""
+
+    def tell(self) -> None:
+        """Show `view.notice`, `view.lines`, `view.readings`, and where sliders stand."""
+
+    def poll(self) -> bool:
+        """Handle what has come from the person; return whether this is still open."""
+        ...
+
+    def close(self) -> None:
+        """End."""
+
+
+class ViewState:
+    """What a view shows and writes; the parameters are those of `View`."""
+
+    def __init__(
+        self,
+        source: Source,
+        screens: Sequence[Screen],
+        *,
+        scenes: Mapping[str, Callable[[], Source]] | None = None,
+        rebuild: Callable[..., Source] | None = None,
+        paused: bool = False,
+        renderer: str = "auto",
+    ) -> None:
+        self.screens, self.scenes = list(screens), dict(scenes or {})
+        self.paused, self.speed, self.helps = paused, 1.0, False
+        self.renderer, self.sends, self.images = renderer, "auto", False
+        self.recording: Recording | None = None
+        self._kept: Path | None = None
+        self._filming: Filming | None = None
+        self._requests: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._ends, self._is_slow = threading.Event(), False
+        self._notice, self._noticed = "", -NOTICE_TIME
+        self._begin(source, rebuild or source.rebuild)
+
+    def _begin(self, source: Source, rebuild: Callable[..., Source] | None) -> None:
+        """Show another source from its start."""
+        before: Shown | None = getattr(self, "shown", None)
+        self.source, self._rebuild = source, rebuild
+        self.readings: deque[Reading] = deque(maxlen=300)
+        self.hand = Pull()
+        self._read = self._looked = 0.0
+        self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
+        self._start_clock()
+        self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
+
+    def _start_clock(self) -> None:
+        """Count the frames that are due from now on."""
+        self._clock, self._taken = time.perf_counter(), 0
+
+    def _draw(self, colour: str, *, wires: bool) -> None:
+        """Draw the source in other colours, or its springs."""
+        scene, device = self.source.scene, self.source.device
+        self.shown = Shown(scene, colour, wires=wires)
+        large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
+        wanted = self.sends == "images" or (self.sends == "auto" and (large or self._is_slow))
+        self.images = wanted and any(screen.takes_images for screen in self.screens)
+        if self.images and device != "cpu":
+            self.shown = Shown(scene, colour, wires=wires, device=device)
+        self.shown.follow(self.source.frame())
+
+    def _stage(self) -> None:
+        """Have the screens show another drawing."""
+        self._is_shown = False
+        for screen in self.screens:
+            screen.stage()
+
+    def _redraw(self, colour: str | None = None, *, wires: bool | None = None) -> None:
+        """Draw the source anew, by default as it was drawn."""
+        before = self.shown
+        self._draw(before.colour if colour is None else colour, wires=before.wires if wires is None else wires)
+        self._stage()
+
+    def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:
+        """Show another source, or if that fails the one before; return the message of a recording that ended."""
+        before, hand = (self.source, self._rebuild), self.hand
+        try:
+            self._begin(other, rebuild)
+            self._stage()
+        except Exception:
+            self._begin(*before)
+            self.hand = hand
+            self._stage()
+            raise
+        return self._end_recording()
+
+    @property
+    def _handling(self) -> Handling:
+        """What can be done by hand; raise ValueError for a recording."""
+        if self.source.handling is None:
+            raise ValueError("this is a recording: it cannot be changed")
+        return self.source.handling
+
+    def _end_recording(self) -> str:
+        """End a recording, if there is one; return its message, to follow another one."""
+        if self.recording is None:
+            return ""
+        ended, self.recording = self.recording, None
+        message = ended.close()
+        self._kept = ended.folder
+        return f"; {message}"
+
+    @property
+    def can_rebuild(self) -> bool:
+        """Whether the scene can be built with other parameters."""
+        return self._rebuild is not None
+
+    @property
+    def notice(self) -> str:
+        """A message about the last command, while it is shown."""
+        shown_for = NOTICE_TIME * (1 + len(self._notice) / 40)
+        return self._notice if time.perf_counter() - self._noticed < shown_for else ""
+
+    def _say(self, text: str) -> None:
+        """Show a notice."""
+        self._notice, self._noticed, self._read = text, time.perf_counter(), 0.0
+
+    @property
+    def lines(self) -> list[str]:
+        """Time, speed, simulation settings and energies, as text."""
+        pictures = "1 picture" if round(self._fps) == 1 else f"{self._fps:.0f} pictures"
+        state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {pictures} a second"
+        lines = [f"{self.source.time:.2f} s, {state}", self.source.summary()]
+        if self.readings:
+            last = self.readings[-1]
+            lines.append(f"energy {last.sum:.3g} J: kinetic {last.kinetic:.3g}, elastic {last.elastic:.3g}")
+            lines.append(f"largest strain {last.strain:.2g}")
+        return lines
+
+    def keys(self) -> str:
+        """Return the list of keys as text."""
+        return listed(list(self.scenes))
+
+    def _lead_hand(self) -> None:
+        """Move the hand's springs to where it pulls, before a frame."""
+        if (grip := self.hand.grip) is None:
+            return
+        to = grip.pulled(self.source.frame().position, self.hand.target)
+        arrays = {"particles": grip.particles, "to": to, "stiffness": grip.stiffness, "damping": grip.damping}
+        self._handling.do("hold", **{name: values.tolist() for name, values in arrays.items()})

@@ -1,0 +1,149 @@
+"""Warp's messages: quiet by default, except for warnings and errors.
+
+Warp prints a greeting, and a line for each module that it loads. As soon as both Warp and msdwarp are imported, in
+whichever order, its setting `warp.config.log_level` is turned down, if it has its default. A user's own setting
+stays, before that or later. Importing this file does not import Warp, which takes long.
+"""
+
+import contextlib
+import os
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
+from typing import Any
+
+
+class _Finder:
+    """Turns Warp's messages down when it is imported.
+
+    It stays on `sys.meta_path` afterwards, since another thread may be iterating over that list.
+    """
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return Warp's module specification, None for other modules."""
+        spec = PathFinder.find_spec(fullname, path, target) if fullname == "warp" else None
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_turn_down(module: ModuleType) -> None:
+                execute(module)
+                _turn_down()
+
+            spec.loader.exec_module = execute_and_turn_down
+        return spec
+
+
+def _turn_down() -> None:
+    """Turn Warp's messages down, if their level is the default."""
+    import warp as wp
+
+    if wp.config.log_level == wp.LOG_INFO:
+        wp.config.log_level = wp.LOG_WARNING
+
+
+if "warp" in sys.modules:
+    _turn_down()
+else:
+    sys.meta_path.insert(0, _Finder())
+
+_NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
+"""A message of Warp's C++ on machines without a GPU, which its settings do not turn off."""
+_OF_A_KERNEL = 1 << 20
+"""Bytes of a large kernel."""
+_lock, _started = threading.Lock(), False
+
+
+def verbose(on: bool = True) -> None:
+    """Print Warp's messages: its devices, and each module that it compiles or loads.
+
+    `verbose(False)` turns this off. It is a shorthand for `warp.config.log_level = warp.LOG_INFO`.
+    """
+    import warp as wp
+
+    level = wp.config.log_level
+    wp.config.log_level = min(level, wp.LOG_INFO) if on else max(level, wp.LOG_WARNING)
+
+
+def start_warp() -> None:
+    """Start Warp, if it has not started, with the messages that its setting allows.
+
+    OSError if compiled kernels cannot be stored; also later, when a kernel is compiled.
+    """
+    global _started
+    import warp as wp
+
+    with _lock, _cache_named():
+        if _started or wp.config.log_level <= wp.LOG_INFO:
+            wp.init()
+        else:
+            with _without(_NO_DRIVER):
+                wp.init()
+        if not _started:
+            kind: Any = wp.Module
+            kind.load = _cache_named()(kind.load)
+        _started = True
+
+
+@contextlib.contextmanager
+def _cache_named() -> Iterator[None]:
+    """Raise OSError that names the folder of compiled kernels for an error, if nothing can be written there.
+
+    The compiler's own message about a full disk depends on the file that did not fit. A read-only folder does no
+    harm as long as it has all kernels.
+    """
+    try:
+        yield
+    except Exception as error:
+        import tempfile
+
+        import warp as wp
+
+        folder = wp.config.kernel_cache_dir
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(_OF_A_KERNEL))
+        except OSError as reason:
+            raise OSError(
+                f"compiled kernels cannot be written to {folder}: {reason.strerror}; the environment variable "
+                "WARP_CACHE_PATH must name a folder with room for them"
+            ) from error
+        raise
+
+
+@contextlib.contextmanager
+def _without(unwanted: bytes) -> Iterator[None]:
+    """Remove lines with this beginning from what any thread writes to standard error meanwhile.
+
+    C++ writes to the file descriptor itself. So it is redirected to a file, whose other lines are passed on at the
+    end. If that is not possible nothing is removed.
+    """
+    import tempfile
+
+    try:
+        if sys.__stderr__ is None:  # closed when Python started: 2 may be another file's
+            raise OSError
+        with contextlib.ExitStack() as opened:
+            with contextlib.suppress(AttributeError, OSError, ValueError):  # of whatever replaces it
+                sys.stderr.flush()
+            there = os.dup(2)
+            opened.callback(os.close, there)
+            caught = opened.enter_context(tempfile.TemporaryFile(buffering=0))
+            opened = opened.pop_all()
+    except OSError:  # no standard error, or no room for a file
+        yield
+        return
+    with opened:
+        os.dup2(caught.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(there, 2)
+            caught.seek(0)
+            for line in caught.read().splitlines(keepends=True):
+                if not line.startswith(unwanted):
+                    with contextlib.suppress(OSError):  # it was closed
+                        os.write(there, line)

@@ -1,0 +1,47 @@
+"""Threads' turns with Warp, which expects one thread at a time."""
+
+import contextlib
+import functools
+import os
+import threading
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+_turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
+"""Held by the thread whose turn it is, and by the one that comes next; whether it is this thread's."""
+
+
+def in_turn(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that waits for this thread's turn with Warp; what it calls belongs to the same turn.
+
+    While one thread records a graph, Warp adds to it what others launch on that device. Cached factories of
+    kernels and Warp's dictionaries do not expect a second thread either.
+    """
+
+    @functools.wraps(function)
+    def taking_turns(*args: P.args, **kwargs: P.kwargs) -> T:
+        if getattr(_mine, "turn", False):
+            return function(*args, **kwargs)
+        try:
+            with _next:  # waiting threads come before the one that just had its turn
+                _turn.acquire()
+            _mine.turn = True
+            return function(*args, **kwargs)
+        finally:
+            _mine.turn = False
+            with contextlib.suppress(RuntimeError):  # interrupted before it came
+                _turn.release()
+
+    return taking_turns
+
+
+def _forget_turns() -> None:
+    """Make new locks in a forked process, which has none of the other threads."""
+    global _turn, _next
+    _turn, _next = threading.RLock(), threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_turns)

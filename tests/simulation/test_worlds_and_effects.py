@@ -1,0 +1,147 @@
+"""Each world of an ensemble moves as it does alone, to the last bit, with each load and each obstacle."""
+
+import numpy as np
+import pytest
+import warp as wp
+from alone import assert_each_is_as_alone, simulation_alone
+
+from msdwarp import (
+    RK4,
+    RKC2,
+    Actuator,
+    Attachment,
+    Box,
+    Capsule,
+    Cone,
+    Contact,
+    EnclosedGas,
+    Ensemble,
+    ExplicitEuler,
+    Force,
+    Leapfrog,
+    Plane,
+    PrescribedMotion,
+    Pressure,
+    Sphere,
+    SymplecticEuler,
+    System,
+    Wind,
+    ball,
+    box,
+    sheet,
+)
+
+WORLDS = 4
+BLOCK = box((3, 3, 3), 0.1, stiffness=1e3, damping=1.0).translate((0.0, 0.0, 0.25))
+CLOTH = sheet((4, 4), 0.1, stiffness=1e3, damping=1.0, mass=0.01).translate((0.0, 0.0, 0.3))
+SKIN = ball(0.2, 0.1, stiffness=1e3, damping=1.0)
+
+
+@wp.func
+def swirl(x: wp.vec3f, v: wp.vec3f, t: float, i: int) -> wp.vec3f:
+    return wp.vec3f(-x[1], x[0], wp.sin(t)) - 0.1 * v
+
+
+def swing(t):
+    return np.stack([0.1 * np.sin(3 * t), 0 * t, 0.05 * np.sin(5 * t)], axis=-1)
+
+
+def lifted(t):
+    return (0.0, 0.0, 0.1 * t)
+
+
+def by(*loads, system: System = BLOCK, **options):
+    return system, {"loads": loads, **options}
+
+
+LOADS = {
+    "constant force": by(Force((0.3, 0.0, 0.5))),
+    "force in time": by(Force(lambda t: np.array([np.sin(9 * t), 0.0, 0.2]), on=[0, 5])),
+    "force in space": by(Force(swirl)),
+    "gravity in time": (BLOCK, {"gravity": lambda t: 9.82 + np.sin(20 * t)}),
+    "wind on a surface": by(Wind((3.0, 1.0, -2.0)), system=CLOTH),
+    "wind on particles": by(Wind(lambda t: np.array([3.0, np.sin(t), 0.0]), area=0.01, on=[0, 1, 2])),
+    "pressure": by(Pressure(50.0), system=SKIN),
+    "gas": by(EnclosedGas(200.0), system=SKIN),
+    "attachments": by(Attachment([0, 2], stiffness=50.0, damping=0.5)),
+    "attachments that move": by(
+        Attachment([0, 2], stiffness=50.0, damping=0.5, carried_by=Box((0.0, 0.0, -9.0), motion=lifted))
+    ),
+    "prescribed motion": by(PrescribedMotion([0, 1, 2], swing)),
+    "actuators": by(Actuator(lambda t: 0.1 * np.sin(9 * t))),
+    "yielding": (BLOCK.replace(yield_strain=0.002, relaxation_time=0.02), {"colliders": [Plane()]}),
+    "tearing": (CLOTH.pin([0, 3]).replace(break_strain=0.001), {}),
+    "contact": by(
+        system=BLOCK + BLOCK.translate((0.05, 0.0, 0.5)),
+        contact=Contact(),
+        colliders=[Plane()],
+    ),
+}
+OBSTACLES = {
+    "plane": Plane(friction=0.4),
+    "sphere": Sphere((0.0, 0.0, -0.4), 0.5),
+    "box": Box((0.0, 0.0, -0.1), (0.4, 0.4, 0.2)),
+    "capsule": Capsule((-1.0, 0.1, 0.0), (1.0, 0.1, 0.0), 0.1),
+    "cone": Cone((0.1, 0.0, 0.1), (0.1, 0.0, -0.6), 30.0),
+}
+OBSTACLES |= {
+    "moving plane": Plane(friction=0.4, motion=lifted),
+    "moving sphere": Sphere((0.0, 0.0, -0.4), 0.5, motion=lifted),
+    "moving box": Box((0.0, 0.0, -0.1), (0.4, 0.4, 0.2), motion=lifted),
+}
+SCENES = LOADS | {name: (BLOCK, {"colliders": [one]}) for name, one in OBSTACLES.items()}
+METHODS = [
+    SymplecticEuler(),
+    Leapfrog(),
+    Leapfrog(damper_extrapolation=0.5),
+    ExplicitEuler(),
+    RK4(),
+    RKC2(stages=4),
+]
+
+
+def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble:
+    """Compare worlds of other stiffness, damping, mass and gravity with single runs."""
+    system, options = SCENES[name]
+    draw = np.random.default_rng(3).uniform
+    differ = {"stiffness": draw(500, 1500, WORLDS), "damping": draw(0.5, 2.0, WORLDS // 2)}
+    differ |= {"mass": draw(0.5, 2.0, (WORLDS, 1)) * system.mass}
+    if "gravity" not in options:
+        differ |= {"gravity": draw(5.0, 12.0, 2)}
+    how = {"device": device, "integrator": method, "force_algorithm": "gather"} | options | more
+    ensemble = Ensemble(system, WORLDS, **how, **differ)
+    assert_each_is_as_alone(ensemble)
+    work = ensemble.assembly.external_work
+    if work is not None:  # which energies are judged by
+        alone = simulation_alone(ensemble, WORLDS - 1)
+        alone.step(ensemble.frame_index)
+        done = work.totals(ensemble.state.x, ensemble.state.v)[WORLDS - 1]
+        assert done == pytest.approx(alone.measure().external_work, rel=1e-9)  # another order of sums, on a GPU
+    return ensemble
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_worlds_equal_single_runs_with_each_load_and_obstacle(plain_device, name):
+    if name == "contact":
+        pytest.skip("tests/simulation/test_ensemble_touching.py has these")
+    ensemble = assert_worlds_equal_runs(name, SymplecticEuler(), plain_device)
+    if name == "tearing":
+        assert all(ensemble.system_of(world).broken.any() for world in range(WORLDS))
+    if name == "yielding":
+        assert all((ensemble.system_of(world).rest_length != BLOCK.rest_length).any() for world in range(WORLDS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        (name, method)
+        for a, name in enumerate(SCENES)
+        for b, method in enumerate(METHODS)
+        if (a + b) % len(METHODS) == 0
+    ],
+    ids=str,
+)
+def test_worlds_equal_single_runs_by_each_method(name, method):
+    # Each scene by one other method, in turn: what a load does depends on no method.
+    assert_worlds_equal_runs(name, method, "cpu", fps=240, force_algorithm=("scatter", "gather")[len(name) % 2])
