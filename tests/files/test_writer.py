@@ -123,13 +123,15 @@ def test_killed_at_random_twenty_times(tmp_path, vtk_output):
     for path in paths:
         with Trajectory(path) as found:
             assert len(found) > 0
-            factors = 1 + np.arange(len(found)) / 1024
+            factors = 1 + np.arange(len(found) + 1) / 1024
             expected = (system.position * factors[:, None, None]).astype(np.float32)
             np.testing.assert_array_equal(found.times, np.arange(len(found)) / 60)
-            np.testing.assert_array_equal(found.positions[:], expected)
-            np.testing.assert_array_equal(found.velocities[:], -expected)
-        for when, mesh in vtk_frames(path, slice(None, None, -10)):
+            np.testing.assert_array_equal(found.positions[:], expected[:-1])
+            np.testing.assert_array_equal(found.velocities[:], -expected[:-1])
+        for number, (when, mesh) in enumerate(vtk_frames(path, slice(None, None, -10))):
             k = round((when or 0.0) * 60)  # a file of one frame has no times for VTK
+            if number == 0 and when == 0:  # killed between a frame and its time, which VTK then takes for 0
+                k = len(found.times)
             np.testing.assert_array_equal(mesh.points, expected[k])
     assert vtk_output.GetOutput() == ""
 
