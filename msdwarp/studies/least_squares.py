@@ -250,13 +250,14 @@ class Problem:
                 shape = directions.T * np.minimum(s / sizes, WIDE)
             cloud = factor * random.normal(size=(CLOUD * p, p)) @ shape.T
             cloud = best + np.clip(cloud, -WIDEST, WIDEST)
-            at = np.clip(np.concatenate([[best, trial], cloud]), self.low, self.high)
+            at: NDArray[np.float64] = np.clip(np.concatenate([[best, trial], cloud]), self.low, self.high)
             residuals = self.residuals(at, end)
             least = np.argmin([self.cost(one) for one in residuals])
             centre = at.mean(axis=0)
-            plane, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(at)), at - centre]), residuals, rcond=None)
+            columns = np.column_stack([np.ones(len(at)), at - centre])
+            plane: NDArray = np.linalg.lstsq(columns, residuals, rcond=None)[0]
             root = np.sqrt(self.weights(plane[0]))
-            step, *_ = np.linalg.lstsq(root[:, None] * plane[1:].T, -root * plane[0], rcond=None)
+            step: NDArray = np.linalg.lstsq(root[:, None] * plane[1:].T, -root * plane[0], rcond=None)[0]
             best, linear = at[least], Linear(residuals[least], np.asarray(plane[1:].T, dtype=np.float64))
             trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
             off = residuals - plane[0] - (at - centre) @ plane[1:]
