@@ -3,7 +3,6 @@
 import math
 import os
 import sys
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -15,7 +14,7 @@ from PIL import Image
 from .. import checks
 from .actors import Actors, add_lights, ground_actor
 from .drawing import Drawing
-from .opengl_window import no_display
+from .opengl_window import import_pyvista, no_display
 from .stage import VIEW_ANGLE, Camera, Stage, view_axes
 
 GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
@@ -56,12 +55,9 @@ class OnScreen:
     ) -> None:
         if (why := no_display()) is not None:
             raise RuntimeError(why)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of VTK's and PyVista's own making, at import
-            import pyvista as pv
-        self._pv, self._happened = pv, happened
+        self._pv, self._happened = import_pyvista(), happened
         with _on_a_display():
-            self._plotter: Any = pv.Plotter(
+            self._plotter = self._pv.Plotter(
                 off_screen=False, notebook=False, window_size=list(size), lighting="none", title=title
             )
         if sys.platform.startswith("linux") and not self._plotter.render_window.IsA(X11):

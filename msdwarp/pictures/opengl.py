@@ -1,6 +1,5 @@
 """Pictures by OpenGL, off-screen, through PyVista, which is imported when the first one is drawn."""
 
-import warnings
 import weakref
 from typing import Any
 
@@ -13,6 +12,7 @@ from ..kernels.pictures import drawing
 from .actors import Actors, add_lights, ground_actor, mesh_actor
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
+from .opengl_window import import_pyvista
 from .stage import VIEW_ANGLE, Stage
 
 BEHIND, SCENE, FRONT = 0, 1, 2
@@ -27,10 +27,7 @@ class OpenGL:
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of VTK's and PyVista's own making, at import
-            import pyvista as pv
-
+        pv = import_pyvista()
         self._camera = stage.camera
         shape = (stage.height, stage.width)
         height, width = (2 * n for n in shape)

@@ -1,11 +1,21 @@
-"""Finds out whether, and by which window class, VTK can draw off-screen on this machine."""
+"""Finds out whether, and by which window class, VTK can draw on this machine; imports PyVista."""
 
 import ctypes
 import functools
+import importlib
 import os
 import sys
+import warnings
+from typing import Any
 
 ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
+
+
+def import_pyvista() -> Any:
+    """Return PyVista, untyped: a type checker would read all of VTK, which takes it half a minute."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of VTK's and PyVista's own making
+        return importlib.import_module("pyvista")
 
 
 @functools.cache

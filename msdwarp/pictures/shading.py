@@ -103,9 +103,8 @@ class Shading:
     """The key light and its shadows, and light from below so strong, for what is to be drawn by OpenGL."""
 
     def __init__(self, pv: Any, shadow_map: ShadowMap, bounce: float) -> None:
-        from vtkmodules.vtkCommonMath import vtkMatrix4x4
-
-        self._map, self._matrix, self._bounce = shadow_map, vtkMatrix4x4(), bounce
+        self._map, self._bounce = shadow_map, bounce
+        self._matrix = pv.vtkmatrix_from_array(np.eye(4))
         self._textures = {
             "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
             "shadowAround": _of_numbers(pv, shadow_map.around, between=True),
