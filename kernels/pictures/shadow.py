@@ -4,8 +4,8 @@ import warp as wp
 
 from ..basis import kernel
 
-BLOCK, REACH = 8, 2
-"""Texels of a shadow map along an edge of a block, and how many blocks around one are looked at with it."""
+BLOCK = 8
+"""Texels of a shadow map along an edge of a block."""
 
 LEAST, MOST = 1.25, 12.0
 """Least and largest distances of the texels that are looked at around a spot, in texels: half a shadow's edge at a
@@ -100,37 +100,6 @@ def draw_depth(
         last = int(wp.floor(wp.max(reach[1], -1.0) + 1.0e-3))
         for column in range(wp.max(first, 0), wp.min(last, size - 1) + 1):
             wp.atomic_max(seen.depth, row, column, near + float(column) * slope)
-
-
-@kernel
-def nearest_in_blocks(
-    depth: wp.array2d(dtype=float),  # as `draw_depth` leaves it [m], shape [BLOCK · n, BLOCK · n]
-    # Out:
-    nearest: wp.array2d(dtype=float),  # [m], shape [n, n]
-):
-    """Find what is nearest to the light in each block of texels."""
-    row, column = wp.tid()
-    largest = float(-wp.inf)
-    for i in range(wp.static(BLOCK)):
-        for j in range(wp.static(BLOCK)):
-            largest = wp.max(largest, depth[wp.static(BLOCK) * row + i, wp.static(BLOCK) * column + j])
-    nearest[row, column] = largest
-
-
-@kernel
-def nearest_around(
-    nearest: wp.array2d(dtype=float),  # of blocks [m], shape [n, n]
-    # Out:
-    around: wp.array2d(dtype=wp.vec4),  # [m], four times the same, shape [n, n]
-):
-    """Find what is nearest to the light in each block and those up to REACH blocks away."""
-    row, column = wp.tid()
-    last = nearest.shape[0] - 1
-    largest = float(-wp.inf)
-    for i in range(wp.max(row - wp.static(REACH), 0), wp.min(row + wp.static(REACH), last) + 1):
-        for j in range(wp.max(column - wp.static(REACH), 0), wp.min(column + wp.static(REACH), last) + 1):
-            largest = wp.max(largest, nearest[i, j])
-    around[row, column] = wp.vec4(largest)
 
 
 @wp.func

@@ -13,6 +13,8 @@ from .stage import Ground
 
 SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
+BLOCKS, REACH = SIZE // shadow.BLOCK, 2
+"""Blocks of texels along an edge, and how many around each are looked at with it."""
 LOOKS = 16
 """Texels that kernels look at where a shadow fades."""
 MARGIN = 14
@@ -39,13 +41,11 @@ class ShadowMap:
         """The square's first corner in these directions, and its edge [m]."""
         self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device="cpu")
         self._closed = wp.array(drawing.closed, dtype=wp.bool, device="cpu")
-        blocks = (SIZE // shadow.BLOCK,) * 2
-        self._nearest = wp.zeros(blocks, dtype=float, device="cpu")
         self.seen = shadow.Seen()
         """The map as kernels read it."""
         self.seen.u, self.seen.v, self.seen.towards = (wp.vec3(*axis) for axis in self.axes)
         self.seen.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
-        self.seen.around = wp.zeros(blocks, dtype=wp.vec4, device="cpu")
+        self.seen.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
         self.seen.softness, self.seen.spots = SOFTNESS, wp.array(spread(LOOKS), dtype=wp.vec2, device="cpu")
         self.depth, self.around = self.seen.depth.numpy(), self.seen.around.numpy()  # the same memory
 
@@ -94,5 +94,8 @@ class ShadowMap:
         seen.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
         inputs = [self._drawing.points, self._triangles, self._closed]
         wp.launch(shadow.draw_depth, len(self._triangles), inputs, [seen], device="cpu")
-        wp.launch(shadow.nearest_in_blocks, self._nearest.shape, [seen.depth], [self._nearest], device="cpu")
-        wp.launch(shadow.nearest_around, self._nearest.shape, [self._nearest], [seen.around], device="cpu")
+        rows = self.depth.reshape(BLOCKS, shadow.BLOCK, SIZE).max(axis=1)
+        nearest = np.pad(rows.reshape(BLOCKS, BLOCKS, shadow.BLOCK).max(axis=2), REACH, mode="edge")
+        nearest = np.maximum.reduce([nearest[k : k + BLOCKS] for k in range(2 * REACH + 1)])
+        nearest = np.maximum.reduce([nearest[:, k : k + BLOCKS] for k in range(2 * REACH + 1)])
+        self.around[:] = nearest[..., None]
