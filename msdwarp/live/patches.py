@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import Drawing, PlacedPart
+from ..pictures import Drawing, Part
 
 LEVELS = 24
 """Colours of a scale that a browser is sent."""
@@ -72,16 +72,16 @@ def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]
     return corners, faces.reshape(-1, 3).astype(np.uint32)
 
 
-def _plain(drawing: Drawing, one: PlacedPart) -> Iterator[Patch]:
+def _plain(drawing: Drawing, one: Part) -> Iterator[Patch]:
     """Return a part without texture, by the colours of its vertices."""
     triangles = one.triangles
     colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
     for colour in np.unique(colours, axis=0):
         corners, faces = compact(triangles[(colours == colour).all(axis=1)])
-        yield Patch(corners, None, faces, _rgb(colour), one.part.moves)
+        yield Patch(corners, None, faces, _rgb(colour), one.moves)
 
 
-def _textured(drawing: Drawing, one: PlacedPart, divisions: int) -> Iterator[Patch]:
+def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
     """Return a part with a texture in pieces, each in the texture's colour in its middle."""
     assert drawing.texture is not None
     triangles = one.triangles
@@ -99,7 +99,7 @@ def _textured(drawing: Drawing, one: PlacedPart, divisions: int) -> Iterator[Pat
     faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
     for colour in np.unique(colours, axis=0):
         used, mine = compact(faces[(colours == colour).all(axis=1)])
-        yield Patch(corners[used], all_weights[used], mine, _rgb(colour), one.part.moves)
+        yield Patch(corners[used], all_weights[used], mine, _rgb(colour), one.moves)
 
 
 def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -1,10 +1,11 @@
 """Pictures of a scene: `Renderer` draws frames by triangles, by rays or by OpenGL; films; several poses in one."""
 
-from .drawing import ColourScale, Drawing, PlacedPart
+from .drawing import ColourScale, Drawing
 from .film import FILM_FORMATS, check_formats, write_film
 from .legend import bar
 from .onscreen import OnScreen
 from .opengl_window import ADVICE, no_display
+from .parts import Part
 from .raycast import RayCaster
 from .renderer import Renderer, no_opengl
 from .stage import VIEW_ANGLE, Camera, Stage, outermost
@@ -18,7 +19,7 @@ __all__ = [
     "ColourScale",
     "Drawing",
     "OnScreen",
-    "PlacedPart",
+    "Part",
     "RayCaster",
     "Renderer",
     "Stage",

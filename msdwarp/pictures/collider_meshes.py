@@ -111,11 +111,7 @@ def _ball(geometry: dict[str, Any]) -> Mesh:
 
 
 def _rod(geometry: dict[str, Any]) -> Mesh:
-    start, end, radius = (
-        _place(geometry["a"]),
-        _place(geometry["b"]),
-        geometry["radius"],
-    )
+    start, end, radius = _place(geometry["a"]), _place(geometry["b"]), geometry["radius"]
     angle = np.linspace(-np.pi / 2, 0, AROUND // 4 + 1)
     lower = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     normals = np.concatenate([lower, lower[::-1] * (1, -1)])
@@ -125,11 +121,7 @@ def _rod(geometry: dict[str, Any]) -> Mesh:
 
 
 def _cone(geometry: dict[str, Any]) -> Mesh:
-    apex, base, radius = (
-        _place(geometry["a"]),
-        _place(geometry["b"]),
-        geometry["radius"],
-    )
+    apex, base, radius = _place(geometry["a"]), _place(geometry["b"]), geometry["radius"]
     height = float(np.linalg.norm(apex - base))
     rim, tip = np.array([radius, 0.0]), np.array([0.0, height])
     # Rings close enough that a texture is not bent where their four-sided patches are split in two.

@@ -25,7 +25,7 @@ from .dressing import (
     uncovered,
 )
 from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, towards
-from .parts import Balls, Finish, Obstacle, Paint, Part, SurfacePart, Tubes, strain_paint, value_paint
+from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes, strain_paint, value_paint
 from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
@@ -55,25 +55,6 @@ class ColourScale(NamedTuple):
     """Whether the scale starts at minus `full` instead of 0."""
 
 
-class PlacedPart(NamedTuple):
-    """A part of a drawing, and which vertices are its own: a slice of each of the drawing's arrays."""
-
-    part: Part
-    vertices: slice
-    points: wp.array
-    normals: wp.array
-    colours: wp.array
-
-    @property
-    def triangles(self) -> NDArray[np.int32]:
-        """Its triangles, by the drawing's vertices, shape [any, 3]."""
-        return self.part.triangles + np.int32(self.vertices.start)
-
-    def follow(self, x: wp.array, time: float) -> None:
-        """Move to where the part is when the particles are at x and it is `time` [s]."""
-        self.part.place(x, time, self.points, self.normals)
-
-
 class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
@@ -96,7 +77,6 @@ class Drawing:
         self.shows_strain = colouring == "strain" or (bare and plain and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
-        self._paints: dict[Part, Paint] = {}
         self.scale: ColourScale | None = None
         if isinstance(colouring, ColourScale):
             self.scale = colouring._replace(full=checks.positive("colouring.full", colouring.full))
@@ -107,12 +87,12 @@ class Drawing:
         even = (EVEN_AMBIENT, EVEN_SHARE, 0.0)
         self.ambient, self.diffuse, self.bounce = even if self.by_value else (AMBIENT, 1.0, BOUNCE)
         self.device = device
-        body = self._body_of(scene)
+        self.body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         right, _, back = axes_of(look)
         solids = [*meshes(scene), *walls(scene, [back, towards(KEY_FROM, right, -back)])]
-        obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
-        parts = [*body, *obstacles]
+        self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
+        parts = [*self.body, *self.obstacles]
         self.below = max(part.radius for part in parts)
         """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
 
@@ -120,35 +100,32 @@ class Drawing:
         vertex_count = ends[-1]
         arrays: list[Any] = [wp.zeros(vertex_count, dtype=wp.vec3, device=device) for _ in range(3)]
         self.points, self.normals, self.colours = arrays
-        slices = [slice(*pair) for pair in pairwise(ends)]
-        placed = [
-            PlacedPart(part, own, *(one[own] for one in arrays)) for part, own in zip(parts, slices, strict=True)
-        ]
-        self.triangles = np.concatenate([one.triangles for one in placed])
+        for part, (start, end) in zip(parts, pairwise(ends), strict=True):
+            part.join(slice(start, end), *arrays)
+        self.triangles = np.concatenate([part.triangles for part in parts])
         counts = [len(part.triangles) for part in parts]
         self.gloss = np.repeat([part.finish.gloss for part in parts], counts)
         self.closed = np.repeat([part.closed for part in parts], counts)
         """Which triangles have backs that are never seen, shape [triangle_count]."""
-        takes_shadows = [not (self.colours_move and k < len(body)) for k in range(len(parts))]
+        takes_shadows = [not (self.colours_move and k < len(self.body)) for k in range(len(parts))]
         self.takes_shadows = np.repeat(takes_shadows, counts)
         """Which triangles are darker in shadow, shape [triangle_count]: those whose colours show no values."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((vertex_count, 3))  # white shows a texture as it is
         if self.texture is None:
-            for one in placed:
-                paint[one.vertices] = one.part.finish.colour
+            for part in parts:
+                paint[part.vertices] = part.finish.colour
         self.colours.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
-        self.body, self.obstacles = placed[: len(body)], placed[len(body) :]
         self.in_sight = slice(0, vertex_count)
         """The vertices of what is drawn at all: those of obstacles where it follows without the body."""
         if self.by_value:
-            self._paints = {part: value_paint(part, device) for part in body}
-        self._painted = [(self._paints[one.part], one) for one in self.body if one.part in self._paints]
-        self._moving = [one for one in self.obstacles if one.part.moves]
+            for part in self.body:
+                part.paint = value_paint(part, device)
+        self._moving = [one for one in self.obstacles if one.moves]
         for one in self.obstacles:
             one.follow(self._x, 0.0)
 
@@ -235,7 +212,7 @@ class Drawing:
     def _paint(self, part: Tubes | Balls, rest_length: NDArray) -> None:
         """Have a part show the strain of its springs, if that is shown."""
         if self.shows_strain:
-            self._paints[part] = strain_paint(part, rest_length, self._full_strain, self.device)
+            part.paint = strain_paint(part, rest_length, self._full_strain, self.device)
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
         """Return what a part looks like, which does not shine where colours show something."""
@@ -276,8 +253,9 @@ class Drawing:
             self._shares.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
-        for paint, one in self._painted:
-            paint(self._x, self._shares, one.colours)
+        for one in self.body:
+            if one.paint is not None:
+                one.paint(self._x, self._shares)
 
     @in_turn
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:

@@ -14,8 +14,8 @@ from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
 
 NO_CONNECTIONS = np.zeros((0, 2), np.int32)
-Paint = Callable[[wp.array, wp.array, wp.array], None]
-"""Writes colours, the last, where the particles are at x and have such shares of the full value."""
+Paint = Callable[[wp.array, wp.array], None]
+"""Writes a part's colours where the particles are at x and have such shares of the full value."""
 
 
 class Finish(NamedTuple):
@@ -30,12 +30,16 @@ class Finish(NamedTuple):
 
 
 class Part:
-    """Some of the triangles of a drawing."""
+    """Some of the triangles of a drawing, with a slice of each of its arrays of vertices."""
 
+    vertices: slice
+    points: wp.array
+    normals: wp.array
+    colours: wp.array
     uv: NDArray[np.float64]
     """Where its vertices are in its texture, shape [vertex_count, 2]."""
     triangles: NDArray[np.int32]
-    """Shape [triangle_count, 3], of its own vertices."""
+    """Shape [triangle_count, 3], of its own vertices; of the drawing's once it is in one."""
     finish: Finish
     radius = 0.0
     """How far it reaches around the particles [m]."""
@@ -45,9 +49,16 @@ class Part:
     """Whether its backs are hidden by its fronts."""
     mixture: tuple[wp.array, wp.array]
     """Of what follows the particles: those that each vertex mixes, and their shares, shape [vertex_count, k]."""
+    paint: Paint | None = None
+    """What gives it colours that move."""
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
-        """Write what has changed when the particles are at x and it is `time`, arrays of vec3 all."""
+    def join(self, vertices: slice, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+        """Become part of a drawing, with some of its vertices, from whose arrays of vec3 this takes its own."""
+        self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
+        self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
+
+    def follow(self, x: wp.array, time: float) -> None:
+        """Move to where it is when the particles are at x, an array of vec3, and it is `time` [s]."""
 
 
 class SurfacePart(Part):
@@ -85,14 +96,14 @@ class SurfacePart(Part):
         self._normal_of = wp.array(normal_of, dtype=int, device=device)
         self._sums = wp.zeros(len(use), dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+    def follow(self, x: wp.array, time: float) -> None:
         """Move the vertices with their particles, and find the normals anew."""
-        _launch(drawing.place_vertices, len(points), [x, *self.mixture], [points])
-        _collapse(self._times, time, 3, points)
+        _launch(drawing.place_vertices, len(self.points), [x, *self.mixture], [self.points])
+        _collapse(self._times, time, 3, self.points)
         self._sums.zero_()
-        inputs = [points, self._triangles, self._normal_of]
+        inputs = [self.points, self._triangles, self._normal_of]
         _launch(drawing.add_face_normals, len(self._triangles), inputs, [self._sums])
-        _launch(drawing.take_normals, len(points), [self._sums, self._normal_of], [normals])
+        _launch(drawing.take_normals, len(self.points), [self._sums, self._normal_of], [self.normals])
 
 
 class Tubes(Part):
@@ -121,11 +132,11 @@ class Tubes(Part):
         self.mixture = _alone(np.tile(connections, (1, sides)).ravel(), device)  # start and end in turn
         self._times = _times(None, broken_at, device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+    def follow(self, x: wp.array, time: float) -> None:
         """Lay the tubes between their particles."""
         inputs = [x, self.connections, self.radius, self.corners // 2]
-        _launch(drawing.place_tubes, len(self.connections), inputs, [points, normals])
-        _collapse(self._times, time, self.corners, points)
+        _launch(drawing.place_tubes, len(self.connections), inputs, [self.points, self.normals])
+        _collapse(self._times, time, self.corners, self.points)
 
 
 class Balls(Part):
@@ -157,11 +168,11 @@ class Balls(Part):
         self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
+    def follow(self, x: wp.array, time: float) -> None:
         """Put the balls where their particles are."""
         inputs = [x, self._particles, self._directions, self.radius]
-        _launch(drawing.place_balls, (len(self._particles), self.corners), inputs, [points])
-        wp.copy(normals, self._normals)
+        _launch(drawing.place_balls, (len(self._particles), self.corners), inputs, [self.points])
+        wp.copy(self.normals, self._normals)
 
 
 class Obstacle(Part):
@@ -174,11 +185,11 @@ class Obstacle(Part):
         self._points = wp.array(mesh.points, dtype=wp.vec3, device=device)
         self._normals = wp.array(mesh.normals, dtype=wp.vec3, device=device)
 
-    def place(self, x: wp.array, time: float, points: wp.array, normals: wp.array) -> None:
-        """Turn and shift the mesh to where the collider is at `time` [s]."""
+    def follow(self, x: wp.array, time: float) -> None:
+        """Turn and shift the mesh to where the collider is."""
         turn, shift = pose_in_space(self._collider, time, self._dim)
-        pose = [wp.mat33(*turn.ravel()), wp.vec3(*shift)]
-        _launch(drawing.place_rigid, len(points), [self._points, self._normals, *pose], [points, normals])
+        inputs = [self._points, self._normals, wp.mat33(*turn.ravel()), wp.vec3(*shift)]
+        _launch(drawing.place_rigid, len(self.points), inputs, [self.points, self.normals])
 
 
 def strain_paint(part: Tubes | Balls, rest_length: NDArray, full_strain: float, device: str) -> Paint:
@@ -186,9 +197,9 @@ def strain_paint(part: Tubes | Balls, rest_length: NDArray, full_strain: float, 
     lengths = wp.array(rest_length, dtype=float, device=device)
     stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
 
-    def paint(x: wp.array, shares: wp.array, colours: wp.array) -> None:
+    def paint(x: wp.array, shares: wp.array) -> None:
         inputs = [x, part.connections, lengths, full_strain, part.corners, stops]
-        _launch(drawing.colour_by_strain, len(part.connections), inputs, [colours])
+        _launch(drawing.colour_by_strain, len(part.connections), inputs, [part.colours])
 
     return paint
 
@@ -197,8 +208,8 @@ def value_paint(part: Part, device: str) -> Paint:
     """Return what colours a part of the body by values of its particles."""
     stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
 
-    def paint(x: wp.array, shares: wp.array, colours: wp.array) -> None:
-        _launch(drawing.colour_by_value, len(colours), [shares, *part.mixture, stops], [colours])
+    def paint(x: wp.array, shares: wp.array) -> None:
+        _launch(drawing.colour_by_value, len(part.colours), [shares, *part.mixture, stops], [part.colours])
 
     return paint
 

@@ -30,7 +30,7 @@ def body_of(drawn: Drawing | Arrows) -> Any:
     body.textured = int(drawn.texture is not None)
     # A lattice of tubes would be covered all over by its own fine shadows, which hide what its colours show.
     if isinstance(drawn, Drawing) and drawn.shows_strain:
-        body.first_shaded = sum(len(one.part.triangles) for one in drawn.body)
+        body.first_shaded = sum(len(one.triangles) for one in drawn.body)
     return body
 
 

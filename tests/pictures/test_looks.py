@@ -41,7 +41,7 @@ def parts_of(scene, colouring="texture"):
     """Return the parts of a scene's body, after it has followed its particles."""
     drawing = Drawing(scene, colouring)
     drawing.follow(scene.system.position)
-    return [one.part for one in drawing.body]
+    return drawing.body
 
 
 def pixels_like(image, channel):
@@ -133,8 +133,9 @@ def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
     drawing = Drawing(scene, "texture")
     drawing.follow(ROPE.position)
     tubes = Tubes(ROPE.connections, 0.02, Finish(np.ones(3)), "cpu", sides=sides)
-    points, normals = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(2))
-    tubes.place(drawing._x, 0.0, points, normals)
+    points, normals, colours = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(3))
+    tubes.join(slice(0, len(points)), points, normals, colours)
+    tubes.follow(drawing._x, 0.0)
     # The rope is the z axis; float32 coordinates of about one metre.
     np.testing.assert_allclose(np.linalg.norm(points.numpy()[:, :2], axis=1), 0.02, atol=1e-6)
     a, b, c = points.numpy()[tubes.triangles].transpose(1, 0, 2)

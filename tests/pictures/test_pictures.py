@@ -192,7 +192,7 @@ def test_particles_of_small_systems_are_balls(particles, count, drawn):
     drawing = Drawing(msd.Scene(system=chain, look=msd.Look(particles=particles)), "strain")
     drawing.follow(chain.position)
     tubes = 6 * (count - 1)
-    tube, balls = (one.part.radius for one in drawing.body)
+    tube, balls = (one.radius for one in drawing.body)
     assert (balls > 2 * tube) == drawn
     if not drawn:
         assert balls == tube  # which close the bends
