@@ -1,4 +1,7 @@
-"""Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1."""
+"""Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1.
+
+Colours are given as "#rrggbb", and `size` in pixels along an edge of a face.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
@@ -135,19 +138,10 @@ def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) ->
 def waffle(
     colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
 ) -> NDArray[np.uint8]:
-    """Return a waffle: square hollows between ridges.
+    """Return a waffle: square hollows between ridges; `groove` is the colour of the hollows' floor.
 
-    Parameters
-    ----------
-    colour, groove
-        Of the ridges and of the floor of the hollows, "#rrggbb".
-    counts
-        Hollows along u and v; with `diagonal`, where rows of hollows run slantwise, hollows around and half
-        of those along a ridge. Either way the pattern closes around a cone.
-    diagonal
-        Turn the rows, as on an ice cream cone.
-    size
-        Pixels along an edge.
+    `counts` are hollows along u and v; with `diagonal`, where rows of hollows run slantwise as on an ice cream
+    cone, hollows around and half of those along a ridge. Either way the pattern closes around a cone.
     """
     checks.count("counts[0]", counts[0], 1)
     checks.count("counts[1]", counts[1], 1)
@@ -191,18 +185,8 @@ def ticking(
 ) -> NDArray[np.uint8]:
     """Return, for a long flat box, a mattress: striped lengthwise, tufted with buttons, piped along its edges.
 
-    Parameters
-    ----------
-    colour, stripe
-        Of the cloth and of its stripes, "#rrggbb".
-    shape
-        Proportions of the box along x, y and z, so that buttons are round.
-    stripes
-        Groups of three stripes across the upper face.
-    buttons
-        Rows of buttons along x.
-    size
-        Pixels along the edge of a face.
+    `shape` has the proportions of the box along x, y and z, so that buttons are round. There are groups of three
+    `stripes` across the upper face, and rows of `buttons` along x.
     """
     length, width, height = (checks.positive(f"shape[{k}]", n) for k, n in enumerate(shape))
     checks.count("stripes", stripes, 1)
@@ -245,18 +229,9 @@ def _bands(place: NDArray) -> NDArray:
 
 @_kept
 def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a ball (u around it, v from pole to pole), ice cream: softly mottled, with flecks.
+    """Return, for a ball (u around it, v from pole to pole), ice cream: softly mottled, with so many flecks.
 
-    Parameters
-    ----------
-    colour, fleck
-        Of the ice cream and of what is in it, "#rrggbb".
-    flecks
-        How many.
-    seed
-        Of where they are; the same seed gives the same image.
-    size
-        Pixels from pole to pole; twice as many around.
+    The image has `size` pixels from pole to pole, and twice as many around. `seed` is of where the flecks are.
     """
     checks.count("flecks", flecks, 0)
     random = np.random.default_rng(checks.count("seed", seed, 0))
@@ -287,7 +262,6 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
 
 
 def _direction(random: np.random.Generator) -> NDArray:
-    """Return a random unit vector."""
     vector = random.normal(size=3)
     return vector / np.linalg.norm(vector)
 

@@ -159,7 +159,6 @@ class Commands(ViewState):
         self.hand = self.hand._replace(target=checks.vector("point", point, 3))
 
     def _let_go(self, holder: Any = None) -> None:
-        """Let go, if it is this hand that holds."""
         if self.hand.grip is not None and (holder is None or holder == self.hand.holder):
             self.hand = Pull(last=self.hand.grip.particles.tolist())
             self._handling.do("hold", particles=[], to=[], stiffness=[], damping=[])
@@ -174,7 +173,6 @@ class Commands(ViewState):
     # Recordings and pictures.
 
     def _record(self, folder: Any = None) -> None:
-        """Begin or end a recording."""
         if self.recording is not None:
             self._say(self._end_recording().removeprefix("; "))
             return

@@ -71,7 +71,6 @@ class Handling:
                 raise ValueError(f"{checks.repr_short(deed)} is nothing that is done by hand: {error}") from error
 
     def _scale(self, *, name: str, factor: float) -> None:
-        """Multiply a parameter of the scene."""
         checks.one_of("name", name, SCALED)
         checks.positive("factor", factor)
         before = getattr(self.scene.system, name)
@@ -121,7 +120,6 @@ class Handling:
 
     @property
     def _winds(self) -> list[Wind]:
-        """The steady winds."""
         return [one for one in self.loads if isinstance(one, Wind) and not callable(one.velocity)]
 
     @property
@@ -132,18 +130,15 @@ class Handling:
     def _hold(
         self, *, particles: Sequence[int], to: Any, stiffness: Sequence[float], damping: Sequence[float]
     ) -> None:
-        """Hold particles; with none let go."""
         hand = MouseSpring(on=particles, to=to, stiffness=stiffness, damping=damping)
         self._exchange({one: hand for one in self.loads if isinstance(one, MouseSpring)})
 
     def _exchange(self, others: Mapping[Any, Any]) -> None:
-        """Exchange loads for others."""
         loads = [others.get(one, one) for one in self.loads]
         self.simulation.change(loads=loads)
         self.loads = loads
 
     def _pin(self, *, particles: Sequence[int]) -> None:
-        """Have particles stay where they are."""
         self.simulation.change(group=np.asarray(particles), mass=np.inf)
 
     @property

@@ -100,7 +100,6 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
 
 
 def _source_of(shown: object) -> Source:
-    """Return a scene, a simulation or a trajectory as the source of a view."""
     if isinstance(shown, Scene):
         handled = within_reach(shown)
         return Running(handled, Simulation.from_scene(handled))

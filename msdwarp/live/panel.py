@@ -95,7 +95,6 @@ class Panel:
             gui.add_command(f"scene {name}", hotkey=k).on_trigger(self._posts("scene", number=int(k)))
 
     def _posts(self, command: str, **values: Any) -> Any:
-        """Return a callback that posts a command."""
         return _called(partial(self._view.post, command, **values))
 
     def _control(
@@ -160,7 +159,6 @@ class Panel:
             gui.add_markdown("```\n" + view.keys() + "\n```")
 
     def _add_body(self, handling: Handling) -> None:
-        """Add what can be done by hand."""
         for name in SCALED:
             ends = (0.5, 2.0) if name == "rest_length" else (LEAST, MOST)
             label, read = f"{name.replace('_', ' ')} ×", lambda n=name: handling.factors[n]
@@ -184,7 +182,6 @@ class Panel:
             self._gui.add_button(label).on_click(self._posts(command))
 
     def _add_parameters(self, source: Source) -> None:
-        """Add fields for the numbers and texts that the scene was built with."""
         own = {
             n: v for n, v in source.parameters.items() if isinstance(v, numbers.Real | str) and type(v) is not bool
         }
@@ -217,7 +214,6 @@ class Panel:
             self._energies.data = tuple(np.array(curve) for curve in curves)
 
     def _show_scale(self) -> None:
-        """Show the colour scale."""
         drawing = self._view.shown.drawing
         self._legend.visible = drawing.scale is not None
         if drawing.scale is not None:

@@ -105,7 +105,6 @@ class ViewState:
         self.shown.follow(self.source.frame())
 
     def _stage(self) -> None:
-        """Have the screens show another drawing."""
         self._is_shown = False
         for screen in self.screens:
             screen.stage()
@@ -157,7 +156,6 @@ class ViewState:
         return self._notice if time.perf_counter() - self._noticed < shown_for else ""
 
     def _say(self, text: str) -> None:
-        """Show a notice."""
         self._notice, self._noticed, self._read = text, time.perf_counter(), 0.0
 
     @property

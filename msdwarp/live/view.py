@@ -169,7 +169,6 @@ class View(Commands):
         return int((now - self._clock) * self.source.fps * self.speed) - self._taken
 
     def _show(self) -> None:
-        """Have every screen show the present frame."""
         frame, now = self.source.frame(), time.perf_counter()
         broken_at, before = self.source.broken_at(), self.shown
         if broken_at is not None and (torn := before.torn(broken_at, frame.time)) is not before:

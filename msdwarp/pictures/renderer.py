@@ -215,7 +215,6 @@ def _device(device: str | None) -> str:
 
 
 def _on_host(value: NDArray | wp.array) -> NDArray:
-    """Return an array as NumPy's."""
     return value.numpy() if isinstance(value, wp.array) else value
 
 

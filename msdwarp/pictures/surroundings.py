@@ -70,5 +70,4 @@ def look_from(view: Any, camera: Camera, size: tuple[int, int]) -> None:
 
 
 def _image(pixels: NDArray[np.uint8], device: str) -> wp.array:
-    """Upload an image."""
     return wp.array(np.ascontiguousarray(pixels), dtype=wp.vec3ub, device=device)
