@@ -12,11 +12,11 @@ import numpy as np
 
 from .. import checks
 from ..bodies import in_space
-from ..pictures import VIEW_ANGLE, Stage
+from ..pictures import VIEW_ANGLE, Stage, ramp
 from .access import EVERYWHERE, Access
 from .images import Images, Link
 from .panel import Panel
-from .patches import Patch, compact, levels, patches, scale_colours
+from .patches import LEVELS, Patch, compact, levels, patches
 from .sources import Source
 
 if TYPE_CHECKING:
@@ -162,7 +162,6 @@ class Browser:
             client.camera.position, client.camera.look_at = eye, camera.target
 
     def _add_patches(self) -> None:
-        """Show the body and the obstacles as triangles."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for k, patch in enumerate(patches(drawing)):
@@ -197,7 +196,7 @@ class Browser:
             )
         )
 
-    def _add_mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour: tuple[int, int, int]) -> Any:
+    def _add_mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour: np.ndarray) -> Any:
         """Add triangles that the mouse can take hold of."""
         mesh = self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double")
         return self._let_drag(self._add(mesh))
@@ -253,7 +252,7 @@ class Browser:
             node.vertices = patch.points(points)
         if not drawing.colours_move:
             return
-        colours = scale_colours(drawing)
+        colours = _bytes(ramp(drawing.stops, LEVELS))
         for level, triangles in enumerate(levels(drawing)):
             corners, faces = compact(triangles)
             node = self._levels.get(level)
@@ -262,8 +261,7 @@ class Browser:
             elif node is not None:
                 node.visible = False
             elif len(faces):
-                name, colour = f"/level/{level}", _bytes(colours[level])
-                self._levels[level] = self._add_mesh(name, points[corners], faces, colour)
+                self._levels[level] = self._add_mesh(f"/level/{level}", points[corners], faces, colours[level])
 
     def tell(self) -> None:
         """Show what is written, and where sliders stand."""
@@ -302,7 +300,6 @@ class Browser:
 
 
 def _is_taken(host: str, port: int) -> bool:
-    """Tell whether a port cannot be listened on."""
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -318,6 +315,5 @@ def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return camera.position, way / np.linalg.norm(way), ahead / np.linalg.norm(ahead)
 
 
-def _bytes(colour: Any) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * float(one)) for one in colour)
-    return red, green, blue
+def _bytes(colours: Any) -> np.ndarray:
+    return np.round(255 * np.array(colours)).astype(np.uint8)

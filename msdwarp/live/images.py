@@ -130,7 +130,7 @@ class Images:
 
 def _camera(of_client: Any) -> Camera:
     """Return where a client looks from, with the opening that all pictures have."""
-    w, x, y, z = of_client.wxyz / np.linalg.norm(of_client.wxyz)
-    forward = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    down = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
-    return Camera(of_client.position, of_client.look_at, forward, np.cross(down, forward), -down)
+    from viser.transforms import SO3
+
+    right, down, forward = SO3(of_client.wxyz / np.linalg.norm(of_client.wxyz)).as_matrix().T
+    return Camera(of_client.position, of_client.look_at, forward, right, -down)

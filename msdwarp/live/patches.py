@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import Drawing, Part
+from ..pictures import Drawing, Part, ramp
 
 LEVELS = 24
 """Colours of a scale that a browser is sent."""
@@ -28,8 +28,8 @@ class Patch(NamedTuple):
     """Barycentric coordinates, shape [vertex_count, 3]; None where each vertex is one of the drawing's."""
     faces: NDArray[np.uint32]
     """Shape [face_count, 3], of the patch's own vertices."""
-    colour: tuple[int, int, int]
-    """Red, green and blue in 0 … 255."""
+    colour: NDArray[np.uint8]
+    """Red, green and blue."""
     moves: bool
     """Whether it is of something that moves."""
 
@@ -53,17 +53,10 @@ def patches(drawing: Drawing) -> list[Patch]:
 def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
     """Return the triangles of the body in each of the colours that its values have now, by their level."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
-    stops = scale_colours(drawing)
-    of_vertex = np.argmin(((drawing.colours.numpy()[:, None] - stops) ** 2).sum(axis=2), axis=1)
+    away = drawing.colours.numpy()[:, None] - ramp(drawing.stops, LEVELS)
+    of_vertex = np.argmin((away**2).sum(axis=2), axis=1)
     of_triangle = np.rint(of_vertex[triangles].mean(axis=1)).astype(int)
     return [triangles[of_triangle == level] for level in range(LEVELS)]
-
-
-def scale_colours(drawing: Drawing) -> NDArray[np.float64]:
-    """Return the colours of the levels in 0 … 1, shape [LEVELS, 3]."""
-    stops = np.array(drawing.stops)
-    at = np.linspace(0, len(stops) - 1, LEVELS)
-    return np.stack([np.interp(at, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
 
 
 def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]]:
@@ -78,7 +71,7 @@ def _plain(drawing: Drawing, one: Part) -> Iterator[Patch]:
     colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
     for colour in np.unique(colours, axis=0):
         corners, faces = compact(triangles[(colours == colour).all(axis=1)])
-        yield Patch(corners, None, faces, _rgb(colour), one.moves)
+        yield Patch(corners, None, faces, colour, one.moves)
 
 
 def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
@@ -99,7 +92,7 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
     faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
     for colour in np.unique(colours, axis=0):
         used, mine = compact(faces[(colours == colour).all(axis=1)])
-        yield Patch(corners[used], all_weights[used], mine, _rgb(colour), one.moves)
+        yield Patch(corners[used], all_weights[used], mine, colour, one.moves)
 
 
 def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -122,8 +115,3 @@ def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]]
     differences = (colours.astype(np.int32) - one for one in chosen.astype(np.int32))
     return chosen[np.argmin([(one**2).sum(axis=1) for one in differences], axis=0)]
-
-
-def _rgb(colour: NDArray) -> tuple[int, int, int]:
-    red, green, blue = map(int, colour)
-    return red, green, blue

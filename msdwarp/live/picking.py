@@ -110,23 +110,15 @@ def _in_plane(point: NDArray, dim: int) -> NDArray[np.float64]:
 def hit(
     origin: ArrayLike, direction: ArrayLike, points: NDArray, triangles: NDArray
 ) -> NDArray[np.float64] | None:
-    """Return where a ray first meets triangles (Möller and Trumbore 1997); None where it meets none.
+    """Return where a ray first meets triangles; None where it meets none.
 
     All arrays are of shape [3] or [any, 3].
     """
     origin, direction = checks.vector("origin", origin, 3), checks.vector("direction", direction, 3)
     a, b, c = (points[triangles[:, k]].astype(np.float64) for k in range(3))
-    edge1, edge2 = b - a, c - a
-    p = np.cross(direction, edge2)
-    volume = (edge1 * p).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / volume
-        from_a = origin - a
-        u = (from_a * p).sum(axis=1) * inverse
-        q = np.cross(from_a, edge1)
-        v = (q @ direction) * inverse
-        distance = (edge2 * q).sum(axis=1) * inverse
-        meets = (volume != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
-    if not meets.any():
-        return None
-    return origin + distance[meets].min() * direction
+    # The point is at origin + distance direction = a + u (b - a) + v (c - a).
+    sides = np.stack([np.broadcast_to(-direction, a.shape), b - a, c - a], axis=2)
+    crossed = np.linalg.det(sides) != 0  # others are seen edge on
+    distance, u, v = np.linalg.solve(sides[crossed], (origin - a[crossed])[..., None])[..., 0].T
+    distances = distance[(u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)]
+    return origin + distances.min() * direction if len(distances) else None

@@ -2,7 +2,7 @@
 
 from .drawing import ColourScale, Drawing
 from .film import FILM_FORMATS, check_formats, write_film
-from .legend import bar
+from .legend import bar, ramp
 from .onscreen import OnScreen
 from .opengl_window import ADVICE, no_display
 from .parts import Part
@@ -28,6 +28,7 @@ __all__ = [
     "no_display",
     "no_opengl",
     "outermost",
+    "ramp",
     "timelapse",
     "write_film",
 ]

@@ -18,6 +18,12 @@ INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
 Stops = tuple[tuple[float, float, float], ...]
 
 
+def ramp(stops: Stops, count: int) -> NDArray[np.float64]:
+    """Return colours in 0 … 1, evenly spaced on a scale from end to end, shape [count, 3]."""
+    at = np.linspace(0, 1, count)
+    return np.stack([np.interp(at, np.linspace(0, 1, len(stops)), c) for c in np.transpose(stops)], axis=1)
+
+
 @functools.lru_cache(maxsize=4)
 def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
     """Return the legend for a picture of this height, on a veil."""
@@ -27,9 +33,7 @@ def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
     # A margin on either side for half the last number, and more where the label is longer than that leaves.
     left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)
     legend = Image.new("RGBA", (length + 2 * left, thick + 4 * size), VEIL)
-    at = np.linspace(0, 1, length)
-    ramp = np.stack([np.interp(at, np.linspace(0, 1, len(stops)), c) for c in np.transpose(stops)], axis=1)
-    pixels = np.broadcast_to(np.round(255 * ramp).astype(np.uint8), (thick, length, 3))
+    pixels = np.broadcast_to(np.round(255 * ramp(stops, length)).astype(np.uint8), (thick, length, 3))
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, size / 5), scale.label, INK, font, anchor="ma")

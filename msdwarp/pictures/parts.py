@@ -52,7 +52,7 @@ class Part:
     paint: Paint | None = None
     """What gives it colours that move."""
 
-    def join(self, vertices: slice, points: wp.array, normals: wp.array, colours: wp.array) -> None:
+    def join(self, vertices: slice, points: Any, normals: Any, colours: Any) -> None:
         """Become part of a drawing, with some of its vertices, from whose arrays of vec3 this takes its own."""
         self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
