@@ -43,14 +43,18 @@ def place_vertices(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
     particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
     weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
+    radius: float,  # [m]
+    normals: wp.array(dtype=wp.vec3),  # shape [vertex_count]
     # Out:
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
 ):
-    """Put every surface vertex at the weighted sum of its particles."""
+    """Put every vertex at the weighted sum of its particles, and a radius from there along its normal."""
     i = wp.tid()
     point = wp.vec3()
     for k in range(particle.shape[1]):
         point += weights[i, k] * x[particle[i, k]]
+    if radius > 0.0:
+        point += radius * normals[i]
     points[i] = point
 
 
@@ -83,20 +87,6 @@ def take_normals(
     """Give every vertex the unit normal of the vertex that it shares it with."""
     i = wp.tid()
     normals[i] = wp.normalize(sums[normal_of[i]])
-
-
-@kernel
-def place_balls(
-    x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
-    particle: wp.array(dtype=int),  # in the middle of each ball, shape [ball_count]
-    directions: wp.array(dtype=wp.vec3),  # of unit length, shape [corner_count]
-    radius: float,  # [m]
-    # Out:
-    points: wp.array(dtype=wp.vec3),  # [m], shape [ball_count · corner_count]
-):
-    """Put balls, given by the directions from their middles to their vertices, at some particles."""
-    p, k = wp.tid()
-    points[p * directions.shape[0] + k] = x[particle[p]] + radius * directions[k]
 
 
 @kernel

@@ -57,6 +57,11 @@ class Part:
         self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
 
+    def place_vertices(self, x: wp.array) -> None:
+        """Put each vertex where its particles are, or its radius from there along its normal."""
+        inputs = [x, *self.mixture, self.radius, self.normals]
+        _launch(drawing.place_vertices, len(self.points), inputs, [self.points])
+
     def follow(self, x: wp.array, time: float) -> None:
         """Move to where it is when the particles are at x, an array of vec3, and it is `time` [s]."""
 
@@ -98,7 +103,7 @@ class SurfacePart(Part):
 
     def follow(self, x: wp.array, time: float) -> None:
         """Move the vertices with their particles, and find the normals anew."""
-        _launch(drawing.place_vertices, len(self.points), [x, *self.mixture], [self.points])
+        self.place_vertices(x)
         _collapse(self._times, time, 3, self.points)
         self._sums.zero_()
         inputs = [self.points, self._triangles, self._normal_of]
@@ -164,15 +169,12 @@ class Balls(Part):
         self.radius, self.corners = radius, n
         self.connections = wp.array(along, dtype=wp.vec2i, device=device)
         self.mixture = _alone(np.repeat(particles, n), device)
-        self._particles = wp.array(particles, dtype=int, device=device)
-        self._directions = wp.array(directions, dtype=wp.vec3, device=device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
     def follow(self, x: wp.array, time: float) -> None:
         """Put the balls where their particles are."""
-        inputs = [x, self._particles, self._directions, self.radius]
-        _launch(drawing.place_balls, (len(self._particles), self.corners), inputs, [self.points])
         wp.copy(self.normals, self._normals)
+        self.place_vertices(x)
 
 
 class Obstacle(Part):
@@ -258,6 +260,6 @@ def _collapse(times: list[wp.array] | None, time: float, corners: int, points: w
         _launch(drawing.collapse, len(times[0]), [*times, time, corners], [points])
 
 
-def _launch(kernel: Any, dim: int | tuple[int, ...], inputs: list, outputs: list[wp.array]) -> None:
+def _launch(kernel: Any, dim: int, inputs: list, outputs: list[wp.array]) -> None:
     """Launch on the device of the first output."""
     wp.launch(kernel, dim, inputs, outputs, device=outputs[0].device)
