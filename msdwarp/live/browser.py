@@ -36,21 +36,10 @@ MISSING = "the page needs viser: pip install 'msdwarp[view]'"
 
 
 class Browser:
-    """A page that shows a view; a `Screen`.
+    """A page that shows a view: a `Screen`.
 
-    Parameters
-    ----------
-    host
-        The address that the page is served at; with 127.0.0.1 only this machine can open it.
-    port
-        The port; by default 8080, or the next that is free.
-    allow_origin
-        Origins of other pages that may control this one, such as "https://lab.example".
-
-    Raises
-    ------
-    ValueError
-        If viser is not installed or cannot be guarded, the port is taken or out of range, or an origin is invalid.
+    The parameters are those of `view`. ValueError is raised if viser is not installed or cannot be guarded, the
+    port is taken or out of range, or an origin is invalid.
     """
 
     takes_images = True

@@ -41,16 +41,11 @@ GAP = 14
 
 
 class Window:
-    """A view in a window of its own: a `Screen` (see `View`).
+    """A view in a window of its own, at first of this size in pixels: a `Screen`.
 
     The left button of the mouse takes hold of the body and pulls it; beside the body it turns the camera. The
     middle and the right one shift the camera, and the wheel brings it nearer. Keys do what `KEYS` says; escape and
     q close.
-
-    Parameters
-    ----------
-    size
-        Width and height of the window at first, in pixels.
     """
 
     takes_images = False

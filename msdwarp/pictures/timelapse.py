@@ -24,20 +24,10 @@ def timelapse(
     through. Shadows are as dark as their bodies are opaque, and fall on what stands still, not on poses.
     Colliders are where they are at the last pose.
 
-    Parameters
-    ----------
-    renderer
-        Draws the poses; its camera should see them all.
-    positions, times
-        Particle positions of the poses [m], shape [pose_count, particle_count, d], and when they are [s].
-    values
-        As for `Renderer.image`, of each pose: shape [pose_count, particle_count].
-
-    Raises
-    ------
-    ValueError
-        If there is no pose, a pose lacks its time or the values that the colouring needs, or an array is not
-        finite or not of the right shape.
+    The camera of the `renderer` should see all poses. `positions` are those of their particles [m], shape
+    [pose_count, particle_count, d], `times` when they are [s], and `values` as for `Renderer.image`, shape
+    [pose_count, particle_count]. ValueError is raised if there is no pose, a pose lacks its time or the values
+    that the colouring needs, or an array is not finite or not of the right shape.
     """
     count = len(positions)
     if not count:
