@@ -10,8 +10,81 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from ..springs import Law, damper_force
-from .columns import COLUMNS, NONE
-from .divergence import add_up, free_energies
+from .columns import COLUMNS, LOOKED, MAXIMA, NONE
+
+SUMMING_BLOCKS = (32, 256)
+"""Threads of a block that sums over a GPU: in small worlds, and in others."""
+ADD_UP = """
+#if defined(__CUDA_ARCH__)
+    constexpr int COLUMNS = {columns}, MAXIMA = {maxima};
+    __shared__ double each[COLUMNS * {block}];
+    __shared__ bool is_last;
+    const int count = blocks.shape[2], block = blockIdx.x % count;
+    double* const of_world = blocks.data + static_cast<size_t>(world) * COLUMNS * count;
+    double* const result = found.data + static_cast<size_t>(world) * found.shape[1];
+    const int lane = threadIdx.x % 32, warps = blockDim.x / 32;
+    const auto join = [](int c, double a, double b) {{ return c < MAXIMA ? (b > a ? b : a) : a + b; }};
+    const auto add_up_each = [&](const volatile double* from, int count, double* to, int apart) {{
+        for (int c = threadIdx.x / 32; c < COLUMNS; c += warps) {{
+            double total = c < MAXIMA ? -1e300 : 0.0;
+            for (int k = lane; k < count; k += 32)
+                total = join(c, total, from[c * count + k]);
+            for (int far = 16; far > 0; far /= 2)
+                total = join(c, total, __shfl_down_sync(0xffffffffu, total, far));
+            if (lane == 0)
+                to[c * apart] = total;
+        }}
+    }};
+    #pragma unroll
+    for (int c = 0; c < COLUMNS; ++c)
+        each[c * blockDim.x + threadIdx.x] = own[c];
+    __syncthreads();
+    if (count == 1) {{
+        add_up_each(each, blockDim.x, result, 1);
+        return;
+    }}
+    add_up_each(each, blockDim.x, of_world + block, count);
+    __threadfence();
+    __syncthreads();
+    if (threadIdx.x == 0)
+        is_last = atomicAdd(done.data + world, 1) == count - 1;
+    __syncthreads();
+    if (is_last) {{
+        __threadfence();
+        add_up_each(of_world, count, result, 1);
+        if (threadIdx.x == 0)
+            done.data[world] = 0;
+    }}
+#else
+    for (int c = 0; c < {columns}; ++c)
+        found.data[static_cast<size_t>(world) * found.shape[1] + c] = own[c];
+#endif
+"""
+"""A warp adds up each column; the block of a world that comes last does so with what all of them have found.
+
+They are added in their order, which no race decides. What other blocks have written is read as volatile, past the
+cache of this one. On the CPU a world has one thread.
+"""
+
+
+@functools.cache
+def add_up(column_count: int, block: int):
+    """Compose what adds up what the threads of each world have found: the last thing that a kernel does.
+
+    The kernel is launched with blocks of so many threads, for each world as many as `blocks` has rows' entries.
+    """
+    Columns = wp.types.vector(column_count, wp.float64)
+
+    @wp.func_native(ADD_UP.format(columns=column_count, maxima=MAXIMA, block=block))
+    def add_up_columns(
+        own: Columns,
+        world: int,
+        blocks: wp.array3d(dtype=wp.float64),
+        done: wp.array(dtype=int),
+        found: wp.array2d(dtype=wp.float64),
+    ): ...
+
+    return add_up_columns
 
 
 @functools.cache
@@ -32,40 +105,53 @@ def difference(dim: int, scalar: type, compensated: bool):
 
 
 @functools.cache
-def sum_up(dim: int, scalar: type, compensated: bool, law: Law, tears: bool, chosen: bool):
+def sum_up(
+    dim: int, scalar: type, everything: bool, compensated: bool, law: Law, tears: bool, chosen: bool, block: int
+):
     """Compose the kernel that finds all that is asked of a state, in all of `columns`.
 
+    With `everything` false a pass over the particles finds what tells of divergence, in so many as LOOKED.
     With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
-    have neither stiffness nor damping are broken: their strain is nobody's; with `substep_history` true that of
-    others too.
+    have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
     """
-    V, resistance, energies_of = vector(dim, scalar), damper_force(wp.float64, law), free_energies(dim, scalar)
-    separation, add_up_columns = difference(dim, scalar, compensated), add_up(COLUMNS)
-    load, Columns = records(dim, scalar).load, wp.types.vector(COLUMNS, wp.float64)
+    V, resistance, separation = (
+        vector(dim, scalar),
+        damper_force(wp.float64, law),
+        difference(dim, scalar, compensated),
+    )
+    column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
+    add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
     def sum_up_state(
-        # Model:
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
-        gravity: V,  # [m/s²]
+        # Model, row w mod (number of rows) for world w:
+        inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], 0 where pinned, shape [rows, particle_count]
+        gravity: wp.array(dtype=V),  # [m/s²], shape [rows]
+        rest_length: wp.array2d(dtype=scalar),  # l0 [m], shape [rows, connection_count]
+        stiffness: wp.array2d(dtype=scalar),  # k [N/m], shape [rows, connection_count]
+        damping: wp.array2d(dtype=scalar),  # b in the units of the law, shape [rows, connection_count]
+        # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
-        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
-        damping: wp.array(dtype=scalar),  # b in the units of the law, shape [connection_count]
         counts: wp.array(dtype=wp.uint8),  # whether its strain does, shape [connection_count]
-        # State in:
-        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
-        u: wp.array(dtype=V),  # velocities as the method has them [m/s], shape [particle_count]
-        v: wp.array(dtype=V),  # those at the instant of the positions [m/s], shape [particle_count]
-        work: wp.array(dtype=wp.float64),  # to be added up [J], shape [any]
+        # State in, of all worlds:
+        x: wp.array(dtype=V),  # positions [m]
+        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m]
+        u: wp.array(dtype=V),  # velocities as the method has them [m/s]
+        v: wp.array(dtype=V),  # those at the instant of the positions [m/s]
+        work: wp.array(dtype=wp.float64),  # to be added up [J], as many numbers for each world
+        stride: int,  # from one world to the next, in particles
         # Between:
-        threads: int,  # how many there are
-        blocks: wp.array2d(dtype=wp.float64),  # what each has found, shape [COLUMNS, block_count]
-        done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [1]
+        threads: int,  # how many each world has
+        blocks: wp.array3d(dtype=wp.float64),  # what each has found, shape [worlds, columns, block_count]
+        done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [worlds]
         # Out:
-        found: wp.array(dtype=wp.float64),  # shape [COLUMNS]
+        found: wp.array2d(dtype=wp.float64),  # shape [worlds, columns or more]
     ):
-        i = wp.tid()
+        w = wp.tid() / threads
+        thread = wp.tid() % threads
+        start = w * stride
+        g = gravity[w % gravity.shape[0]]
+        row = w % inverse_mass.shape[0]
+        i = thread
         first = int(wp.static(NONE))
         kinetic = wp.float64(0.0)
         potential = wp.float64(0.0)
@@ -73,102 +159,118 @@ def sum_up(dim: int, scalar: type, compensated: bool, law: Law, tears: bool, cho
         swing = wp.float64(0.0)
         momenta = wp.vec3d()
         turns = wp.vec3d()
-        while i < x.shape[0]:
-            x_i = load(x, i)
-            u_i = load(u, i)
+        while i < inverse_mass.shape[1]:
+            x_i = load(x, start + i)
+            u_i = load(u, start + i)
             if not (wp.isfinite(x_i) and wp.isfinite(u_i)):
                 first = wp.min(first, i)
-            moves, falls = energies_of(inverse_mass[i], gravity, x_i, u_i)
-            kinetic += moves
-            potential += falls
-            w = wp.float64(inverse_mass[i])
-            if w > wp.float64(0.0):
-                v_i = load(v, i)
-                mass = wp.float64(1.0) / w
-                position = wp.vec3d()
-                momentum = wp.vec3d()
+            inverse = wp.float64(inverse_mass[row, i])
+            if inverse > wp.float64(0.0):
                 square = wp.float64(0.0)
+                fall = wp.float64(0.0)
                 for k in range(wp.static(dim)):
-                    position[k] = wp.float64(x_i[k])
-                    momentum[k] = mass * wp.float64(v_i[k])
-                    ahead = wp.float64(v_i[k]) - wp.float64(u_i[k])
-                    square += ahead * ahead
-                mean += wp.float64(0.5) * w * wp.dot(momentum, momentum)
-                swing += wp.float64(0.5) * mass * square
-                momenta += momentum
-                turns += wp.cross(position, momentum)
+                    speed = wp.float64(u_i[k])
+                    square += speed * speed
+                    fall += wp.float64(g[k]) * wp.float64(x_i[k])
+                mass = wp.float64(1.0) / inverse  # of divisions in float64 the pass has time for one
+                kinetic += wp.float64(0.5) * square * mass
+                potential -= fall * mass
+                if wp.static(everything):
+                    v_i = load(v, start + i)
+                    position = wp.vec3d()
+                    momentum = wp.vec3d()
+                    difference_squared = wp.float64(0.0)
+                    for k in range(wp.static(dim)):
+                        position[k] = wp.float64(x_i[k])
+                        momentum[k] = mass * wp.float64(v_i[k])
+                        ahead = wp.float64(v_i[k]) - wp.float64(u_i[k])
+                        difference_squared += ahead * ahead
+                    mean += wp.float64(0.5) * inverse * wp.dot(momentum, momentum)
+                    swing += wp.float64(0.5) * mass * difference_squared
+                    momenta += momentum
+                    turns += wp.cross(position, momentum)
             i += threads
         done_work = wp.float64(0.0)
-        i = wp.tid()
-        while i < work.shape[0]:
-            done_work += work[i]
+        share = work.shape[0] / found.shape[0]
+        i = thread
+        while i < share:
+            done_work += work[w * share + i]
             i += threads
-        c = wp.tid()
-        elastic = wp.float64(0.0)
-        dissipated = wp.float64(0.0)
-        strain = wp.float64(0.0)
-        while c < connections.shape[0]:
-            i = connections[c][0]
-            j = connections[c][1]
-            rest = wp.float64(rest_length[c])
-            dx = separation(x, x_lost, i, j)
-            closing = wp.float64(0.0)
-            for k in range(wp.static(dim)):
-                closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
-            length = wp.length(dx)
-            stretch = length - rest
-            elastic += wp.float64(0.5) * wp.float64(stiffness[c]) * stretch * stretch
-            if length > wp.float64(0.0):
-                rate = closing / length
-                dissipated += resistance(rate, wp.float64(damping[c])) * rate
-            if wp.static(tears):
-                if stiffness[c] == scalar(0.0) and damping[c] == scalar(0.0):
-                    stretch = wp.float64(0.0)
-            if wp.static(chosen):
-                if counts[c] == wp.uint8(0):
-                    stretch = wp.float64(0.0)
-            strain = wp.max(strain, wp.abs(stretch) / rest)
-            c += threads
-        own = Columns(
-            -wp.float64(first),
-            strain,
-            kinetic,
-            potential,
-            done_work,
-            mean,
-            swing,
-            momenta[0],
-            momenta[1],
-            momenta[2],
-            turns[0],
-            turns[1],
-            turns[2],
-            elastic,
-            dissipated,
-        )
-        add_up_columns(own, blocks, done, found)
+        if wp.static(everything):
+            length_row = w % rest_length.shape[0]
+            stiffness_row = w % stiffness.shape[0]
+            damping_row = w % damping.shape[0]
+            c = thread
+            elastic = wp.float64(0.0)
+            dissipated = wp.float64(0.0)
+            strain = wp.float64(0.0)
+            while c < connections.shape[0]:
+                i = start + connections[c][0]
+                j = start + connections[c][1]
+                rest = wp.float64(rest_length[length_row, c])
+                spring = wp.float64(stiffness[stiffness_row, c])
+                damper = wp.float64(damping[damping_row, c])
+                dx = separation(x, x_lost, i, j)
+                closing = wp.float64(0.0)
+                for k in range(wp.static(dim)):
+                    closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
+                length = wp.length(dx)
+                stretch = length - rest
+                elastic += wp.float64(0.5) * spring * stretch * stretch
+                if length > wp.float64(0.0):
+                    rate = closing / length
+                    dissipated += resistance(rate, damper) * rate
+                if wp.static(tears):
+                    if spring == wp.float64(0.0) and damper == wp.float64(0.0):
+                        stretch = wp.float64(0.0)
+                if wp.static(chosen):
+                    if counts[c] == wp.uint8(0):
+                        stretch = wp.float64(0.0)
+                strain = wp.max(strain, wp.abs(stretch) / rest)
+                c += threads
+            own = Columns(
+                -wp.float64(first),
+                strain,
+                kinetic,
+                potential,
+                done_work,
+                mean,
+                swing,
+                momenta[0],
+                momenta[1],
+                momenta[2],
+                turns[0],
+                turns[1],
+                turns[2],
+                elastic,
+                dissipated,
+            )
+            add_up_columns(own, w, blocks, done, found)
+        else:
+            own = Columns(-wp.float64(first), wp.float64(0.0), kinetic, potential, done_work)
+            add_up_columns(own, w, blocks, done, found)
 
     return kernel(sum_up_state, grid_stride=False)
 
 
 @kernel
 def fold(
-    shares: wp.array2d(dtype=wp.float64),  # shape [thread_count, columns]
+    shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     largest: int,  # the column of which the largest is wanted, not the sum; -1: none
     first: int,  # the column of the rows that the first one goes to
-    rows: wp.array2d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
+    rows: wp.array3d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
 ):
-    """Sum the shares of many threads to a few rows, by a thread for each entry."""
-    row, column = wp.tid()
+    """Sum the shares of a world's threads to a few rows, by a thread for each entry."""
+    w, row, column = wp.tid()
     total = wp.float64(0.0)
     share = row
-    while share < shares.shape[0]:
+    while share < shares.shape[1]:
         if column == largest:
-            total = wp.max(total, shares[share, column])
+            total = wp.max(total, shares[w, share, column])
         else:
-            total += shares[share, column]
-        share += rows.shape[0]
-    rows[row, first + column] = total
+            total += shares[w, share, column]
+        share += rows.shape[1]
+    rows[w, row, first + column] = total
 
 
 @kernel

@@ -40,22 +40,22 @@ def largest_eigenvalue(dim: int):
 
 @functools.cache
 def largest_rate(dim: int, scalar: type):
-    """Compose the kernel, over particles, that raises bounds[0] and bounds[1] to 2|A_i|/m_i and 2|B_i|/m_i."""
+    """Compose the kernel, over worlds and particles, that raises bounds to 2|A_i|/m_i and 2|B_i|/m_i."""
     Block, largest = wp.types.matrix((dim, dim), wp.float64), largest_eigenvalue(dim)
 
     @kernel
     def raise_bounds(
-        # Model:
-        inverse_mass: wp.array(dtype=scalar),  # 1/m_i [1/kg], 0 where pinned, shape [particle_count]
+        # Model, row w mod (number of rows) for world w:
+        inverse_mass: wp.array2d(dtype=scalar),  # 1/m_i [1/kg], 0 where pinned, shape [rows, particle_count]
         # Linearised at a state:
-        stiffness_block: wp.array(dtype=Block),  # A_i [N/m], shape [particle_count]
-        damping_block: wp.array(dtype=Block),  # B_i [N s/m], shape [particle_count]
+        stiffness_block: wp.array2d(dtype=Block),  # A_i [N/m], shape [worlds, particle_count]
+        damping_block: wp.array2d(dtype=Block),  # B_i [N s/m], shape [worlds, particle_count]
         # Out:
-        bounds: wp.array(dtype=wp.float64),  # 0 before; [1/s²] and [1/s], shape [2]
+        bounds: wp.array2d(dtype=wp.float64),  # 0 before; [1/s²] and [1/s], shape [worlds, 2]
     ):
-        i = wp.tid()
-        twice = wp.float64(2.0) * wp.float64(inverse_mass[i])
-        wp.atomic_max(bounds, 0, twice * largest(stiffness_block[i]))
-        wp.atomic_max(bounds, 1, twice * largest(damping_block[i]))
+        w, i = wp.tid()
+        twice = wp.float64(2.0) * wp.float64(inverse_mass[w % inverse_mass.shape[0], i])
+        wp.atomic_max(bounds, w, 0, twice * largest(stiffness_block[w, i]))
+        wp.atomic_max(bounds, w, 1, twice * largest(damping_block[w, i]))
 
     return raise_bounds

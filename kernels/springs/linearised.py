@@ -69,18 +69,38 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 
 @functools.cache
-def connection_blocks(dim: int, scalar: type):
-    """Compose what a connection of axis d adds to the blocks of its particles, (dx, l0, k, b) -> (spring, along).
+def add_blocks(dim: int, scalar: type):
+    """Compose the kernel, over worlds and connections, that adds each to the blocks of its two particles.
 
-    k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and b d dᵀ, in float64; it has a length.
+    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each connection of i.
     """
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
 
-    @wp.func
-    def blocks_of(dx: V, rest_length: scalar, stiffness: scalar, damping: scalar):
+    @kernel
+    def add_connection_blocks(
+        # Model, row w mod (number of rows) for world w:
+        rest_length: wp.array2d(dtype=scalar),  # l0 [m], shape [rows, connection_count]
+        stiffness: wp.array2d(dtype=scalar),  # k [N/m], shape [rows, connection_count]
+        damping: wp.array2d(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [rows, connection_count]
+        # The same in all worlds:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        # State in:
+        x: wp.array(dtype=V),  # positions [m], of all worlds
+        stride: int,  # from one world to the next, in particles
+        # Out:
+        stiffness_block: wp.array2d(dtype=Block),  # A_i, 0 before [N/m], shape [worlds, particle_count]
+        damping_block: wp.array2d(dtype=Block),  # B_i, 0 before [N s/m], shape [worlds, particle_count]
+    ):
+        w, c = wp.tid()
+        i = connections[c][0]
+        j = connections[c][1]
+        dx = x[w * stride + i] - x[w * stride + j]
         length = wp.length(dx)
+        if length == scalar(0.0):
+            return
         axis = dx / length
-        across = wp.max(wp.float64(0.0), wp.float64(1.0) - wp.float64(rest_length) / wp.float64(length))
+        l0 = wp.float64(rest_length[w % rest_length.shape[0], c])
+        across = wp.max(wp.float64(0.0), wp.float64(1.0) - l0 / wp.float64(length))
         along = Block()
         spring = Block()
         for p in range(wp.static(dim)):
@@ -88,46 +108,11 @@ def connection_blocks(dim: int, scalar: type):
                 along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
                 spring[p, q] = (wp.float64(1.0) - across) * along[p, q]
             spring[p, p] += across
-        return wp.float64(stiffness) * spring, wp.float64(damping) * along
-
-    return blocks_of
-
-
-@functools.cache
-def add_blocks(dim: int, scalar: type):
-    """Compose the kernel, over connections, that adds each to the blocks of its two particles.
-
-    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each connection of i.
-    """
-    V, Block, blocks_of = (
-        vector(dim, scalar),
-        wp.types.matrix((dim, dim), wp.float64),
-        connection_blocks(dim, scalar),
-    )
-
-    @kernel
-    def add_connection_blocks(
-        # Model:
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
-        stiffness: wp.array(dtype=scalar),  # k [N/m], shape [connection_count]
-        damping: wp.array(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [connection_count]
-        # State in:
-        x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        # Out:
-        stiffness_block: wp.array(dtype=Block),  # A_i, 0 before [N/m], shape [particle_count]
-        damping_block: wp.array(dtype=Block),  # B_i, 0 before [N s/m], shape [particle_count]
-    ):
-        c = wp.tid()
-        i = connections[c][0]
-        j = connections[c][1]
-        dx = x[i] - x[j]
-        if wp.length(dx) == scalar(0.0):
-            return
-        spring, along = blocks_of(dx, rest_length[c], stiffness[c], damping[c])
-        wp.atomic_add(stiffness_block, i, spring)
-        wp.atomic_add(stiffness_block, j, spring)
-        wp.atomic_add(damping_block, i, along)
-        wp.atomic_add(damping_block, j, along)
+        spring = wp.float64(stiffness[w % stiffness.shape[0], c]) * spring
+        along = wp.float64(damping[w % damping.shape[0], c]) * along
+        wp.atomic_add(stiffness_block, w, i, spring)
+        wp.atomic_add(stiffness_block, w, j, spring)
+        wp.atomic_add(damping_block, w, i, along)
+        wp.atomic_add(damping_block, w, j, along)
 
     return add_connection_blocks

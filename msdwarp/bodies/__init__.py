@@ -5,7 +5,7 @@ from .connectivity import pieces
 from .contact_surfaces import TouchingSurfaces, contact_surfaces, mean_stiffness
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
 from .facets import Facets, directed_edges, facets_of, run_back
-from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
+from .fields import CONNECTION_FIELDS, DEFAULTS, LIMITS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame, Series
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
 from .numbering import places_along_curve, space_filling_order
@@ -23,6 +23,7 @@ __all__ = [
     "DEFAULTS",
     "FOAM",
     "JELLY",
+    "LIMITS",
     "LINEAR",
     "PARTICLE_FIELDS",
     "RUBBER",

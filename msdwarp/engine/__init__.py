@@ -8,7 +8,6 @@ from .collision.body_contact import BodyContact
 from .collision.body_contact_worlds import BodyContactWorlds
 from .collision.contact_forces import ContactForces
 from .diagnostics.divergence import Backup, Baseline, DivergenceMonitor
-from .diagnostics.divergence_worlds import EnsembleDivergenceMonitor
 from .diagnostics.energies import Measures, measure, write_in_order, write_strain
 from .diagnostics.energy_balance import (
     EnergyBalance,
@@ -19,10 +18,10 @@ from .diagnostics.energy_balance import (
     size,
     weight,
 )
-from .diagnostics.rate_bounds import Rates, rate_bounds, resists
+from .diagnostics.frozen_worlds import FrozenWorlds, WorldStatus
+from .diagnostics.rate_bounds import Rates, rate_bounds, resists, world_rates
 from .diagnostics.readout import Found
-from .diagnostics.sensors import Sensors, sensors_of
-from .diagnostics.world_sums import GroupMeans, WorldEnergies, world_rates
+from .diagnostics.sensors import GroupMeans, Sensors, sensors_of
 from .model.effect import Effect, Steps
 from .model.model import Model
 from .model.state import State
@@ -47,8 +46,8 @@ __all__ = [
     "Effect",
     "EnergyBalance",
     "EnergySums",
-    "EnsembleDivergenceMonitor",
     "Found",
+    "FrozenWorlds",
     "GroupMeans",
     "Measures",
     "Model",
@@ -57,7 +56,7 @@ __all__ = [
     "State",
     "Stepper",
     "Steps",
-    "WorldEnergies",
+    "WorldStatus",
     "add_linearised",
     "assemble",
     "assemble_worlds",

@@ -24,11 +24,11 @@ from ..world import (
     differ_in_values,
     with_contact,
 )
-from .properties import Present
+from .properties import PresentWorld
 from .step_controller import StepController
 
 
-class Changing(Present):
+class Changing(PresentWorld):
     """The properties of a simulation that can change between two frames."""
 
     _surroundings: dict[str, Any]

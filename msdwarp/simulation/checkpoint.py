@@ -1,6 +1,7 @@
 """Checkpoints: what a simulation needs to go on from a frame, to the last bit."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELD
 from ..engine import Baseline, Effect, Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
 from ..world import Change, Driven, Load, driven_particles
+from .pinned_staging import to_host
 from .stepping import Stepping
 
 Arrays = Mapping[str, NDArray]
@@ -20,18 +22,36 @@ Numbers = Mapping[str, Any]
 
 def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return the arrays of a system that moves, and the numbers of its substeps."""
-    arrays = {name: np.array(array.numpy()) for name, array in _moving(stepping).items()}
+    arrays = {name: to_host(array) for name, array in _moving(stepping).items()}
     for effect in stepping.assembly.all:
         arrays |= effect.checkpoint()
-    absent = () if stepping.model.system.tears else TEARING_FIELDS
-    for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
-        arrays[f"system.{name}"] = np.array(stored(getattr(stepping.model.system, name)))
-    choice = stepping.choice
-    numbers = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
-    numbers |= {"limit": choice.limit, "least": choice.least, "substeps": choice.substeps}
-    numbers["refinement"] = choice.refinement
-    numbers["baseline"] = list(stepping.watch.baseline)
-    return arrays, numbers
+    return arrays | saved_system(stepping.model.system), _saved_choice(stepping.choice, stepping.watch.baseline)
+
+
+def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
+    """Return the same of each world of an ensemble, but for the fields of its system."""
+    moving = {name: stepping.model.by_world(to_host(array)) for name, array in _moving(stepping).items()}
+    baselines = np.stack(np.broadcast_arrays(*stepping.watch.baseline), axis=-1)
+    found = []
+    for world, changed in enumerate(stepping.assembly.checkpoints()):
+        own = replace(stepping.choices[world % len(stepping.choices)], substeps=stepping.choice.substeps)
+        arrays = {name: array[world] for name, array in moving.items()}
+        found.append((arrays | changed, _saved_choice(own, baselines[world])))
+    return found
+
+
+def saved_system(system: System) -> dict[str, NDArray]:
+    """Return the fields of a system that can change."""
+    absent = () if system.tears else TEARING_FIELDS
+    names = (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent))
+    return {f"system.{name}": np.array(stored(getattr(system, name))) for name in names}
+
+
+def _saved_choice(choice: StepChoice, baseline: Iterable[float]) -> dict[str, Any]:
+    """Return the numbers of the substeps, and what energies are compared with."""
+    numbers: dict[str, Any] = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
+    numbers |= {name: getattr(choice, name) for name in ("limit", "least", "substeps", "refinement")}
+    return numbers | {"baseline": [float(one) for one in baseline]}
 
 
 def check_same(numbers: Numbers, **own: Any) -> None:
@@ -64,6 +84,8 @@ def restored_system(start: System, arrays: Arrays) -> System:
     # Whether a connection bears its length is a question to the start, not to a state on the way.
     breaking = {name: fields.pop(name) for name in TEARING_FIELDS}
     known = all((getattr(start, name) == value).all() for name, value in breaking.items())
+    if known and all((getattr(start, name) == value).all() for name, value in fields.items()):
+        return start
     return (start if known else start.replace(**breaking)).replace(**fields)
 
 

@@ -61,25 +61,18 @@ def describe(
     inside: str | None = None,
     gained: float | None = None,
 ) -> SimulationDiverged:
-    """Return the exception for a frame that began at `time` [s], in which trouble was found.
+    """Return the exception for a frame of substeps of `dt` [s], in which trouble was found.
 
     Parameters
     ----------
-    system
-        The system as it was when the frame began.
-    trouble
-        What was found.
-    time
-        When the frame began [s].
-    dt, substeps
-        Length of a substep [s], and their number in a frame.
+    system, time
+        The system as it was when the frame began, and when that was [s].
     needed
-        How many would have been stable when the frame began; 0 where none are.
+        How many substeps would have been stable when the frame began; 0 where none are.
     inside
-        What is to be said about what started inside an obstacle or a body: that is then the cause.
+        Words about what started inside an obstacle or a body: that is then the cause.
     gained
-        The share of its scale by which energy has grown from nothing though substeps were refined; None if it is
-        not for that.
+        The share of its scale by which energy has grown from nothing though substeps were refined, if that is why.
     """
     position, substep, particle = trouble
     connection, strain, stretched = None, float("nan"), ""

@@ -1,8 +1,8 @@
 """Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,33 +10,27 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Frame, System
-from ..engine import Baseline, Rates, State, assemble_worlds, world_rates
-from ..integrators import (
-    SAFETY,
-    Integrator,
-    StepChoice,
-    SymplecticEuler,
-    UnstableStep,
-    choose_forced,
-    choose_stable,
-)
+from ..bodies import System
+from ..engine import Dynamics, WorldStatus, assemble_worlds, starting_state, world_rates
+from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
-from .arguments import forced, frame_count
+from .arguments import frame_count
 from .changing import check_bears_touch
+from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence import SimulationDiverged
-from .ensemble_parameters import parameter_rows, rubbing, taken_from
+from .ensemble_parameters import parameter_rows, taken_from
 from .ensemble_results import dataset, import_xarray, observations
-from .ensemble_stepping import EnsembleStepping
+from .properties import Present
 from .simulation import Simulation
+from .stepping import Stepping
 
 STATUS = ("running", "not finite", "energy")
 """What has become of a world."""
 OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
 
 
-class Ensemble:
+class Ensemble(Present):
     """Simulates many worlds at once: copies of a scene with different parameters or starting states.
 
     World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
@@ -124,8 +118,13 @@ class Ensemble:
         threads: int | str | None = "auto",
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
-        self.fps = checks.positive("fps", fps)
+        self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
         system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, contact)
+        check_bears_touch(self._method, self._loads)
+        if not self._method.one_kernel:
+            raise ValueError(
+                f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
+            )
         self._observe = scene.observe if isinstance(scene, Scene) else {}
         given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
@@ -138,55 +137,33 @@ class Ensemble:
             by_world["gravity"] = gravity
         if friction is not None and not self._colliders:
             raise ValueError("friction is given; there must be colliders then")
-        self._gravity, self._contact = own_gravity, collider_rule
         self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
-        self._method = SymplecticEuler() if integrator is None else integrator
-        checks.instance("integrator", self._method, Integrator, "RK4()")
-        check_bears_touch(self._method, self._loads)
-        if not self._method.one_kernel:
-            raise ValueError(
-                f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
-            )
-        self._forced, self._allow_unstable = forced(substeps), allow_unstable
-        checks.one_of("allow_unstable", allow_unstable, (False, True))
-        self._safety = checks.between("safety", safety, 1e-3, 1)
-        self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
-        around: dict[str, Any] = {"colliders": self._colliders, "collider_rule": collider_rule}
-        around |= {"gravity": own_gravity, "loads": self._loads, "device": device, "precision": precision}
-        around["force_algorithm"], self._threads = force_algorithm, threads
-        self.assembly = assemble_worlds(self._base, self.worlds, self._rows, **around)
-        self.model = self.assembly.model
+        self._threads: Any = threads
+        self._surroundings: dict[str, Any] = {
+            "gravity": own_gravity,
+            "colliders": self._colliders,
+            "collider_rule": collider_rule,
+            "loads": self._loads,
+            "device": device,
+            "precision": precision,
+            "force_algorithm": force_algorithm,
+        }
         self.reset()
 
     @in_turn
     def reset(self) -> None:
         """Go back to the start."""
-        self.frame_index = 0
-        how: dict[str, Any] = {"energy_limit": self._energy_limit, "threads": self._threads}
-        self._stepping = EnsembleStepping(self.assembly, self._method, self._choices(), **how)
-        self._overrun_told = False
-
-    def _choices(self) -> list[StepChoice]:
-        """Return the substeps that each world asks for, of those that differ."""
-        found = []
-        for k, (stiffness, damping) in enumerate(world_rates(self.assembly)):
-            rates = Rates(float(stiffness), float(damping), self._least_ratio(k))
-            if self._forced is not None and self._allow_unstable:
-                found.append(choose_forced(rates, self._method, self.fps, self._forced))
-                continue
+        self.frame_index, self._overrun_told = 0, False
+        assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
+        state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
+        choices = list[StepChoice]()
+        for k, rates in enumerate(world_rates(assembly, state)):
             try:
-                found.append(choose_stable(rates, self._method, self.fps, self._forced, self._safety))
+                choices.append(self._choose(rates))
             except UnstableStep as error:
                 raise UnstableStep(f"in world {k} {error}") from error
-        return found
-
-    def _least_ratio(self, world: int) -> float:
-        """Return the least damping over stiffness of a spring of a world [s]; see `Rates`."""
-        springs, dampers = (self._of_world(name, world) for name in ("stiffness", "damping"))
-        stiff = springs > 0
-        if not stiff.any():
-            return math.inf
-        return float((dampers[stiff] / springs[stiff]).min()) if self._base.damper.steepest == 1 else 0.0
+        how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
+        self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
 
     def _of_world(self, name: str, world: int) -> NDArray[np.float64]:
         """Return a parameter as a world has it."""
@@ -194,43 +171,18 @@ class Ensemble:
         return rows[world % len(rows)]
 
     @property
-    def choice(self) -> StepChoice:
-        """The number of substeps of a frame, and the reason: that of the world that needs most."""
-        return self._stepping.choice
-
-    @property
-    def integrator(self) -> Integrator:
-        """The method with its options for this number of substeps."""
-        return self._stepping.integrator
-
-    @property
-    def state(self) -> State:
-        """The state on the device."""
-        return self._stepping.state
-
-    @property
-    def substeps(self) -> int:
-        """Substeps per frame."""
-        return self.choice.substeps
-
-    @property
     def threads(self) -> int | None:
         """Threads that compute all substeps of a world in one launch; None if each stage is a launch."""
-        return self._stepping.threads
-
-    @property
-    def time(self) -> float:
-        """Simulated time since the start [s]."""
-        return self.frame_index / self.fps
+        blocks = self.stepping.stepper.blocks
+        return None if blocks is None else blocks[1]
 
     @in_turn
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
-        touching = self.assembly.body_contact
         for _ in range(checks.count("frames", frames, 1)):
-            self._stepping.advance(self.time)
+            self.stepping.advance(self.time)
             self.frame_index += 1
-            if touching is not None and not self._overrun_told and (doubt := touching.warnings()):
+            if not self._overrun_told and (doubt := self.stepping.warnings()):
                 self._overrun_told = True
                 warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.TunnellingWarning, stacklevel=3)
 
@@ -288,38 +240,31 @@ class Ensemble:
         return found
 
     @in_turn
-    def frame(self) -> Frame:
-        """Return current positions and velocities, shape [worlds, particle_count, d]."""
-        model, v = self.model, self.velocity()
-        position, velocity = model.by_world(self.state.x), model.by_world(v)
-        if model.compensated:  # what sums have lost belongs to them
-            position = position.astype(np.float64) - model.by_world(self.state.compensation.x)
-            velocity = velocity.astype(np.float64) - model.by_world(self.state.compensation.v)
-        return Frame(self.time, position, velocity)
-
-    @in_turn
     def velocity(self) -> wp.array:
         """Return the velocities at the same time as the positions [m/s], on the device."""
-        return self._stepping.velocity()
+        return self.stepping.velocity()
+
+    @in_turn
+    def _found(self) -> WorldStatus:
+        """Return what has become of each world."""
+        assert self.stepping.frozen is not None
+        return self.stepping.frozen.found()
 
     @property
-    @in_turn
     def status(self) -> NDArray[np.str_]:
         """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
-        return np.array(STATUS)[self._stepping.watch.found()[0]]
+        return np.array(STATUS)[self._found().status]
 
     @property
-    @in_turn
     def diverged_at(self) -> NDArray[np.float64]:
         """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
-        _, frame, _ = self._stepping.watch.found()
-        return np.where(frame >= 0, frame / self.fps, np.nan)
+        frames = self._found().good_frames
+        return np.where(frames >= 0, frames / self.fps, np.nan)
 
     @property
-    @in_turn
     def diverged_particle(self) -> NDArray[np.int32]:
         """The first particle of each world that was no longer finite; −1 if there is none."""
-        return self._stepping.watch.found()[2]
+        return self._found().particle
 
     @in_turn
     def system_of(self, world: int, *, start: bool = False) -> System:
@@ -342,29 +287,44 @@ class Ensemble:
         `options` are further arguments of `Simulation`.
         """
         world = self._number(world)
-        colliders = self._colliders
-        if "friction" in self._rows:
-            each = self._of_world("friction", world)
-            colliders = [rubbing(one, float(own)) for one, own in zip(colliders, each, strict=True)]
-        own: dict[str, Any] = {
-            "gravity": self._of_world("gravity", world) if "gravity" in self._rows else self._gravity,
-            "colliders": colliders,
-            "collider_rule": self._contact,
-            "loads": self._loads,
+        own: dict[str, Any] = self._surroundings | {
             "contact": [one for one in self._loads if isinstance(one, Contact)],
             "integrator": self.integrator,
             "fps": self.fps,
             "substeps": self.substeps,
             "allow_unstable": True,
             "energy_limit": self._energy_limit,
-            "device": self.model.device.alias,
-            "precision": self.model.precision,
+            "device": self.device,
             "force_algorithm": self.model.force_algorithm,
         }
+        if "gravity" in self._rows:
+            own["gravity"] = self._of_world("gravity", world)
+        if "friction" in self._rows:
+            each, obstacles = self._of_world("friction", world).tolist(), list[Any](self._colliders)
+            own["colliders"] = [replace(one, friction=rubs) for one, rubs in zip(obstacles, each, strict=True)]
         alone = Simulation(self.system_of(world, start=start), **(own | options))
         if not start and self.assembly.body_contact is not None:
             alone._stick(self.assembly.body_contact.checkpoints()[world])
         return alone
+
+    @in_turn
+    def checkpoints(self) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
+        """Return the state of each world, with which `Simulation.restore` continues it bit for bit.
+
+        The simulation must have the world's parameters and the ensemble's `integrator`, `fps`, `substeps`,
+        precision and algorithm, as `simulation_of` returns it. A diverged world is where it stopped.
+        """
+        frames = self._found().good_frames
+        shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}
+        found = []
+        for world, (arrays, numbers) in enumerate(saved_worlds(self.stepping)):
+            arrays |= saved_drives(self._loads, self.model) | saved_system(self.system_of(world, start=True))
+            frame = int(frames[world])
+            numbers |= shared | {"frame_index": self.frame_index if frame < 0 else frame}
+            if "gravity" in self._rows:
+                numbers["gravity"] = self._of_world("gravity", world).tolist()
+            found.append((arrays, numbers))
+        return found
 
     def _number(self, world: int) -> int:
         """Return the number of a world; raise ValueError if there is none."""
@@ -386,13 +346,11 @@ class Ensemble:
         world = self._number(world)
         if self.status[world] == STATUS[0]:
             raise ValueError(f"world {world} has not diverged")
-        alone, when = self.simulation_of(world, start=False), float(self.diverged_at[world])
-        baseline = Baseline(float(self._stepping.watch.energy[world]), float(self._stepping.watch.scale[world]))
-        alone.stepping.watch.compare_with(baseline)
+        alone = self.simulation_of(world)
+        alone.restore(*self.checkpoints()[world])
         try:
             alone.step(2)
         except SimulationDiverged as error:
-            error.time += when
-            error.args = (f"world {world}, from {when:.4g} s on: {error}",)
+            error.args = (f"world {world}: {error}",)
             return error
-        raise RuntimeError(f"world {world} does not diverge when it is simulated alone from {when:.4g} s on")
+        raise RuntimeError(f"world {world} does not diverge when it is simulated alone from {alone.time:.4g} s on")

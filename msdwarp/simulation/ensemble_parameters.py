@@ -1,35 +1,24 @@
 """What differs between the worlds of an ensemble, as its arguments say it, checked."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import LIMITS, System
 from ..world import Collider, Gravity, Load, Scene, with_contact
 
-FINITE = checks.FINITE
 NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
-LIMITS: dict[str, tuple[checks.Limit, ...]] = {
-    "rest_length": (FINITE, checks.NOT_TINY),
-    "stiffness": (FINITE, NOT_NEGATIVE),
-    "damping": (FINITE, NOT_NEGATIVE),
-    "mass": ((lambda v: v > 0, "positive; inf pins a particle"), checks.NOT_TINY, checks.FINITE_OR_INF),
-    "friction": (FINITE, NOT_NEGATIVE),
-    "gravity": (FINITE,),
-    "position": (FINITE,),
-    "velocity": (FINITE,),
-}
-"""What the numbers of each parameter may be."""
+MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE), "gravity": (checks.FINITE,)}
+"""What numbers may be that are no field of a system."""
 
 
 def parameter_rows(
     system: System, collider_count: int, worlds: int, given: Mapping[str, Any]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return what differs between worlds as `EnsembleModel` takes it; the first axis given is of worlds.
+    """Return what differs between worlds as `Model` takes it; the first axis given is of worlds.
 
     Raises
     ------
@@ -38,25 +27,17 @@ def parameter_rows(
         system or an obstacle may have.
     """
     n, d = system.particle_count, system.dim
-    shapes = {
-        "rest_length": (system.connection_count,),
-        "stiffness": (system.connection_count,),
-        "damping": (system.connection_count,),
-        "mass": (n,),
-        "friction": (collider_count,),
-        "gravity": (d,),
-        "position": (n, d),
-        "velocity": (n, d),
-    }
+    shapes: dict[str, tuple[int, ...]] = {"mass": (n,), "position": (n, d), "velocity": (n, d)}
+    shapes |= {"friction": (collider_count,), "gravity": (d,)}
+    shapes |= dict.fromkeys(("rest_length", "stiffness", "damping"), (system.connection_count,))
     rows = {}
     for name, value in given.items():
         if value is None:
             continue
-        values = checks.array(name, value)
-        values = _in_rows(name, values, shapes[name], _short_form(name, values, d))
+        values = _in_rows(name, checks.array(name, value), shapes[name])
         if worlds % len(values):
             raise ValueError(f"{name} has {len(values)} rows; that must divide the number of worlds, {worlds}")
-        checks.within(name, values, *LIMITS[name])
+        checks.within(name, values, *(LIMITS | MORE_LIMITS)[name])
         rows[name] = values
     if "velocity" in rows:
         mass = rows.get("mass", system.mass[None])
@@ -64,35 +45,29 @@ def parameter_rows(
     return rows
 
 
-def _short_form(name: str, values: NDArray[np.float64], dim: int) -> NDArray[np.float64] | None:
-    """Return what a shorter array stands for, that can be broadcast to the full shape; None if it is none."""
-    if values.ndim == 1 and name == "gravity":  # downwards
-        checks.within(name, values, NOT_NEGATIVE)
-        return np.concatenate([np.zeros((len(values), dim - 1)), -values[:, None]], axis=1)
-    if values.ndim == 1 and name not in ("position", "velocity"):
-        return values[:, None]
-    if name == "velocity" and values.ndim == 2:
-        return values[:, None, :]
-    return None
-
-
-def _in_rows(
-    name: str, values: NDArray[np.float64], shape: tuple[int, ...], short: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return rows of a shape; what a short form says once for a row is stored once."""
-    given = values if short is None else short
-    allowed = {
-        "gravity": f"[rows] (downwards) or [rows, {shape[-1]}]",
-        "position": f"[rows, {', '.join(map(str, shape))}]",
-        "velocity": f"[rows, {shape[-1]}] or [rows, {', '.join(map(str, shape))}]",
-    }.get(name, f"[rows] or [rows, {shape[0]}]")
+    full, allowed = f"[rows, {', '.join(map(str, shape))}]", ""
+    given, short = values, values.ndim == len(shape)
+    if name == "gravity":
+        allowed = "[rows] (downwards) or "
+        if short:
+            checks.within(name, values, NOT_NEGATIVE)
+            given = np.concatenate([np.zeros((len(values), shape[0] - 1)), -values[:, None]], axis=1)
+    elif name == "velocity":
+        allowed = f"[rows, {shape[-1]}] or "
+        given = values[:, None, :] if short else values
+    elif name != "position":
+        allowed = "[rows] or "
+        given = values[:, None] if short else values
     # A short form has 1 where it is said once.
-    fits = len(given.shape) == 1 + len(shape) and all(
-        own == all_of_them or (own == 1 and short is not None)
-        for own, all_of_them in zip(given.shape[1:], shape, strict=True)
+    fits = given.ndim == 1 + len(shape) and all(
+        own == each or (own == 1 and given is not values) for own, each in zip(given.shape[1:], shape, strict=True)
     )
     if not fits or len(given) == 0:
-        raise ValueError(f"{name} has shape {values.shape}; it must be of shape {allowed}, a row for each world")
+        raise ValueError(
+            f"{name} has shape {values.shape}; it must be of shape {allowed}{full}, a row for each world"
+        )
     return np.broadcast_to(given, (len(given), *shape))
 
 
@@ -100,10 +75,9 @@ def _without_pinned(
     velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
 ) -> NDArray[np.float64]:
     """Return velocities in which pinned particles stand still; raise ValueError if one is said to move."""
-    rows = np.lcm(len(velocity), len(mass))
     if not np.isinf(mass).any():
         return velocity
-    each = np.arange(rows)
+    each = np.arange(np.lcm(len(velocity), len(mass)))
     velocity = np.array(velocity[each % len(velocity)])
     pinned = np.isinf(mass[each % len(mass)])
     moves = pinned & (velocity != 0).any(axis=2)
@@ -131,9 +105,3 @@ def taken_from(
     if len(scene.schedule):
         raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
     return scene.system, tuple(scene.colliders), tuple(scene.loads), scene.gravity
-
-
-def rubbing(collider: Collider, friction: float) -> Any:
-    """Return an obstacle with another friction."""
-    described: Any = collider
-    return replace(described, friction=friction)

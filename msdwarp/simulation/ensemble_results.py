@@ -9,15 +9,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..engine import GroupMeans, WorldEnergies
+from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
-from ..world import FRAME, POSITION, VELOCITY, Probe
+from ..world import FORCE, FRAME, POSITION, STRAIN, VELOCITY, Probe
 
 MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
-"""In the order in which they are summed."""
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
 """What is observed of all particles: the field of a frame, and its unit."""
+UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: ""}
+"""What probes may measure in an ensemble, and its unit."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
 
@@ -89,21 +90,25 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
     """Return one thing that is to be observed."""
     model, state = ensemble.model, ensemble.state
     if isinstance(what, Probe):
-        checks.one_of("what", what.what, (POSITION, VELOCITY))
+        checks.one_of("what", what.what, UNITS)
         checks.one_of("every", what.every, (FRAME,))
-        mean = GroupMeans(model, what.what, what.particles(model.system))
-        unit = "m" if what.what == POSITION else "m/s"
-        return Observation(name, ("axis",), unit, lambda: mean.read(state, ensemble.velocity()))
+        what.check(model.system, (), False)
+        sensors = Sensors(ensemble.stepping.dynamics, state, {name: what}, 1, 1 / ensemble.fps, None)
+
+        def measured() -> NDArray:
+            sensors.launch(ensemble.velocity())
+            return sensors.read()[name][0]
+
+        return Observation(name, () if what.what == STRAIN else ("axis",), UNITS[what.what], measured)
     if isinstance(what, GroupMean):
         chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
-        own = GroupMeans(model, what.function, chosen, what.width)
-        width = what.width
+        means = GroupMeans(model, what.function, chosen, what.width)
 
-        def told() -> NDArray:
-            sums = own.read(state, ensemble.velocity())
-            return sums if width else sums.ravel()
+        def mean() -> NDArray:
+            found = means.read(state, ensemble.velocity())
+            return found if what.width else found.ravel()
 
-        return Observation(name, (), "", told)
+        return Observation(name, (), "", mean)
     if callable(what):
 
         def of_frame() -> NDArray:
@@ -121,16 +126,10 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
     if what in WHOLE:
         field, unit = WHOLE[what]
         return Observation(name, ("particle", "axis"), unit, lambda: getattr(ensemble.frame(), field))
-    sums = WorldEnergies(ensemble.assembly)
 
     def energy() -> NDArray:
-        each = sums.read(state.x, ensemble.velocity(), state.compensation.x)
-        chosen = ENERGIES if what == "energy" else (what,)
-        total = np.asarray(each[:, [ENERGIES.index(one) for one in chosen]].sum(axis=1))
-        if what == "energy":
-            v = ensemble.velocity()
-            total = total + sum(effect.energies(state.x, v) for effect in ensemble.assembly.all)
-        return total
+        measures = measure(ensemble.assembly, state, ensemble.velocity(), state.compensation.x)
+        return np.asarray(getattr(measures, what.replace(" ", "_")))
 
     return Observation(name, (), "J", energy)
 

@@ -1,40 +1,59 @@
-"""Present: what can be read off a simulation between two frames."""
+"""What can be read off a simulation, or the worlds of an ensemble, between two frames."""
 
 import warp as wp
 from numpy.typing import NDArray
 
+from .. import checks
 from ..bodies import Frame, System
-from ..engine import Assembly, Measures, Model, State, measure
-from ..integrators import Integrator, StepChoice
+from ..engine import Assembly, Measures, Model, Rates, State, measure
+from ..integrators import Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
 from ..runtime import in_turn
+from .arguments import forced
+from .pinned_staging import to_host
 from .readings import Readings
 from .stepping import Stepping
 
 
 class Present:
-    """The properties of a simulation that can be read between two frames.
+    """The properties that a simulation and an ensemble share.
 
     Attributes
     ----------
     stepping
-        The system on its device, and the method that advances it.
+        The worlds on their device, and the method that advances them.
     fps
         Frames per second of simulated time.
     frame_index
         Frames since the start.
-    readings
-        Readings of the probes so far, by name: `times, values = simulation.readings["foot"]`.
     """
 
     stepping: Stepping
     fps: float
     frame_index: int
-    readings: Readings
 
-    @property
-    def system(self) -> System:
-        """The system as it was when it was last uploaded: at the start, or by the last change."""
-        return self.stepping.model.system
+    def _set_up_steps(
+        self,
+        integrator: Integrator | None,
+        fps: float,
+        substeps: int | str,
+        safety: float,
+        allow_unstable: bool,
+        energy_limit: float,
+    ) -> None:
+        """Check and keep the arguments that say how frames are advanced."""
+        self.fps = checks.positive("fps", fps)
+        self._method = SymplecticEuler() if integrator is None else integrator
+        checks.instance("integrator", self._method, Integrator, "Leapfrog()")
+        self._forced, self._safety = forced(substeps), checks.between("safety", safety, 1e-3, 1)
+        checks.one_of("allow_unstable", allow_unstable, (False, True))
+        self._allow_unstable = allow_unstable
+        self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+
+    def _choose(self, rates: Rates) -> StepChoice:
+        """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
+        if self._forced is not None and self._allow_unstable:
+            return choose_forced(rates, self._method, self.fps, self._forced)
+        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     @property
     def assembly(self) -> Assembly:
@@ -58,7 +77,7 @@ class Present:
 
     @property
     def choice(self) -> StepChoice:
-        """The number of substeps of a frame, and the reason."""
+        """The number of substeps of a frame, and the reason; in an ensemble that of the world that needs most."""
         return self.stepping.choice
 
     @property
@@ -82,6 +101,37 @@ class Present:
         return self.model.device.alias
 
     @property
+    def positions(self) -> wp.array:
+        """Current positions [m]: a Warp array on the device, which later steps overwrite.
+
+        It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host. In an
+        ensemble it has those of all worlds, the first of one `model.stride` after that of another.
+        """
+        return self.state.x
+
+    @in_turn
+    def frame(self) -> Frame:
+        """Return the current positions and velocities, shape [particle_count, d]; in an ensemble [worlds, ...]."""
+        return self.stepping.frame(self.time)
+
+
+class PresentWorld(Present):
+    """The properties of a simulation that can be read between two frames.
+
+    Attributes
+    ----------
+    readings
+        Readings of the probes so far, by name: `times, values = simulation.readings["foot"]`.
+    """
+
+    readings: Readings
+
+    @property
+    def system(self) -> System:
+        """The system as it was when it was last uploaded: at the start, or by the last change."""
+        return self.stepping.model.system
+
+    @property
     def threads(self) -> int:
         """Number of CPU threads; 1 on a GPU."""
         return self.stepping.dynamics.threads
@@ -96,19 +146,6 @@ class Present:
         """Current rest lengths of the connections [m], including plastic deformation."""
         return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
 
-    @property
-    def positions(self) -> wp.array:
-        """Current positions [m]: a Warp array on the device, which later steps overwrite.
-
-        It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host.
-        """
-        return self.stepping.state.x
-
-    @in_turn
-    def frame(self) -> Frame:
-        """Return the current positions and velocities."""
-        return self.stepping.frame(self.time)
-
     @in_turn
     def contact_force(self) -> NDArray:
         """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
@@ -122,7 +159,12 @@ class Present:
         ValueError
             If the simulation was made without `contact_forces=True` and without a probe of such forces.
         """
-        return self.stepping.contact_force()
+        summed, model = self.stepping.contact_forces, self.model
+        if summed is None:
+            raise ValueError("contact_forces is False; it must be True for these forces to be summed")
+        force = wp.zeros(model.particle_count, dtype=model.vector, device=model.device)
+        summed.write_force(force)
+        return to_host(force)
 
     @in_turn
     def snapshot(self) -> System:

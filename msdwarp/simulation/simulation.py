@@ -13,7 +13,6 @@ from ..bodies import Frame, System
 from ..engine import (
     Blocks,
     Dynamics,
-    Rates,
     assemble,
     check_blocks,
     rate_bounds,
@@ -21,7 +20,7 @@ from ..engine import (
     threads_for,
     warn_of_start,
 )
-from ..integrators import SAFETY, Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
+from ..integrators import SAFETY, Integrator, StepChoice, choose_forced
 from ..runtime import in_turn
 from ..world import (
     Change,
@@ -37,10 +36,9 @@ from ..world import (
     with_contact,
 )
 from . import checkpoint
-from .arguments import forced, frame_count, in_order
+from .arguments import frame_count, in_order
 from .changing import Changing, check_bears_touch
 from .divergence import SimulationDiverged, describe
-from .headline import headline
 from .readings import Readings
 from .step_controller import StepControlFailed, StepController
 from .stepping import Stepping
@@ -146,19 +144,10 @@ class Simulation(Changing):
         contact_forces: bool = False,
     ) -> None:
         checks.instance("system", system, System, "chain(5); of a scene use Simulation.from_scene(scene)")
-        self.fps = checks.positive("fps", fps)
-        self._method = SymplecticEuler() if integrator is None else integrator
-        if not isinstance(self._method, Integrator):
-            raise ValueError(
-                f"integrator is {checks.repr_short(integrator)}; it must be an integrator, such as Leapfrog()"
-            )
-        self._forced = forced(substeps)
-        self._safety = checks.between("safety", safety, 1e-3, 1)
-        choices = {"refresh": refresh, "allow_unstable": allow_unstable, "contact_forces": contact_forces}
-        for name, choice in choices.items():
+        self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
+        for name, choice in {"refresh": refresh, "contact_forces": contact_forces}.items():
             checks.one_of(name, choice, (False, True))
-        self._refresh, self._allow_unstable = refresh and self._forced is None, allow_unstable
-        self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
+        self._refresh = refresh and self._forced is None
         self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
         self._loads, self._gravity = bound(self._given, system), gravity
         check_bears_touch(self._method, self._given)
@@ -200,7 +189,15 @@ class Simulation(Changing):
         raise TypeError("a Simulation cannot be copied or pickled; use checkpoint and restore")
 
     def __repr__(self) -> str:
-        return headline(self, self._method, self._surroundings["colliders"])
+        parts = f"{self.system.particle_count} particles, {self.system.connection_count} connections"
+        around = "".join(f", {type(one).__name__}" for one in self.colliders[:4])
+        threads = f" with {self.threads} threads" if self.threads > 1 else ""
+        return (
+            f"<Simulation of {parts}{around}\n"
+            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
+            f"  {self.model.precision} by {self.model.force_algorithm} on {self.device}{threads}\n"
+            f"  at {self.time:.4g} s, frame {self.frame_index}>"
+        )
 
     @in_turn
     def reset(self) -> None:
@@ -227,17 +224,16 @@ class Simulation(Changing):
         if self._pace is not None and self._pace.scale > 0:
             refinement, above = self._pace.refinement, self._pace.above(self.stepping)
         choice = choice or self._choose(rate_bounds(system, assembly, state)).refined(refinement)
-        how: Any = (Dynamics(assembly, threads=threads_for(assembly, self._threads)), state, self._method, choice)
+        how: Any = (
+            Dynamics(assembly, threads=threads_for(assembly, self._threads)),
+            state,
+            self._method,
+            [choice],
+        )
         limits: Any = {"energy_limit": self._energy_limit, "paced": self._pace is not None}
         self.stepping = Stepping(*how, **limits, blocks=self._blocks, time=self.time)
         if self._pace is not None:
             self._pace.begin(self.stepping, above)
-
-    def _choose(self, rates: Rates) -> StepChoice:
-        """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
-        if self._forced is not None and self._allow_unstable:
-            return choose_forced(rates, self._method, self.fps, self._forced)
-        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     @in_turn
     def step(self, frames: int = 1) -> None:
@@ -367,12 +363,17 @@ class Simulation(Changing):
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
         loads = checkpoint.restored_loads(self._loads, system, arrays)
+        as_made = self._pace is None and self.frame_index == 0 and system is self.system and choice == self.choice
+        as_made = as_made and loads is self._surroundings["loads"] and gravity is self._surroundings["gravity"]
         self._surroundings |= {"loads": loads, "gravity": gravity}
         self._acting = self._given
         self._pace = self._pace and StepController()
         self.frame_index = frame_index
         self.readings = Readings(self._surroundings["probes"], system.dim)
-        self._load(system, choice)
+        if as_made:  # many worlds of a sweep are restored: to upload all again would take as long as to make one
+            self.stepping.begin_at(self.time)
+        else:
+            self._load(system, choice)
         self._due = self._schedule[changes:]
         checkpoint.take_back(self.stepping, arrays)
         for effect in self.assembly.all:

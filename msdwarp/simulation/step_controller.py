@@ -163,28 +163,11 @@ class StepController:
     def advance(
         self, stepping: Stepping, time: float, bound: Callable[[], StepChoice], then: float | None = None
     ) -> Stepping:
-        """Advance by the frame that begins at `time` [s], with as many substeps as it needs.
+        """Advance by the frame that begins at `time` [s], and return what it was done with.
 
-        Parameters
-        ----------
-        stepping
-            What advances.
-        time
-            When the frame begins [s].
-        bound
-            Returns the substeps that the stability limit asks for in the present state.
-        then
-            When the next frame begins [s], where it is known that one follows at once.
-
-        Returns
-        -------
-        Stepping
-            What the frame was done with.
-
-        Raises
-        ------
-        StepControlFailed
-            If no number of substeps does; the state is then that after the last try.
+        `bound` returns the substeps that the stability limit asks for in the present state; `then` is when the
+        next frame begins [s], where one follows at once. StepControlFailed is raised if no number of substeps
+        does; the state is then that after the last try.
         """
         if self.anew:
             stepping.land()

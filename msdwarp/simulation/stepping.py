@@ -1,7 +1,8 @@
-"""Stepping: a system on a device, and how it is advanced by one frame after the other."""
+"""Stepping: the worlds on a device, and how they are advanced by one frame after the other."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, Self
 
@@ -19,6 +20,8 @@ from ..engine import (
     Dynamics,
     EnergyBalance,
     EnergySums,
+    FrozenWorlds,
+    Rates,
     State,
     Stepper,
     Steps,
@@ -37,24 +40,21 @@ from .track import Track, Tracks, tells_all
 
 
 class Stepping:
-    """A system on a device, and how it is advanced: by which method, with how many substeps a frame.
+    """The worlds on a device, and how they are advanced: by which method, with how many substeps a frame.
 
-    It is replaced as a whole when anything of that changes: who holds one never sees half of a change.
+    It is replaced as a whole when anything of that changes: who holds one never sees half of a change. In an
+    ensemble worlds that diverge are frozen, and the others go on.
 
     Parameters
     ----------
-    dynamics
-        The equation of motion of the system on its device.
+    dynamics, method
+        The equation of motion, and how it is integrated.
     state
         What moves, with velocities at the instant of the positions.
-    method
-        The time-stepping method.
-    choice
-        The substeps of a frame.
-    energy_limit
-        See `Simulation`.
-    blocks
-        See `Simulation`.
+    choices
+        The substeps of a frame that worlds ask for, of those that differ: all take the most of them.
+    energy_limit, blocks
+        See `Simulation`; in place of blocks an ensemble has `threads`.
     paced
         Whether the balance is asked for behind frames.
     baseline
@@ -64,8 +64,10 @@ class Stepping:
 
     Attributes
     ----------
-    assembly, model, state, dynamics, stepper, watch
-        The parts of `msdwarp.engine` that it is made of.
+    assembly, model, state, dynamics, stepper, watch, frozen
+        The parts of `msdwarp.engine` that it is made of; what freezes worlds is None outside of ensembles.
+    choice
+        The substeps of all.
     integrator
         The method as it is best used with these substeps.
     contact_forces
@@ -77,29 +79,32 @@ class Stepping:
         dynamics: Dynamics,
         state: State,
         method: Integrator,
-        choice: StepChoice,
+        choices: Sequence[StepChoice],
         *,
         energy_limit: float,
-        blocks: Blocks,
+        blocks: Blocks | int | str,
         paced: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
-        self.state, self.choice = state, choice
+        self.state, self.choices = state, choices
+        choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
         self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks, "paced": paced}
-        self.integrator = method.fitted(choice.rates, choice.step)
+        self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
         self._time, self._begun, own = time, time, self.integrator
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
         self._work = self.integrator.workspace(state)
         self._landing = PinnedStaging()
-        self._tracks = Tracks(self.assembly, state)
-        self.watch = DivergenceMonitor(self.assembly, state, energy_limit * choice.energy_swing, baseline)
+        swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
+        limit = energy_limit * self.model.of_each(swings)
+        self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
+        self.frozen = FrozenWorlds(self.assembly, self.watch, dynamics.frozen) if self.model.in_worlds else None
+        self._tracks = Tracks(self.assembly, state, self.frozen.changing if self.frozen is not None else ())
         substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
-        pushed_by = self.assembly.colliders, self.assembly.body_contact
+        pushed_by, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
         summed = self.assembly.sums_contact_forces
-        seconds = 1.0 / choice.fps
         self.contact_forces = ContactForces(self.model, *pushed_by, seconds) if summed else None
         self._sensors = sensors_of(dynamics, state, FRAME, 1, seconds, self.contact_forces)
         self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, self.contact_forces)
@@ -134,18 +139,13 @@ class Stepping:
         """A frame as it was recorded with the first one; None before."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
-    def _forget_graphs(self) -> None:
-        self._sums = None
-        self._tracks.forget_graphs()
-
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
         now = self.dynamics, self.state, self._work, self.choice.step
         v = self.integrator.velocity(*now) if self.at_start else self.integrator.hand_over(*now, choice.step)
         wp.copy(self.state.v, v)
-        baseline = self.watch.baseline
-        how = self._how | {"baseline": baseline, "time": self._time}
-        return type(self)(self.dynamics, self.state, choice=choice, **how)
+        how = self._how | {"baseline": self.watch.baseline, "time": self._time}
+        return type(self)(self.dynamics, self.state, choices=[choice], **how)
 
     @property
     def at_start(self) -> bool:
@@ -208,9 +208,9 @@ class Stepping:
     def advance(self, time: float, then: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well.
 
-        Where another one follows at once, at `then` [s], the host prepares that while the device is at work, and
-        launches it if it can: what the present frame tells is read, and judged, while the device goes on. Where
-        the caller comes in between, what functions of time read may change first: then there is none.
+        Where another one follows at once, at `then` [s], the host prepares it while the device is at work, and
+        launches it if it can before it judges the present one. Where the caller comes in between, what functions
+        of time read may change first: then there is none.
         """
         if not self._tracks.go_on():
             self._take_frame(time, self._tracks.now)
@@ -219,22 +219,26 @@ class Stepping:
         if then is not None:
             self.dynamics.prepare(then)
             if self._runs_ahead and not self._unrecorded:
-                self._run_ahead(then)
-        fine = not self.watch.finds_trouble(track.found)
+                ahead = self._tracks.other()
+                with suppress(Exception):  # it is raised again when that frame begins, if it ever does
+                    self._take_frame(then, ahead)
+                    self._tracks.ahead = ahead
+        fine = self._is_fine(track)
         while self._is_void():
             self.go_back()
             self._take_frame(time, track)
-            fine = not self.watch.finds_trouble(track.found)
+            fine = self._is_fine(track)
+        if self.frozen is not None:
+            self.frozen.tell_contact()
         return fine
 
-    def _run_ahead(self, then: float) -> None:
-        """Launch the frame behind the present one, which is not judged yet."""
-        track = self._tracks.other()
-        try:
-            self._take_frame(then, track)
-        except Exception:  # that is its own affair: it is raised when it begins, if it ever does
-            return
-        self._tracks.ahead = track
+    def _is_fine(self, track: Track) -> bool:
+        """Wait for a frame, and tell whether all went well; in an ensemble wait only if its effects are asked."""
+        if self.frozen is None:
+            return not self.watch.finds_trouble(track.found)
+        if self.assembly.body_contact is not None:
+            track.found.wait()
+        return True
 
     def land(self) -> None:
         """Undo a frame that was launched ahead: the state is that where the one before it ends."""
@@ -263,13 +267,18 @@ class Stepping:
     def _forget_stale(self) -> None:
         """Forget what was recorded with arrays, numbers or kernels that have been replaced since."""
         if self._generation != self.model.generation:
-            self._forget_graphs()
-            self._generation = self.model.generation
+            self._tracks.forget_graphs()
+            self._sums, self._generation = None, self.model.generation
 
     def _is_void(self) -> bool:
         """Tell whether the frame just waited for must be repeated: effects have made room for it."""
         void = [effect.is_void() for effect in self.assembly.all]  # each of them is asked
         return any(void)
+
+    def begin_at(self, time: float) -> None:
+        """Begin at `time` [s] from a state that is written next."""
+        self._time = self._begun = time
+        self.dynamics.hold(time)
 
     def begin_anew(self) -> None:
         """Compare energies with those of the present state from now on."""
@@ -279,17 +288,20 @@ class Stepping:
         """Go back to the start of the frame that was advanced by last."""
         self._tracks.ahead = None
         self.backup.restore()
-        self._time = self._begun
-        self.dynamics.hold(self._time)
+        self.begin_at(self._begun)
 
     def _recorded_frame(self, track: Track) -> Any:
         """Record the substeps of a frame, and the watch after them, as one graph."""
-        partition = self.dynamics.partition
+        launch, partition = partial(self._launch_frame, track), self.dynamics.partition
+        if partition is None:
+            return self._recorded(launch)
         with CAPTURE_LOCK:
-            if partition is not None:
-                return partition.record(partial(self._launch_frame, track))
-            with wp.ScopedCapture(device=self.model.device) as capture:
-                self._launch_frame(track)
+            return partition.record(launch)
+
+    def _recorded(self, launch: Callable[[], None]) -> Any:
+        """Record what is launched as a graph."""
+        with CAPTURE_LOCK, wp.ScopedCapture(device=self.model.device) as capture:
+            launch()
         return capture.graph
 
     def _launch_frame(self, track: Track) -> None:
@@ -304,6 +316,8 @@ class Stepping:
             self._ledger.launch(track.found)
         else:
             self.watch.look(track.found)
+        if self.frozen is not None:
+            self.frozen.launch(track.found, track.backup)
         if self._sensors is not None:
             self._sensors.launch(self.velocity() if self._sensors.moves else self.state.v)
 
@@ -323,10 +337,7 @@ class Stepping:
             self._unsummed -= 1
             self._ledger.launch(found)
         else:
-            if self._sums is None:
-                with CAPTURE_LOCK, wp.ScopedCapture(device=self.model.device) as capture:
-                    self._ledger.launch(found)
-                self._sums = capture.graph
+            self._sums = self._sums or self._recorded(partial(self._ledger.launch, found))
             wp.capture_launch(self._sums)
         found.mark()
         return self._ledger.balance(found.read())
@@ -345,8 +356,6 @@ class Stepping:
         """
         found = {}
         for sensors in filter(None, (self._sensors, self._by_substep)):
-            if self.model.device.is_cuda:  # behind what the watch has waited for they may not be there yet
-                wp.synchronize_stream(self.model.device.stream)
             found |= sensors.read()
         return found
 
@@ -357,42 +366,33 @@ class Stepping:
         """
         self.go_back()
         self.dynamics.begin_frame(self._begun)
-        good, substep, found = to_host(self.state.x), 0, self._tracks.now.found
-        while True:
-            substep += 1
-            self.stepper.take(1, substep - 1)
+        found, good, substep = self._tracks.now.found, to_host(self.state.x), 0
+        for substep in range(self.choice.substeps):
+            good = to_host(self.state.x)
+            self.stepper.take(1, substep)
             self.watch.look(found)
             found.mark()
-            if self.watch.finds_trouble(found) or substep == self.choice.substeps:
+            if self.watch.finds_trouble(found):
                 break
-            good = to_host(self.state.x)
-        particle = self.watch.worst_particle()
+        trouble = Divergence(good, substep + 1, self.watch.worst_particle())
         self.go_back()
-        return Divergence(good, substep, particle)
+        return trouble
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions [m/s], on the device."""
         return self.integrator.velocity(self.dynamics, self.state, self._work, self.choice.step)
 
     def frame(self, time: float) -> Frame:
-        """Return the present positions and velocities."""
+        """Return the present positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""
         position, velocity = self._landing.host_copies(self.state.x, self.velocity())
         if self.model.compensated:  # what sums have lost belongs to them
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
-        return Frame(time, position, velocity)
+        return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
 
     def warnings(self) -> str | None:
         """Return words about what may have gone wrong in the last frame; None where nothing did."""
         return next(filter(None, (effect.warnings() for effect in self.assembly.all)), None)
-
-    def contact_force(self) -> NDArray:
-        """Return the mean contact force on each particle over the last frame [N]; see `Simulation`."""
-        if self.contact_forces is None:
-            raise ValueError("contact_forces is False; it must be True for these forces to be summed")
-        force = wp.zeros(self.model.particle_count, dtype=self.model.vector, device=self.model.device)
-        self.contact_forces.write_force(force)
-        return to_host(force)
 
     @in_turn
     def changed_fields(self) -> dict[str, NDArray]:

@@ -1,10 +1,13 @@
 """Tracks: what a frame keeps and tells, so that the next one can be launched before it is judged."""
 
+from collections.abc import Sequence
 from typing import Any
+
+import warp as wp
 
 from ..engine import Assembly, Backup, Effect, Found, State
 
-_ASKED = ("energy", "energy_and_power", "is_void", "warnings")
+_ASKED = ("energies_and_powers", "is_void", "warnings")
 """What the host asks effects about the present state, or the frame that was advanced by last."""
 
 
@@ -23,8 +26,8 @@ class Track:
         Whether the frame that was launched last tells its balance.
     """
 
-    def __init__(self, assembly: Assembly, state: State) -> None:
-        self.backup, self.found = Backup(assembly, state), Found(state.model.device)
+    def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
+        self.backup, self.found = Backup(assembly, state, others), Found(state.model)
         self.graphs: dict[bool, Any] = {}
         self.tells = False
 
@@ -42,9 +45,9 @@ class Tracks:
         That of the frame behind it, which has been launched already; None where none has.
     """
 
-    def __init__(self, assembly: Assembly, state: State) -> None:
+    def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self._assembly, self._state, self._second = assembly, state, list[Track]()
-        self.first = self.now = Track(assembly, state)
+        self.first = self.now = Track(assembly, state, others)
         self.ahead: Track | None = None
 
     def go_on(self) -> bool:

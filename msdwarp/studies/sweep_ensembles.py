@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
-from ..runtime import in_turn
 from ..simulation import Ensemble, Simulation, frame_count
 from ..world import Scene
 from .sweep_points import Observe, Simulate, final_numbers
@@ -180,7 +179,7 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
     left = 1 if first.scene.probes else 0
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
-    moving, changed = _reached(ensemble)
+    reached = ensemble.checkpoints()
     how = {
         "integrator": ensemble.integrator,
         "substeps": ensemble.substeps,
@@ -189,14 +188,9 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
     running = ensemble.status == "running"
     seconds = (time.perf_counter() - began) / len(several)
 
-    @in_turn
     def alone(world: int, asked: Asked) -> Simulation:
         simulation = Simulation.from_scene(asked.scene, **(asked.options | how))
-        for array, values in zip(_moving(simulation), moving, strict=True):
-            array.assign(values[world])
-        for effect in simulation.assembly.all:
-            effect.restore(changed[world])
-        simulation.frame_index = frames
+        simulation.restore(*reached[world])
         if left:
             simulation.step(left)
         return simulation
@@ -209,16 +203,3 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
             yield number, lambda *_, world=world, asked=asked: numbers_of(world, asked), seconds
         else:
             refused[number] = "its world diverges"
-
-
-def _moving(of: Simulation | Ensemble) -> list[Any]:
-    """Return the arrays on the device that move."""
-    now = of.state.state_in
-    compensation = (now.compensation.x, now.compensation.v) if of.model.compensated else ()
-    return [now.x, now.v, *now.method_state, *compensation]
-
-
-@in_turn
-def _reached(ensemble: Ensemble) -> tuple[list[NDArray], list[Any]]:
-    """Return what moves as it is now, shape [worlds, ...] each, and what the effects of each have changed."""
-    return [ensemble.model.by_world(array) for array in _moving(ensemble)], ensemble.assembly.checkpoints()

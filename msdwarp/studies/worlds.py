@@ -138,9 +138,9 @@ class _Positions:
     def look(self) -> None:
         """Read them once more, shape [worlds, particles, d]."""
         model, state = self._ensemble.model, self._ensemble.state
-        found = model.by_world(state.x)[:, self._numbers].astype(float)
+        found = model.by_world(state.x.numpy())[:, self._numbers].astype(float)
         if model.compensated:
-            found -= model.by_world(state.compensation.x)[:, self._numbers]
+            found -= model.by_world(state.compensation.x.numpy())[:, self._numbers]
         self.values.append(found)
 
 

@@ -67,8 +67,8 @@ class Anchors(Effect):
         blocks = stiffness.numpy() + K * np.eye(self._model.dim)
         stiffness.assign(blocks)
 
-    def energy(self, x: wp.array) -> float:
-        return 0.5 * K * float((x.numpy().astype(float) ** 2).sum())
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[np.ndarray, np.ndarray]:
+        return 0.5 * K * (x.numpy().astype(float) ** 2).sum(keepdims=True).ravel(), np.zeros(1)
 
 
 @pytest.fixture

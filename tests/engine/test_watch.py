@@ -279,7 +279,7 @@ def test_what_a_gpu_looks_over_in_blocks_is_what_numpy_adds_up(count):
     position, velocity = rng.normal(size=(2, count, 3))
     system = System(position=position, mass=mass, velocity=velocity)
     simulation = Simulation(system, device="cuda:0", gravity=9.82, substeps=1)
-    watch, state, found = simulation.stepping.watch, simulation.stepping.state, Found(simulation.model.device)
+    watch, state, found = simulation.stepping.watch, simulation.stepping.state, Found(simulation.model)
     for _ in range(2):  # what the first leaves behind is what the second begins with
         watch.look(found)
         found.mark()

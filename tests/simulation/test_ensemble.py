@@ -259,7 +259,7 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
             r"stiffness has shape \(6, 3\); it must be of shape \[rows\] or \[rows, 158\]",
         ),
         ({"stiffness": [1.0, -2.0]}, r"stiffness.* -2.*at least 0"),
-        ({"mass": [1.0, 0.0]}, "mass.* 0.*positive"),
+        ({"mass": [1.0, 0.0]}, "mass.* 0.*above 0"),
         ({"rest_length": [1.0, np.nan]}, "rest_length.*nan.*finite"),
         ({"gravity": [0.0, 0.0, -9.82]}, "gravity.*-9.82.*at least 0"),
         ({"position": np.zeros((6, 3))}, r"position has shape \(6, 3\)"),

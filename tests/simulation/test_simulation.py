@@ -14,7 +14,7 @@ from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
 from msdwarp.kernels.integrators.stages import particle_acceleration
-from msdwarp.kernels.reductions.divergence import look_over
+from msdwarp.kernels.reductions.measure import sum_up
 from msdwarp.kernels.springs.gather import gather
 from msdwarp.kernels.springs.scatter import scatter
 from msdwarp.kernels.springs.stencil import stencil
@@ -236,7 +236,7 @@ def test_change_composes_no_new_kernels(device):
         particle_acceleration,
         stay,
         fixed_contact,
-        look_over,
+        sum_up,
     )
     simulation = Simulation(block(), colliders=[Plane()], device=device)
     simulation.step()

@@ -153,7 +153,7 @@ def test_energy_from_nowhere_is_still_found(device):
     simulation.change(velocity=(0.0, 0.0, 3.0))
     energy, scale = simulation.stepping.watch.baseline
     added = simulation.measure().kinetic_energy
-    assert np.isfinite(simulation.stepping.watch._most)
+    assert np.isfinite(simulation.stepping.watch.most)
     assert scale < 10 * added + 27 * 9.82
     assert energy < 27 * 9.82 + added
 

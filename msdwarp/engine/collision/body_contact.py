@@ -347,18 +347,11 @@ class BodyContact(Effect):
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 
-    def energy(self, x: wp.array) -> float:
-        """Return what contacts store [J]."""
-        return self.energy_and_power(x, self._model.vectors())[0]
-
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return what contacts turn to heat [W]."""
-        return self.energy_and_power(x, v)[1]
-
-    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return what contacts store [J], and what they turn to heat [W]."""
-        stored, heated = self._stored_and_heated(x, v)
-        return float(stored.numpy().sum()), float(heated.numpy().sum())
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what contacts store [J], and what they turn to heat [W], by world."""
+        each = (one.numpy().reshape(self._model.worlds, -1) for one in self._stored_and_heated(x, v))
+        energies, powers = (one.sum(axis=1) for one in each)
+        return energies, powers
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
         """Return what the contacts of each point store [J], and turn to heat [W]."""

@@ -109,11 +109,6 @@ class BodyContactWorlds(BodyContact):
             found.append(own)
         return found
 
-    def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return what contacts store in each world when particles are at x and move at v [J], shape [worlds]."""
-        stored, _ = self._stored_and_heated(x, v)
-        return stored.numpy().reshape(self._model.worlds, -1).sum(axis=1)
-
     @property
     def units(self) -> wp.array:
         """The unit in which the forces of each world are summed [N], shape [worlds]."""

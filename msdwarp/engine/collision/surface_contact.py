@@ -245,21 +245,13 @@ class SurfaceContact(Effect):
             more = np.maximum(each - others[0], 0.0)
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
 
-    def energy(self, x: wp.array) -> float:
-        """Return what is stored [J]."""
-        return self.energy_and_power(x, self._model.vectors())[0]
-
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return what turns to heat [W]."""
-        return self.energy_and_power(x, v)[1]
-
-    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return what is stored [J], and what turns to heat [W], where a frame ends."""
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what is stored [J], and what turns to heat [W], where a frame ends; in the only world."""
         count, device = len(self._data.corner), self._model.device
         stored, heated = (wp.zeros(count, dtype=wp.float64, device=device) for _ in "sh")
         self._touching.place_vertices(x, v)
         self._launch(True, [self._last + 1, 0.0, 0.0, 0.0], [stored, heated])
-        return float(stored.numpy().sum()), float(heated.numpy().sum())
+        return stored.numpy().sum(keepdims=True), heated.numpy().sum(keepdims=True)
 
 
 def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -37,10 +37,13 @@ def find_device(name: str | None) -> Any:
 def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:
     """Upload numbers; what is one constant everywhere takes one number of memory (a stride-0 view)."""
     if is_uniform(values):
-        one = wp.full(1, scalar(values[0]), dtype=scalar, device=device)
-        view = wp.array(
-            ptr=one.ptr, dtype=scalar, shape=len(values), strides=(0,), device=device, capacity=one.capacity
-        )
-        view._ref = one  # a view does not own its memory
-        return view
+        return view_of(wp.full(1, scalar(values[0]), dtype=scalar, device=device), len(values), (0,))
     return wp.array(values, dtype=scalar, device=device)
+
+
+def view_of(array: Any, shape: Any, strides: Any = None, dtype: Any = None) -> wp.array:
+    """Return a view of an array's memory, with strides in bytes; Warp's own know fewer shapes."""
+    how = {"dtype": dtype or array.dtype, "device": array.device, "capacity": array.capacity}
+    view = wp.array(ptr=array.ptr, shape=shape, strides=strides, **how)
+    view._ref = array  # a view does not own its memory
+    return view

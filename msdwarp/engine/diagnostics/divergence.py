@@ -1,24 +1,25 @@
 """Watches a run: has it diverged? And keeps the state that it can go back to."""
 
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
 
-from ...kernels.reductions import columns, look_over
+from ...kernels.reductions import columns
 from ..model.state import State, copy_vectors, moving
 from ..stepping.assemble import Assembly
-from .energies import measure
+from .energies import Sums, measure
 from .energy_balance import rounding_energy, size, weight
-from .readout import Found, Sweep
+from .readout import Found
 
 
 class Baseline(NamedTuple):
-    """What the energy of a run is compared with."""
+    """What the energy of a run is compared with: numbers, in an ensemble of shape [worlds]."""
 
-    energy: float
+    energy: Any
     """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
-    scale: float
+    scale: Any
     """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
 
     @classmethod
@@ -28,7 +29,7 @@ class Baseline(NamedTuple):
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
         # What starts in an obstacle drags along what it is connected to.
         if assembly.colliders is not None:
-            scale += float(assembly.colliders.brings_in(model)[0])
+            scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 
@@ -43,16 +44,14 @@ class DivergenceMonitor:
     """
 
     def __init__(
-        self, assembly: Assembly, state: State, energy_limit: float, baseline: Baseline | None = None
+        self, assembly: Assembly, state: State, energy_limit: Any, baseline: Baseline | None = None
     ) -> None:
-        model = self._model = assembly.model
-        self._state = state
-        self._energy_limit = energy_limit
+        self._model, self._state, self._energy_limit = assembly.model, state, energy_limit
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
         self.told = list[float]()
         """What was read last of what has been found."""
-        self._sweep = Sweep(model.device, model.particle_count, columns.LOOKED)
+        self._sums = Sums(assembly, everything=False)
         self._work, self._most_work = assembly.external_work, 0.0
         # What loads have done is no sign of divergence.
         self._shares = None if self._work is None else self._work.shares()
@@ -63,20 +62,22 @@ class DivergenceMonitor:
         self.baseline = baseline
         """The start of the run: it stays, though the number of substeps changes on the way."""
         energy, scale = self.baseline
-        self._most = energy + self._energy_limit * scale if scale > 0 else np.inf
+        with np.errstate(invalid="ignore"):  # 0 · inf, where nothing is to be limited
+            most = np.where(scale > 0, energy + self._energy_limit * scale, np.inf)
+        self.most = most if self._model.in_worlds else float(most)
+        """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
 
     def look(self, found: Found) -> None:
         """Launch what finds out about the present state; it may be recorded."""
-        model, state = self._model, self._state
+        state = self._state
         if self._work is not None and self._shares is not None:
             self._work.launch(state.x, state.v, self._shares)
-        inputs = [model.inverse_mass, model.gravity, state.x, state.v, self._shares]
-        self._sweep.launch(look_over(model.dim, model.scalar), inputs, found.state_out)
+        self._sums.launch(state.x, state.v, state.v, None, self._shares, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
-        """Wait for what was found about a state, and tell whether it has diverged."""
+        """Wait for what was found about the state of the only world, and tell whether it has diverged."""
         self.told = told = found.read()
-        self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self._most
+        self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self.most
         if self._work is not None:
             work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
@@ -97,16 +98,23 @@ class DivergenceMonitor:
 
 
 class Backup:
-    """The state at the start of a frame, with all that substeps leave to the next."""
+    """The state at the start of a frame: all that substeps leave to the next, and other arrays.
 
-    def __init__(self, assembly: Assembly, state: State) -> None:
+    Attributes
+    ----------
+    kept
+        Vectors of particles, in the order of `live`.
+    changing
+        What effects change, and the other arrays, each with room for what it was.
+    """
+
+    def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self._state = state
         here, live = state.state_in, self.live()
         together = state.empty_vectors(2 + len(here.method_state))
         self.kept = together + tuple(state.model.vectors() for _ in live[len(together) :])
-        changing = (array for effect in assembly.all for array in effect.changing)
-        self.changing = [(live, wp.clone(live)) for live in changing]
-        """What effects change, and room for what it was."""
+        changing = [array for effect in assembly.all for array in effect.changing]
+        self.changing = [(live, wp.clone(live)) for live in (*changing, *others)]
 
     def live(self) -> list[wp.array]:
         """Return the arrays that are kept, in the order of `kept`."""

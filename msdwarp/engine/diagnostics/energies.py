@@ -1,5 +1,6 @@
-"""Measures: energies, momentum and strain of a state, summed on its device in float64."""
+"""Measures: energies, momentum and strain of each world, summed on its device in float64."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,20 +10,14 @@ from numpy.typing import NDArray
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
 from ...kernels.springs import leave_out_broken
 from ...runtime import in_turn
+from ..model.model import CONSTANTS
 from ..model.state import State
 from ..stepping.assemble import Assembly
 from .readout import Sweep
 
-MOST_THREADS = 65536
-"""Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
-FEW_EACH = 8
-"""What each sums of a small system: more threads would take longer to be added up than to sum."""
-ROWS = 64
-"""Rows of sums that the host adds up."""
-
 
 class Measures(NamedTuple):
-    """What a state holds. Pinned particles count for nothing."""
+    """What a state holds, in an ensemble arrays with a row for each world. Pinned particles count for nothing."""
 
     kinetic_energy: float
     """Σ m v²/2 [J]."""
@@ -56,43 +51,46 @@ def measure(
 ) -> Measures:
     """Return the measures of a state.
 
-    Parameters
-    ----------
-    assembly, state
-        The system on a device, and what acts on it.
-    velocity
-        Velocities at the instant of the positions; by default the state's own.
-    x_lost
-        What the positions have lost by rounding, in compensated precision.
+    `velocity` are those at the instant of the positions, by default the state's own. `x_lost` is what positions
+    have lost by rounding, in compensated precision.
     """
     model, work = assembly.model, assembly.external_work
-    v, sums = state.v if velocity is None else velocity, Sums(assembly)
-    others = [one.energy_and_power(state.x, v) for one in assembly.all]
-    there = wp.zeros(columns.COLUMNS, dtype=wp.float64, device=model.device)
-    sums.launch(state.x, v, v, x_lost, None, there)
-    found = np.asarray(there.numpy(), dtype=np.float64)
+    v = state.v if velocity is None else velocity
+    stored = power = np.zeros(model.worlds)
+    for effect in assembly.all:
+        energies, powers = effect.energies_and_powers(state.x, v)
+        stored, power = stored + energies, power + powers
+    there = wp.zeros((model.worlds, columns.COLUMNS), dtype=wp.float64, device=model.device)
+    Sums(assembly).launch(state.x, v, v, x_lost, None, there)
+    found = np.array(there.numpy())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
-        float(found[columns.MEAN_KINETIC]),
-        float(found[columns.ELASTIC]),
-        float(found[columns.POTENTIAL]),
-        float(found[columns.DISSIPATED]) + sum(power for _, power in others),
-        found[columns.MOMENTUM :][: model.dim],
-        found[columns.ANGULAR_MOMENTUM :][turning],
-        float(found[columns.STRAIN]),
-        sum(energy for energy, _ in others),
-        0.0 if work is None else work.total(state.x, state.v),
+        model.of_each(found[:, columns.MEAN_KINETIC]),
+        model.of_each(found[:, columns.ELASTIC]),
+        model.of_each(found[:, columns.POTENTIAL]),
+        model.of_each(found[:, columns.DISSIPATED] + power),
+        model.of_each(found[:, columns.MOMENTUM :][:, : model.dim]),
+        model.of_each(found[:, columns.ANGULAR_MOMENTUM :][:, turning]),
+        model.of_each(found[:, columns.STRAIN]),
+        model.of_each(stored),
+        0.0 if work is None else model.of_each(work.totals(state.x, state.v)),
     )
 
 
 class Sums:
-    """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`."""
+    """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
-    def __init__(self, assembly: Assembly) -> None:
-        model = self._model = assembly.model
-        self._sweep = Sweep(model.device, max(model.particle_count, model.connection_count), columns.COLUMNS)
+    Where `everything` is false, only what tells of divergence is found, by a pass over the particles.
+    """
+
+    def __init__(self, assembly: Assembly, *, everything: bool = True) -> None:
+        model, self._everything = assembly.model, everything
+        self._model = model
+        count = max(model.particle_count, model.connection_count if everything else 0)
+        self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
         # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
-        between = None if model.lengths_change else model.system.between_neighbours
+        plain = model.lengths_change or not everything
+        between = None if plain else model.system.between_neighbours
         self._what = model.system.damper.law, assembly.fracture is not None, between is not None
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
@@ -111,10 +109,10 @@ class Sums:
         `x_lost` is what x has lost by rounding, and `work` has shares of what loads have done [J].
         """
         model = self._model
-        compensated = model.compensated and x_lost is not None
-        inputs = [model.inverse_mass, model.gravity, model.connections, model.rest_length, model.stiffness]
-        inputs += [model.damping, self._counts, x, x_lost if compensated else x, u, v, work]
-        self._sweep.launch(sum_up(model.dim, model.scalar, compensated, *self._what), inputs, found)
+        compensated, how = model.compensated and x_lost is not None, (model.dim, model.scalar, self._everything)
+        inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
+        inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, work]
+        self._sweep.launch(partial(sum_up, *how, compensated, *self._what), inputs, found)
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:

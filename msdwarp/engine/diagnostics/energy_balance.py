@@ -1,12 +1,12 @@
 """The energy balance of a run: an energy that the method itself conserves, so that growth shows at once."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...bodies import stored
 from ...kernels.integrators import kick
 from ...kernels.reductions import columns
+from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
 from ..stepping.launcher import Dynamics
@@ -57,6 +57,8 @@ class EnergySums:
         self._mass, self._work = mass(self._model), dynamics.assembly.external_work
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
         self._shares = None if self._work is None else self._work.shares()
+        plain = Effect.energies_and_powers
+        self._storing = [one for one in dynamics.assembly.all if type(one).energies_and_powers is not plain]
 
     def launch(self, found: Found) -> None:
         """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
@@ -74,9 +76,9 @@ class EnergySums:
         model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
         work = 0.0 if self._work is None else float(self._work.before[0]) + told[columns.WORK]
         free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
-        energy = (
-            free + elastic + sum(effect.energy(self._state.x) for effect in self._dynamics.assembly.all) - swing
-        )
+        now = self._state.x, self._state.v
+        stored = sum(float(one.energies_and_powers(*now)[0][0]) for one in self._storing)
+        energy = free + elastic + stored - swing
         together = 0.0
         if not model.pinned:
             momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]
@@ -88,46 +90,45 @@ class EnergySums:
 def is_told_by_frames(dynamics: Dynamics) -> bool:
     """Tell whether frames had better find their balance themselves than have it found when it is asked for."""
     model = dynamics.model
-    return model.device.is_cuda and model.particle_count < FEW and not dynamics.launches_before_forces
+    few = model.particle_count < FEW and not model.in_worlds
+    return model.device.is_cuda and few and not dynamics.launches_before_forces
 
 
-def mass(model: Model) -> float:
-    """Return the mass of all that is not pinned [kg]."""
-    each = model.mass
-    one = stored(each)
-    return float(one[np.isfinite(one)].sum() * (len(each) / len(one)))  # a mass stored once stands for all
+def mass(model: Model) -> Any:
+    """Return the mass of all that is not pinned [kg]; here and below of each world, where there are several."""
+    rows = model.row_of("mass")
+    return model.of_each(np.where(np.isfinite(rows), rows, 0.0).sum(axis=1))
 
 
-def weight(model: Model) -> float:
+def weight(model: Model) -> Any:
     """Return the weight of all that is not pinned [N]."""
-    falling = np.array(list(model.gravity), dtype=np.float64)
+    falling = model.row_of("gravity")
     if model.falling is not None:  # a scale of it is all that is asked for
-        falling = model.falling.at(np.zeros(1), model.dim)[0]
-    return mass(model) * float(np.linalg.norm(falling))
+        falling = model.falling.at(np.zeros(1), model.dim)
+    return mass(model) * model.of_each(np.linalg.norm(falling, axis=1))
 
 
 def potential(model: Model, state: State) -> float:
-    """Return the gravitational energy −Σ m g·x of all that is not pinned [J]."""
+    """Return the gravitational energy −Σ m g·x of all that is not pinned [J], in the only world."""
     free = np.isfinite(model.mass)
     moment = np.where(free, model.mass, 0.0) @ state.x.numpy().astype(np.float64)
     return -float(moment @ np.array(list(model.gravity), dtype=np.float64))
 
 
-def size(state: State) -> float:
+def size(state: State) -> Any:
     """Return the largest extent of a system [m], at least a metre for a single particle."""
-    return float(np.ptp(state.x.numpy(), axis=0).max()) or 1.0
+    extent = np.ptp(state.model.by_world(state.x.numpy()), axis=1).max(axis=1).astype(np.float64)
+    return state.model.of_each(np.where(extent > 0, extent, 1.0))
 
 
-def rounding_energy(model: Model, state: State) -> float:
+def rounding_energy(model: Model, state: State) -> Any:
     """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
 
     A thousand times that, since rounding errors of many substeps add up. Compensated sums keep what places lose:
     only the lengths of springs are rounded.
     """
-    stiffness, place = model.system.stiffness, float(np.abs(state.x.numpy()).max())
-    if model.compensated and len(stiffness):
-        place = float(stored(model.system.rest_length).max())
-    off = float(np.finfo(model.dtype).eps) * place
-    one = stored(stiffness)
-    total = float(one.sum()) * (len(stiffness) / len(one) if len(one) else 0.0)
-    return 1e3 * total * off**2
+    place = np.abs(model.by_world(state.x.numpy())).max(axis=(1, 2)).astype(np.float64)
+    if model.compensated and model.connection_count:
+        place = model.row_of("rest_length").max(axis=1)
+    off = float(np.finfo(model.dtype).eps) * model.of_each(place)
+    return 1e3 * model.of_each(model.row_of("stiffness").sum(axis=1)) * off**2

@@ -1,11 +1,12 @@
 """Rates: how fast a system can oscillate and creep, bounded in one pass (see `integrators.stability`)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...kernels.reductions import largest_rate
@@ -31,6 +32,12 @@ class Rates(NamedTuple):
     effect_damping: float = 0.0
     """The same of `damping` [1/s]."""
 
+    @classmethod
+    def all_within(cls, several: Iterable["Rates"]) -> "Rates":
+        """Return rates that hold for several worlds."""
+        most = cls(*map(max, zip(*several, strict=True)))
+        return most._replace(least_ratio=min(one.least_ratio for one in several))
+
     @property
     def damping_ratio(self) -> float:
         """ζ of the fastest mode, where K and B share modes: 1 is critical."""
@@ -41,62 +48,48 @@ class Rates(NamedTuple):
 def rate_bounds(system: System, assembly: Assembly | None = None, state: State | None = None) -> Rates:
     """Return upper bounds of a system's rates, as it stands or, on a device, in the given state.
 
-    Parameters
-    ----------
-    system
-        The system.
-    assembly, state
-        The system on a device, with what acts on it; by default it is uploaded to the CPU in float64.
+    The assembly is the system on a device with what acts on it. By default it is uploaded to the CPU in float64.
     """
     if assembly is None:
         assembly = assemble(system, device="cpu", precision="float64")
     state = State.from_system(system, assembly.model) if state is None else state
-    bounds = _bounds(assembly, state)
-    springs, dampers = system.stiffness, system.damping
-    if is_uniform(springs) and is_uniform(dampers):
+    return world_rates(assembly, state)[0]
+
+
+@in_turn
+def world_rates(assembly: Assembly, state: State) -> list[Rates]:
+    """Return the same of each world that differs from the others."""
+    model = assembly.model
+    blocks = _blocks(model)
+    write_diagonal_blocks(model, state.x, *blocks)
+    bounds = _with_effects(assembly, state, blocks)
+    effects = np.zeros((model.different, 2))
+    if acts_on_rates(assembly.all) and not model.in_worlds:
+        effects = _with_effects(assembly, state, _blocks(model))
+    return [
+        Rates(stiffness, damping, _least_ratio(model, k), *effects[k])
+        for k, (stiffness, damping) in enumerate(bounds.tolist())
+    ]
+
+
+def _least_ratio(model: Model, world: int) -> float:
+    """Return the least damping over stiffness of a spring that is whole [s]; inf where there is none."""
+    rows = [model.row_of(name) for name in ("stiffness", "damping")]
+    springs, dampers = (values[world % len(values)] for values in rows)
+    if is_uniform(springs) and is_uniform(dampers) and not model.system.tears:
         springs, dampers = stored(springs), stored(dampers)
     stiff = springs > 0
-    if system.tears:  # what is broken is none
-        stiff = stiff & ~system.broken
-        springs, dampers = np.broadcast_to(springs, stiff.shape), np.broadcast_to(dampers, stiff.shape)
-    ratio = float(np.min(dampers[stiff] / springs[stiff])) if stiff.any() else math.inf
-    if system.damper != LINEAR and math.isfinite(ratio):
-        ratio = 0.0  # somewhere the slope of every other law is nothing, or almost
-    return Rates(bounds[0], bounds[1], ratio, *_effect_bounds(assembly, state))
+    if model.system.tears:
+        stiff = stiff & ~model.system.broken
+    if not stiff.any():
+        return math.inf
+    # Somewhere the slope of every other law is nothing, or almost.
+    return float(np.min(dampers[stiff] / springs[stiff])) if model.system.damper == LINEAR else 0.0
 
 
 def resists(assembly: Assembly) -> bool:
     """Return whether rates depend on how fast particles move: whether any effect resists their motion."""
     return any(type(one).add_resistance is not Effect.add_resistance for one in assembly.all)
-
-
-def _blocks(model: Model) -> list[wp.array]:
-    """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [particle_count]."""
-    Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
-    return [wp.zeros(model.particle_count, dtype=Block, device=model.device) for _ in range(2)]
-
-
-def _bounds(assembly: Assembly, state: State) -> tuple[float, float]:
-    """Return bounds of the largest eigenvalues of M⁻¹K and M⁻¹B, with what effects add."""
-    model = assembly.model
-    blocks = _blocks(model)
-    write_diagonal_blocks(model, state.x, *blocks)
-    add_effects(model, assembly.all, state.x, state.v, blocks)
-    return _largest(model, blocks)
-
-
-def add_effects(
-    model: Model, effects: Sequence[Effect], x: wp.array, v: wp.array, blocks: list[wp.array], world: int = 0
-) -> None:
-    """Add what effects hold particles of a world with, and how they resist their motion."""
-    for effect in effects:
-        effect.add_blocks(x, blocks[0], blocks[1], world)
-    resisting = [one for one in effects if type(one).add_resistance is not Effect.add_resistance]
-    if resisting:
-        total = np.zeros(model.particle_count)
-        for effect in resisting:
-            effect.add_resistance(x, v, total)
-        blocks[1].assign(blocks[1].numpy() + total[:, None, None] * np.eye(model.dim))
 
 
 def acts_on_rates(effects: Sequence[Effect]) -> bool:
@@ -105,24 +98,39 @@ def acts_on_rates(effects: Sequence[Effect]) -> bool:
     return any(getattr(type(one), name) is not getattr(Effect, name) for one in effects for name in overridden)
 
 
-def _effect_bounds(assembly: Assembly, state: State) -> tuple[float, float]:
-    """Return the same of what effects add alone."""
-    if not acts_on_rates(assembly.all):
-        return 0.0, 0.0
-    blocks = _blocks(assembly.model)
-    add_effects(assembly.model, assembly.all, state.x, state.v, blocks)
-    return _largest(assembly.model, blocks)
+def _blocks(model: Model) -> list[wp.array]:
+    """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [different, particle_count]."""
+    Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
+    shape = (model.different, model.particle_count)
+    return [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
 
 
-def _largest(model: Model, blocks: list[wp.array]) -> tuple[float, float]:
-    """Return twice the largest eigenvalue of a block over its particle's mass, for both kinds of blocks."""
-    bounds = wp.zeros(2, dtype=wp.float64, device=model.device)
-    wp.launch(
-        largest_rate(model.dim, model.scalar),
-        dim=model.particle_count,
-        inputs=[model.inverse_mass, *blocks],
-        outputs=[bounds],
-        device=model.device,
-    )
-    stiffness, damping = map(float, bounds.numpy())
-    return stiffness, damping
+def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
+    """Add what effects do, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
+
+    They are twice the largest eigenvalue of a block over its particle's mass.
+    """
+    model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
+    others = [one for one in assembly.all if one is not contact]
+    for world in range(model.different if acts_on_rates(others) else 0):
+        here = slice(world * model.stride, world * model.stride + model.particle_count)
+        x, v, *own = state.x[here], state.v[here], *(one[world] for one in blocks)
+        _add_effects(model, others, x, v, own, world)
+    if contact is not None:  # of all worlds at once
+        for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
+            block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
+    bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
+    inputs = [model.table("inverse_mass"), *blocks]
+    wp.launch(largest_rate(model.dim, model.scalar), blocks[0].shape, inputs, [bounds], device=model.device)
+    return bounds.numpy().astype(np.float64)
+
+
+def _add_effects(model: Model, effects: Sequence[Effect], x: Any, v: Any, blocks: list[Any], world: int) -> None:
+    """Add what effects hold particles of a world with, and how they resist their motion."""
+    for effect in effects:
+        effect.add_blocks(x, blocks[0], blocks[1], world)
+    if any(type(one).add_resistance is not Effect.add_resistance for one in effects):
+        total = np.zeros(model.particle_count)
+        for effect in effects:
+            effect.add_resistance(x, v, total)
+        blocks[1].assign(blocks[1].numpy() + total[:, None, None] * np.eye(model.dim))

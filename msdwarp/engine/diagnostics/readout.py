@@ -1,70 +1,80 @@
-"""Found: numbers that a kernel finds about a whole state, and how they get to the host."""
+"""Found: numbers that a kernel finds about the state of each world, and how they get to the host."""
 
+from collections.abc import Callable
 from typing import Any
 
 import warp as wp
 
-from ...kernels.reductions import LOOKING_BLOCK, columns
+from ...kernels.reductions import SUMMING_BLOCKS, columns
+from ..model.model import Model
 
+FEW = 64
+"""Particles, or connections, of a world up to which a small block sums over them."""
 MOST_BLOCKS = 512
 """Blocks of threads that look over a state on a GPU: some for each multiprocessor."""
 
 
 class Found:
-    """What is found about a state (`msdwarp.kernels.reductions.columns`): a device writes where the host reads.
+    """What is found about a state (`msdwarp.kernels.reductions.columns`).
+
+    Of one world a device writes it where the host reads. Of the worlds of an ensemble it stays on the device.
 
     Attributes
     ----------
-    there
-        The array, as kernels write it.
+    state_out
+        The array, as kernels write it, shape [worlds, COLUMNS].
     """
 
-    def __init__(self, device: Any) -> None:
-        count, self._device = columns.COLUMNS, device
-        self._here = self.state_out = wp.zeros(count, dtype=wp.float64, device="cpu", pinned=device.is_cuda)
-        self._seen = self._here.numpy()
-        if device.is_cuda:
-            self.state_out = wp.array(ptr=self._here.ptr, dtype=wp.float64, shape=count, device=device)
-            self._written = wp.Event(device)
+    def __init__(self, model: Model) -> None:
+        shape, self._device = (model.worlds, columns.COLUMNS), model.device
+        pinned = self._device.is_cuda and not model.in_worlds
+        where = self._device if model.in_worlds else "cpu"
+        self._here = self.state_out = wp.zeros(shape, dtype=wp.float64, device=where, pinned=pinned)
+        if pinned:
+            self.state_out = wp.array(ptr=self._here.ptr, dtype=wp.float64, shape=shape, device=self._device)
+        if not model.in_worlds:
+            self._seen = self._here.numpy()[0]
+        if self._device.is_cuda:
+            self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Have `read` wait for what has been launched by now."""
+        """Have `wait` wait for what has been launched by now."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
-    def read(self) -> list[float]:
-        """Wait up to the mark, and return the numbers: as Python's, with which the host is faster."""
+    def wait(self) -> None:
+        """Wait up to the mark."""
         if self._device.is_cuda:
             wp.synchronize_event(self._written)
+
+    def read(self) -> list[float]:
+        """Wait, and return the numbers of the only world: as Python's, with which the host is faster."""
+        self.wait()
         return self._seen.tolist()
 
 
 class Sweep:
-    """Launches kernels that go over a state once, and add up in the same launch what their threads find.
+    """Launches kernels that go over all worlds once, and add up in the same launch what their threads find.
 
-    Parameters
-    ----------
-    device
-        Where it is launched.
-    count
-        How many things there are at most of a kind to go over.
-    columns
-        How many numbers are found.
+    There are up to `count` things of a kind to go over in a world, and so many numbers are `found`.
     """
 
-    def __init__(self, device: Any, count: int, columns: int) -> None:
-        blocks, self._threads = 1, 1
-        if device.is_cuda:
-            blocks = min(max(-(-count // LOOKING_BLOCK), 1), MOST_BLOCKS)
-            self._threads = LOOKING_BLOCK * blocks
-        self._device = device
+    def __init__(self, model: Model, count: int, found: int) -> None:
+        worlds, self._device = model.worlds, model.device
+        blocks, self.block = 1, 1
+        if self._device.is_cuda:
+            self.block = SUMMING_BLOCKS[0 if model.in_worlds and count <= FEW else 1]
+            blocks = min(max(-(-count // self.block), 1), max(MOST_BLOCKS // worlds, 1))
+        threads = self.block * blocks
+        self._threads = worlds * threads
         self._between = [
-            self._threads,
-            wp.zeros((columns, blocks), dtype=wp.float64, device=device),
-            wp.zeros(1, dtype=int, device=device),
+            model.stride,
+            threads,
+            wp.zeros((worlds, found, blocks), dtype=wp.float64, device=self._device),
+            wp.zeros(worlds, dtype=int, device=self._device),
         ]
 
-    def launch(self, kernel: Any, inputs: list[Any], found: wp.array) -> None:
-        """Launch a kernel; it may be recorded."""
+    def launch(self, kernel: Callable[[int], Any], inputs: list[Any], found: wp.array) -> None:
+        """Launch a kernel, composed for the threads of a block; it may be recorded."""
         inputs = [*inputs, *self._between]
-        wp.launch(kernel, self._threads, inputs, [found], device=self._device, block_dim=LOOKING_BLOCK)
+        wp.launch(kernel(self.block), self._threads, inputs, [found], device=self._device, block_dim=self.block)

@@ -1,4 +1,4 @@
-"""Sensing: what probes measure, summed on the device where a frame ends, or each of its substeps."""
+"""Sensors: what probes measure in each world, summed on the device where a frame ends, or each of its substeps."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,13 +8,19 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.integrators import force_on_each
-from ...kernels.reductions import fold, probes, sum_of_group, sum_strain
+from ...kernels.reductions import fold, mean_of_function, probes, sum_of_group, sum_strain
 from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
 from ..collision.contact_forces import ContactForces
-from ..model.model import Model
+from ..model.model import CONSTANTS, Model
 from ..model.state import State
 from ..stepping.launcher import Dynamics
-from .energies import FEW_EACH, MOST_THREADS, ROWS
+
+MOST_THREADS = 65536
+"""Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
+FEW_EACH = 8
+"""What each sums of a small group: more threads would take longer to be added up than to sum."""
+ROWS = 64
+"""Rows of sums that the host adds up, of a single world on a GPU."""
 
 
 class Sensors:
@@ -22,15 +28,9 @@ class Sensors:
 
     Parameters
     ----------
-    dynamics, state
-        The equation of motion of the system on its device, and what moves.
-    asked_for
-        The probes, by name.
-    readings
-        How often they are read in a frame.
-    seconds
-        Length of a frame [s].
-    felt
+    readings, seconds
+        How often they are read in a frame, and its length [s].
+    contact_forces
         What sums the contact forces, where any probe asks for such.
     """
 
@@ -44,7 +44,7 @@ class Sensors:
         contact_forces: ContactForces | None,
     ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
-        self._model, self._readings, self._seconds = model, readings, seconds / readings
+        self._model, self._seconds = model, seconds / readings
         self._sums, first = list[_Sum](), 0
         for name, probe in requested.items():
             self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
@@ -55,45 +55,39 @@ class Sensors:
         self._force = model.vectors() if FORCE in asked else None
         self._contact_forces = contact_forces if CONTACT_FORCE in asked or BODY_CONTACT_FORCE in asked else None
         on_gpu = model.device.is_cuda
-        self._each = ROWS if on_gpu else 1
-        self._rows = wp.zeros((readings * self._each, first), dtype=wp.float64, device=model.device)
+        shape = (readings, model.worlds, ROWS if on_gpu and not model.in_worlds else 1, first)
+        self._rows = wp.zeros(shape, dtype=wp.float64, device=model.device)
         # What the host reads: on a GPU pinned, as what the watch has found is.
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
         """Launch the sums of reading number k of a frame; it may be recorded.
 
-        Parameters
-        ----------
-        v
-            Velocities at the instant of the positions [m/s]; not read unless `moves`.
-        k
-            Which reading it is, counted from 0.
+        v are velocities at the instant of the positions [m/s]; they are not read unless it `moves`.
         """
-        now, rows = self._state.state_in, self._rows[k * self._each : (k + 1) * self._each]
+        now, rows = self._state.state_in, self._rows[k]
         assert isinstance(rows, wp.array)
         if self._force is not None:
             self._dynamics.launch(force_on_each, compensation=now.compensation, x=now.x, v=v, force=self._force)
-        pushed = {}
+        values = {POSITION: now.x, STRAIN: now.x, VELOCITY: v, FORCE: self._force}
+        lost = {POSITION: now.compensation.x, STRAIN: now.compensation.x, VELOCITY: now.compensation.v}
         if self._contact_forces is not None:
-            pushed = {
-                CONTACT_FORCE: self._contact_forces.by_all(),
-                BODY_CONTACT_FORCE: self._contact_forces.by_bodies,
-            }
+            values[CONTACT_FORCE] = self._contact_forces.by_all()
+            values[BODY_CONTACT_FORCE] = self._contact_forces.by_bodies
         for one in self._sums:
-            if one.what == STRAIN:
-                one.launch_strain(now.x, now.compensation.x, rows)
-                continue
-            compensation = {POSITION: now.compensation.x, VELOCITY: now.compensation.v}.get(one.what)
-            values = ({POSITION: now.x, VELOCITY: v, FORCE: self._force} | pushed)[one.what]
-            one.launch(values, compensation, rows)
-        if k == self._readings - 1 and self._found is not self._rows:
+            one.launch(values[one.what], lost.get(one.what), rows)
+        if k == len(self._rows) - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 
     def read(self) -> dict[str, NDArray[np.float64]]:
-        """Return the readings of the frame that was waited for, shape [readings, d], by the names of probes."""
-        rows: Any = self._found.numpy().reshape(self._readings, self._each, -1)
-        return {one.name: one.reading(rows, self._model, self._seconds) for one in self._sums}
+        """Wait for the device, and return the readings of the frame launched last, by the names of probes.
+
+        Their shape is [readings, d], in an ensemble [readings, worlds, d].
+        """
+        if self._model.device.is_cuda:
+            wp.synchronize_stream(self._model.device.stream)
+        rows: Any = self._found.numpy()
+        return {one.name: one.reading(rows, self._seconds) for one in self._sums}
 
 
 class _Sum:
@@ -106,60 +100,81 @@ class _Sum:
             chosen = np.zeros(model.connection_count, dtype=bool)
             chosen[probe.connections(model.system)] = True
             member = np.flatnonzero(model.ordered(chosen))
+            self._constants = [*map(model.table, CONSTANTS), model.connections]
         else:
             member = np.flatnonzero(probe.particles(model.system))
-            weight, self._mass = _weights(self.what, model.mass[member])
-            self._weight = wp.array(weight, dtype=wp.float64, device=model.device)
+            weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
+            self._constants = [wp.array(weight, dtype=wp.float64, device=model.device)]
         self._member = wp.array(member, dtype=int, device=model.device)
-        threads = min(max(len(member) // FEW_EACH, 1), MOST_THREADS) if model.device.is_cuda else 1
-        self._shares = wp.zeros((threads, self.width), dtype=wp.float64, device=model.device)
+        self._shares = _shares(model, len(member), self.width)
 
-    def launch(self, values: Any, compensation: Any, rows: wp.array) -> None:
-        """Launch the sum over the group of what its particles have."""
-        model = self._model
-        compensated = model.compensated and compensation is not None
+    def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
+        """Launch the sum over the group of what its particles have, or of the strains of its connections."""
+        model, compensated, largest = self._model, self._model.compensated and lost is not None, -1
         kernel = sum_of_group(model.dim, values.dtype, compensated)
-        inputs = [self._member, self._weight, values, compensation if compensated else values]
-        wp.launch(kernel, len(self._shares), inputs, [self._shares], device=model.device)
-        self._fold(rows, -1)
-
-    def launch_strain(self, x: wp.array, x_lost: wp.array, rows: wp.array) -> None:
-        """Launch the sum over the strains of connections."""
-        model = self._model
-        kernel = sum_strain(model.dim, model.scalar, model.compensated, self._tears)
-        inputs = [self._member, model.connections, model.rest_length, model.stiffness, model.damping]
-        inputs += [x, x_lost if model.compensated else x]
-        wp.launch(kernel, len(self._shares), inputs, [self._shares], device=model.device)
-        self._fold(rows, probes.LARGEST)
-
-    def _fold(self, rows: wp.array, largest: int) -> None:
-        threads = (rows.shape[0], self.width)
-        wp.launch(fold, threads, [self._shares, largest, self._first], [rows], device=self._model.device)
-
-    def reading(self, rows: NDArray[np.float64], model: Model, seconds: float) -> NDArray[np.float64]:
-        """Return what the probe tells in each reading, `seconds` apart."""
-        own = rows[:, :, self._first : self._first + self.width]
-        total = own.sum(axis=1)
         if self.what == STRAIN:
-            count = total[:, probes.COUNT]
+            kernel, largest = sum_strain(model.dim, model.scalar, compensated, self._tears), probes.LARGEST
+        inputs = [*self._constants, self._member, values, lost if compensated else values, model.stride]
+        wp.launch(kernel, self._shares.shape[:2], inputs, [self._shares], device=model.device)
+        _fold(self._shares, rows, self._first, largest)
+
+    def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+        """Return what the probe tells in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
+        own = rows[..., self._first : self._first + self.width]
+        result = total = own.sum(axis=2)
+        if self.what == STRAIN:
+            count = total[..., probes.COUNT]
             known = np.where(count > 0, count, np.nan)  # of nothing that holds still there is none
-            largest = np.where(count > 0, own[:, :, probes.LARGEST].max(axis=1), np.nan)
-            return np.stack([total[:, probes.SUM] / known, largest], axis=1)
-        if self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame began
-            return np.diff(total, axis=0, prepend=0.0) / seconds
-        if self.what == FORCE:
-            return total + self._mass * np.array(list(model.gravity), dtype=np.float64)
-        return total
+            largest = np.where(count > 0, own[..., probes.LARGEST].max(axis=2), np.nan)
+            result = np.stack([total[..., probes.SUM] / known, largest], axis=-1)
+        elif self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame began
+            result = np.diff(total, axis=0, prepend=0.0) / seconds
+        elif self.what == FORCE:
+            each, gravity = np.arange(self._model.worlds), self._model.row_of("gravity")
+            result = total + self._mass[each % len(self._mass), None] * gravity[each % len(gravity)]
+        return result if self._model.in_worlds else result[:, 0]
 
 
-def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return what each particle of a group counts, and the mass of those that are free [kg]."""
-    free = np.isfinite(mass)
-    own = np.where(free, mass, 0.0)
-    total = float(own.sum())
+class GroupMeans:
+    """The mean of a function over chosen particles, all counting alike, in each world; see `mean_of_function`."""
+
+    def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
+        self._model = model
+        self._kernel = mean_of_function(model.dim, model.scalar, model.compensated, function, width)
+        self._member = wp.array(np.flatnonzero(chosen), dtype=int, device=model.device)
+        self._shares = _shares(model, len(self._member), max(width, 1))
+        self._means = wp.zeros((model.worlds, 1, max(width, 1)), dtype=wp.float64, device=model.device)
+
+    def read(self, state: State, v: wp.array) -> NDArray[np.float64]:
+        """Return the means, shape [worlds, columns]; v are velocities at the instant of the positions [m/s]."""
+        model, lost = self._model, state.compensation
+        inputs = [self._member, state.x, v, lost.x, lost.v, model.stride]
+        wp.launch(self._kernel, self._shares.shape[:2], inputs, [self._shares], device=model.device)
+        _fold(self._shares, self._means)
+        return self._means.numpy()[:, 0].astype(np.float64)
+
+
+def _shares(model: Model, count: int, width: int) -> wp.array:
+    """Return room for the sums over so many members by the threads of each world."""
+    most = max(MOST_THREADS // model.worlds, 1)
+    threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
+    return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)
+
+
+def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
+    """Launch the sum of what threads have found, into a few rows."""
+    threads = (*rows.shape[:2], shares.shape[2])
+    wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
+
+
+def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what each particle of a group counts, and the mass of those that are free [kg], by rows of masses."""
+    free = np.where(np.isfinite(mass), mass, 0.0)
+    total = free.sum(axis=1)
     if what in (FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE):
-        return np.ones(len(mass)), total
-    return (own / total if free.any() else np.full(len(mass), 1.0 / len(mass))), total
+        return np.ones((1, mass.shape[1])), total
+    each = free / np.where(total > 0, total, 1.0)[:, None]
+    return np.where(total[:, None] > 0, each, 1.0 / mass.shape[1]), total
 
 
 def sensors_of(
@@ -170,14 +185,6 @@ def sensors_of(
     seconds: float,
     contact_forces: ContactForces | None,
 ) -> Sensors | None:
-    """Return what measures for the probes of a model that are read every frame, or substep; None if it has none.
-
-    Parameters
-    ----------
-    dynamics, state, readings, seconds, felt
-        See `Sensors`.
-    every
-        "frame" or "substep".
-    """
+    """Return what measures for the probes that are read "frame" by frame, or every "substep"; None without any."""
     requested = probes_by(every, dynamics.assembly.probes)
     return Sensors(dynamics, state, requested, readings, seconds, contact_forces) if requested else None

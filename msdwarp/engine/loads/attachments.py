@@ -179,28 +179,15 @@ class AttachmentSprings(Effect):
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 
-    def energy(self, x: wp.array) -> float:
-        """Return Σ k (|x − p| − l0)²/2 [J]."""
-        return self.energy_and_power(x, x)[0]
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], where the carriers are as the frame ends.
 
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return Σ b |v − u|², along the axis where there is a rest length [W]."""
-        return self.energy_and_power(x, v)[1]
-
-    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
-        energy, power = self._measured(x, v)
-        return float(energy.sum()), float(power.sum())
-
-    def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return what is stored in each world [J], shape [worlds]."""
-        return self._measured(x, v)[0].sum(axis=1)
-
-    def _measured(self, x: wp.array, v: wp.array) -> list[Any]:
-        """Return what each member's attachments store [J] and turn to heat [W], shape [worlds, member_count]."""
+        Where there is a rest length, only the speed along the axis counts.
+        """
         model, count = self._model, self._member_count
         sums = [wp.zeros((model.worlds, count), dtype=wp.float64, device=model.device) for _ in range(2)]
         row = self.data.shift.shape[0] - 1 if self._moving else 0
         inputs = [self.data, row, x, v, model.stride]
         wp.launch(self._composed.measure, (model.worlds, count), inputs, sums, device=model.device)
-        return [one.numpy() for one in sums]
+        energies, powers = (one.numpy().sum(axis=1) for one in sums)
+        return energies, powers

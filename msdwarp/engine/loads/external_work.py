@@ -113,10 +113,6 @@ class Work(Effect):
         self.launch(x, v, shares)
         return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)
 
-    def total(self, x: wp.array, v: wp.array) -> float:
-        """Return the same of all worlds together [J]."""
-        return float(self.totals(x, v).sum())
-
     @property
     def changing(self) -> list[wp.array]:
         """What has been done on each particle, and the force in the last substep."""

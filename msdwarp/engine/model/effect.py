@@ -178,18 +178,6 @@ class Effect:
         The same for forces that depend on speeds, for particles at x that move at v.
         """
 
-    def energies(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return the energy that it stores in each world when particles are at x and move at v [J]."""
-        return np.zeros(1)
-
-    def energy(self, x: wp.array) -> float:
-        """Return the energy that it stores when the particles are at x [J]."""
-        return 0.0
-
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return what it turns to heat when the particles are at x and move at v [W]."""
-        return 0.0
-
-    def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return both, the energy [J] and what turns to heat [W]: at once, where one pass finds both."""
-        return self.energy(x), self.dissipated_power(x, v)
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what it stores [J], and what it turns to heat [W], of particles at x that move at v: by world."""
+        return np.zeros(1), np.zeros(1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import lcm
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -13,7 +14,7 @@ from ...kernels.basis import vector
 from ...kernels.records import record_length
 from ...runtime import in_turn
 from ...world import Falling, Gravity, with_potential
-from ..device.device import PRECISIONS, find_device, scalar_array
+from ..device.device import PRECISIONS, find_device, scalar_array, view_of
 from ..device.vector_arrays import records_together
 from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
@@ -84,6 +85,8 @@ class Model:
         self.precision = precision
         self.scalar, self.dtype = PRECISIONS[precision]
         self.worlds, self.in_worlds, self.rows = worlds, rows is not None, dict(rows or {})
+        self.tables = dict[str, wp.array]()
+        """What `table` has uploaded; effects that change constants put their own arrays here."""
         if self.in_worlds:
             # The largest mass and damping of all worlds, so that what any of them has is compiled.
             largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
@@ -150,6 +153,7 @@ class Model:
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
+        self.tables.pop("gravity", None)
         self.generation += 1
 
     def _is_alike_by_direction(self, system: System) -> bool:
@@ -223,10 +227,6 @@ class Model:
         """Upload an array that the system has for its connections, a number for each."""
         return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
 
-    def per_particle(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload a number for each particle, checked against the precision; what is uniform is stored once."""
-        return self._upload(values, name)
-
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
 
@@ -239,40 +239,48 @@ class Model:
         return records_together(count, self.vectors_each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return rows of numbers of connections for each world, in the device's order: shape [worlds, count]."""
-        ordered = rows if self.order is None else rows[:, self.order]
-        return np.tile(ordered, (self.worlds // len(rows), 1))
+        """Return the numbers of the connections of one world after the other, in the device's order."""
+        return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
         """Upload numbers of shape [rows, count]; what is the same all along a row is stored once."""
-        count, along = values.shape
-        if along < 2 or values.strides[1] != 0:
+        if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
-        size = wp.types.type_size_in_bytes(self.scalar)
-        view = wp.array(
-            ptr=once.ptr,
-            dtype=self.scalar,
-            shape=(count, along),
-            strides=(size, 0),
-            device=self.device,
-            capacity=once.capacity,
-        )
-        view._ref = once  # a view does not own its memory
-        return view
+        return view_of(once, values.shape, (wp.types.type_size_in_bytes(self.scalar), 0))
 
-    def upload_inverse_mass(self) -> wp.array:
-        """Upload the inverse masses of each row [1/kg], shape [rows, particle_count]."""
-        return self.upload_rows(1.0 / self.row_of("mass"))
+    def table(self, name: str) -> wp.array:
+        """Return a parameter on the device, where world w reads row w mod (number of rows).
 
-    def upload_gravity(self) -> wp.array:
-        """Upload the gravity of each row [m/s²], shape [rows]."""
-        return wp.array(self.row_of("gravity"), dtype=self.vector, device=self.device)
+        It is `inverse_mass`, of shape [rows, particle_count]; a constant of connections, in the device's order, of
+        shape [rows, connection_count]; or `gravity`, of shape [rows].
+        """
+        if name not in self.tables:
+            self.tables[name] = self._uploaded_table(name)
+        return self.tables[name]
 
-    def by_world(self, vectors: wp.array) -> NDArray:
-        """Return what `vectors` holds, on the host: a copy of shape [worlds, particle_count, d]."""
-        flat = vectors.numpy().reshape(self.worlds, self.stride, self.dim)
-        return np.array(flat[:, : self.particle_count])
+    def _uploaded_table(self, name: str) -> wp.array:
+        if name == "gravity":
+            return wp.array(self.row_of(name), dtype=self.vector, device=self.device)
+        if not self.in_worlds:
+            array = getattr(self, name)
+            return view_of(array, (1, len(array)), (0, array.strides[0]))
+        if name == "inverse_mass":
+            return self.upload_rows(1.0 / self.row_of("mass"))
+        rows = self.row_of("damping" if name == "steepest_damping" else name)
+        if name == "steepest_damping":
+            rows = self.system.damper.steepest * rows
+        return self.upload_rows(self.ordered(rows.T).T)
+
+    def by_world(self, vectors: NDArray) -> NDArray:
+        """Return a view of shape [worlds, particle_count, d] of what arrays of `vectors` hold, on the host."""
+        return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
+
+    def of_each(self, rows: NDArray) -> Any:
+        """Return the row of each world, shape [worlds, ...]; outside of ensembles the only row, or its number."""
+        if self.in_worlds:
+            return rows if len(rows) == self.worlds else rows[np.arange(self.worlds) % len(rows)]
+        return rows[0].item() if rows.ndim == 1 else rows[0]
 
     def spread(self, values: NDArray) -> NDArray:
         """Return vectors of shape [rows, particle_count, d] as `vectors` holds them for all worlds."""

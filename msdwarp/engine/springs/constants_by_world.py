@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.integrators import EACH, SHARED, UNIFORM
+from ..device.device import view_of
 from ..model.model import CONSTANTS, Model
 from .force_algorithms import CLASSES
 from .fracture import Fracture
@@ -157,15 +158,7 @@ def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.arra
     padded[..., :3] = values
     records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
     size = 4 * wp.types.type_size_in_bytes(model.scalar)
-    held = wp.array(
-        ptr=records.ptr,
-        dtype=wp.types.vector(3, model.scalar),
-        shape=values.shape[:2],
-        strides=(size * len(kinds), size),
-        device=model.device,
-    )
-    held._ref = records
-    return held
+    return view_of(records, values.shape[:2], (size * len(kinds), size), wp.types.vector(3, model.scalar))
 
 
 def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces:

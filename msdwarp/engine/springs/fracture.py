@@ -31,7 +31,7 @@ class Fracture(Effect):
         self.breaking = breaking(model.scalar)
         """What the algorithms are composed with."""
         system, device = model.system, model.device
-        broken_at = model.of_each_world(_rounded(system.broken_at)[None]).ravel()
+        broken_at = model.of_each_world(_rounded(system.broken_at)[None])
         self.broken_at = wp.array(broken_at, dtype=wp.float32, device=device)
         """When connections broke [s], in the device's order, world after world; inf where they are whole."""
         data = self.data = self.breaking.Data()
@@ -64,8 +64,11 @@ class Fracture(Effect):
             ("damping", model.row_of("damping")),
             ("steepest", slope * model.row_of("damping")),
         ):
-            values = model.of_each_world(np.where(whole, rows, 0.0)).ravel()
-            setattr(data, name, wp.array(values, dtype=model.scalar, device=model.device))
+            values = model.of_each_world(np.where(whole, rows, 0.0))
+            array = wp.array(values, dtype=model.scalar, device=model.device)
+            setattr(data, name, array)
+            table = "steepest_damping" if name == "steepest" else name
+            model.tables[table] = array.reshape((model.worlds, model.connection_count))
         systems = [
             model.system.replace(rest_length=length, stiffness=stiffness)
             for length in model.row_of("rest_length")
@@ -76,7 +79,7 @@ class Fracture(Effect):
         if "stiffness" in model.rows:
             self.by_world = (*self.by_world, "stretch")
             rows = [break_stretch(model.system.replace(stiffness=one)) for one in model.row_of("stiffness")]
-            stretch = model.of_each_world(np.array(rows)).ravel()
+            stretch = model.of_each_world(np.array(rows))
             data.stretch = wp.array(stretch, dtype=model.scalar, device=model.device)
 
     def repeat_for_worlds(self, forces: Any) -> None:

@@ -5,6 +5,8 @@ import warp as wp
 from ...kernels.springs import linearised as kernels
 from ..model.model import Model
 
+CONSTANTS = ("rest_length", "stiffness", "steepest_damping")
+
 
 def add_linearised(
     model: Model,
@@ -33,14 +35,14 @@ def add_linearised(
 
 
 def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers: wp.array) -> None:
-    """Write the diagonal blocks of K and B at x, float64 matrices of shape [particle_count]."""
+    """Write the diagonal blocks of K and B at x, float64 matrices of shape [particle_count] in each world."""
     springs.zero_()
     dampers.zero_()
     if model.connection_count:
         wp.launch(
             kernels.add_blocks(model.dim, model.scalar),
-            dim=model.connection_count,
-            inputs=[model.connections, model.rest_length, model.stiffness, model.steepest_damping, x],
-            outputs=[springs, dampers],
+            dim=(springs.size // model.particle_count, model.connection_count),
+            inputs=[*map(model.table, CONSTANTS), model.connections, x, model.stride],
+            outputs=[one.reshape((-1, model.particle_count)) for one in (springs, dampers)],
             device=model.device,
         )

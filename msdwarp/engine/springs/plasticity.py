@@ -32,8 +32,9 @@ class Plasticity(Effect):
         self.rest_length = model.rest_length
         if model.in_worlds:
             self.by_world = ("rest_length",)
-            each = model.of_each_world(model.row_of("rest_length")).ravel()
+            each = model.of_each_world(model.row_of("rest_length"))
             self.rest_length = wp.array(each, dtype=model.scalar, device=model.device)
+            model.tables["rest_length"] = self.rest_length.reshape((model.worlds, model.connection_count))
             if "rest_length" in model.rows:
                 self.by_world, self.data.original_length = (
                     ("rest_length", "original_length"),

@@ -40,9 +40,9 @@ def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, froze
     model = assembly.model
     data.stride, data.frozen = model.stride_in_bytes, frozen
     if "gravity" in model.rows:
-        data.gravity = model.upload_gravity()
+        data.gravity = model.table("gravity")
     if "mass" in model.rows:
-        data.inverse_mass = model.upload_inverse_mass()
+        data.inverse_mass = model.table("inverse_mass")
     if "friction" in model.rows:
         data.friction = model.upload_rows(model.rows["friction"])
     for name, array in forces.fields.items():
