@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from alone import assert_each_is_as_alone
+from alone import assert_each_is_as_alone, simulation_alone
 
 from msdwarp import (
     RK4,
@@ -236,6 +236,42 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, forc
     assert "world 2" in str(ensemble.diagnose(2))
     with pytest.raises(ValueError, match="world 1 has not diverged"):
         ensemble.diagnose(1)
+
+
+@pytest.mark.parametrize(
+    ("method", "precision"), [("leapfrog", "float32"), ("extrapolated", "float32-compensated"), ("rk4", "float64")]
+)
+def test_a_world_goes_on_alone_from_its_checkpoint(plain_device, method, precision):
+    system = block().replace(yield_strain=0.002, relaxation_time=0.02)
+    how = {"colliders": [Plane()], "loads": [Force(lambda t: (np.sin(9 * t), 0.0, 0.5))], "device": plain_device}
+    how |= {"integrator": METHODS[method], "precision": precision, "force_algorithm": "gather"}
+    own = {"stiffness": [700.0, 900.0, 1100.0], "gravity": [5.0, 9.0, 12.0]}
+    ensemble = Ensemble(system, 3, fps=240, **how, **own)
+    ensemble.step(30)
+    reached = ensemble.checkpoints()
+    ensemble.step(20)
+    for world in range(3):
+        alone = simulation_alone(ensemble, world)
+        alone.restore(*reached[world])
+        alone.step(20)
+        assert alone.time == ensemble.time
+        np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[world])
+        np.testing.assert_array_equal(alone.rest_length, ensemble.system_of(world).rest_length)
+
+
+def test_a_reset_brings_back_what_has_yielded_and_the_work_done(plain_device):
+    system = block().replace(yield_strain=0.002, relaxation_time=0.02)
+    how = {"colliders": [Plane()], "loads": [Force((0.3, 0.0, 0.5))], "device": plain_device}
+    ensemble = Ensemble(system, 2, stiffness=[700.0, 900.0], force_algorithm="gather", **how)
+    ensemble.step(20)
+    first = ensemble.checkpoints()
+    ensemble.reset()
+    assert (ensemble.system_of(1).rest_length == system.rest_length.astype(np.float32)).all()
+    ensemble.step(20)
+    for one, other in zip(first, ensemble.checkpoints(), strict=True):
+        assert one[1] == other[1]
+        for name, values in one[0].items():
+            np.testing.assert_array_equal(values, other[0][name], err_msg=name)
 
 
 def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
