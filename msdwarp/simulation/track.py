@@ -12,37 +12,19 @@ _ASKED = ("energies_and_powers", "is_void", "warnings")
 
 
 class Track:
-    """What a frame keeps and tells. Of two that follow each other closely each has a track of its own.
-
-    Attributes
-    ----------
-    backup
-        The state where the frame began.
-    found
-        What is told of the state where it ends.
-    graphs
-        The frame as it was recorded, by whether it tells its balance.
-    tells
-        Whether the frame that was launched last tells its balance.
-    """
+    """What a frame keeps and tells. Of two that follow each other closely each has a track of its own."""
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
-        self.backup, self.found = Backup(assembly, state, others), Found(state.model)
-        self.graphs: dict[bool, Any] = {}
-        self.tells = False
+        self.backup = Backup(assembly, state, others)  # the state where the frame began
+        self.found = Found(state.model)  # what is told of the state where it ends
+        self.graphs: dict[bool, Any] = {}  # the frame as it was recorded, by whether it tells its balance
+        self.tells = False  # whether the frame that was launched last does
 
 
 class Tracks:
-    """The tracks of a run, two at most.
+    """The tracks of a run, two at most: of frames before which none was launched ahead it is the `first`.
 
-    Attributes
-    ----------
-    first
-        That of every frame before which none was launched ahead.
-    now
-        That of the frame that was advanced by last.
-    ahead
-        That of the frame behind it, which has been launched already; None where none has.
+    `now` is that of the frame that was advanced by last; `ahead` that of the next one, if it has been launched.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

@@ -43,12 +43,7 @@ class EnergySums:
     stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
     ½ Σ m |v − v_(n−½)|². Methods of other kinds let K + U itself only fall.
 
-    Parameters
-    ----------
-    dynamics, state
-        The equation of motion, and what moves.
-    lag
-        The time by which velocities lag behind positions [s]: h/2 above, 0 for methods that keep them together.
+    `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 where a method keeps them together.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:

@@ -30,12 +30,7 @@ class WorldStatus(NamedTuple):
 class FrozenWorlds:
     """Judges each world where a frame ends, from the device alone, by what a `DivergenceMonitor` has found.
 
-    Parameters
-    ----------
-    assembly, watch
-        The worlds, and what looks at them.
-    frozen
-        What has become of each world, as the launcher has it (`Dynamics.frozen`).
+    What has become of each stands in `frozen`, the launcher's own array (`Dynamics.frozen`).
     """
 
     def __init__(self, assembly: Assembly, watch: DivergenceMonitor, frozen: wp.array) -> None:
