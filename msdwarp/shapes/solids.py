@@ -41,11 +41,6 @@ def ball(
         26 or 6, as for `box`.
     material, mass, stiffness, damping
         A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     radius = checks.positive("radius", radius)
     spacing = fine_enough(spacing, {"radius": radius})
@@ -89,11 +84,6 @@ def cylinder(
         26 or 6, as for `box`.
     material, mass, stiffness, damping
         A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height})
@@ -140,11 +130,6 @@ def cone(
         26 or 6, as for `box`.
     material, mass, stiffness, damping
         A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height})

@@ -36,17 +36,11 @@ class Pressure(Pressed):
     on
         The particles of the surface, by default all (see `Load`): it acts on triangles with all corners among
         them.
-
-    Raises
-    ------
-    ValueError
-        If it is not finite, or there is no surface.
     """
 
     pressure: Any
 
     def __post_init__(self) -> None:
-        """Check the argument."""
         if not callable(self.pressure):
             object.__setattr__(self, "pressure", float(checks.vector("pressure", [self.pressure], 1)[0]))
 
@@ -89,7 +83,6 @@ class EnclosedGas(Pressed):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.non_negative("outside", self.outside)
         checks.positive("exponent", self.exponent)
         checks.between("pressure", self.pressure, -self.outside, checks.LARGEST)

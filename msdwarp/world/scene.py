@@ -77,7 +77,6 @@ class Scene:
     observe: Mapping[str, Observed] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.instance("system", self.system, System, "chain(5)")
         kinds = (
             ("colliders", Collider, "Plane()"),
