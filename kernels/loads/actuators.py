@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from ..springs.force_algorithm import difference
@@ -19,8 +19,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
     ends compute their share for themselves, with the same numbers: what one gets the other gets with another sign.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.struct
@@ -33,9 +32,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     def force(SceneData: Any):
         @wp.func
-        def actuated(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def actuated(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             x_i = load(x, i)
             total = V()
             for e in range(scene.actuated.first[i], scene.actuated.first[i + 1]):

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 
 
@@ -38,12 +37,11 @@ class ForceAlgorithm(NamedTuple):
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
     """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.func
-    def separation(compensation: Compensation, x: wp.array(dtype=V), x_i: V, i: int, j: int) -> V:
+    def separation(compensation: Compensation, x: Vectors, x_i: V, i: int, j: int) -> V:
         dx = x_i - load(x, j)
         if wp.static(compensated):
             dx = dx - (load(compensation.x, i) - load(compensation.x, j))

@@ -9,8 +9,7 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
@@ -47,8 +46,7 @@ def gather(
     With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number. A slot
     whose connection breaks names the particle itself from then on.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
@@ -67,9 +65,7 @@ def gather(
         constants: Constants  # of slots
 
     @wp.func
-    def force_at(
-        forces: Gathered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         x_i = load(x, i)
         v_i = V()
         dv = V()

@@ -5,8 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .force_algorithm import difference
@@ -25,8 +24,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
     flow does not depend on the step. |e| only ever falls, and elastic energy with it.
     Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    _, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation = difference(dim, scalar, compensated)
 
@@ -42,7 +40,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
         largest_plastic_strain: wp.array(dtype=scalar)
 
     @wp.func
-    def flow(f: Flow, compensation: Compensation, x: wp.array(dtype=V), c: int):
+    def flow(f: Flow, compensation: Compensation, x: Vectors, c: int):
         i = f.connections[c][0]
         j = f.connections[c][1]
         rest = f.rest_length[c]
@@ -64,13 +62,12 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what yielding adds to kernels: each connection flows when a substep begins."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
 
     def begin(SceneData: Any):
         @wp.func
-        def yield_connection(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        def yield_connection(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
             flow(scene.flow, compensation, x, c)
 
         return yield_connection

@@ -4,8 +4,7 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .constants import constants
 from .dampers import Law
@@ -24,8 +23,7 @@ def scatter(
     Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
     itself, and adds nothing.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
@@ -39,9 +37,7 @@ def scatter(
         constants: Constants  # of connections
 
     @wp.func
-    def evaluate(
-        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int
-    ):
+    def evaluate(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         ends = ends_of(forces.connections, c)
         i = ends[0]
         j = ends[1]
@@ -60,9 +56,7 @@ def scatter(
         add(forces.f, j, -force)
 
     @wp.func
-    def force_at(
-        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         f = load(forces.f, i)
         store(forces.f, i, V())
         return f
