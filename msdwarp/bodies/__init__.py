@@ -4,7 +4,7 @@ from .cells import Bare, laid_bare
 from .connectivity import pieces
 from .contact_surfaces import TouchingSurfaces, contact_surfaces, mean_stiffness
 from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
-from .facets import Facets, directed_edges, facets_of, run_back
+from .facets import Facets, facets_of, open_edges
 from .fields import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS
 from .frame import Frame, Series
 from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
@@ -43,7 +43,6 @@ __all__ = [
     "broken_before",
     "contact_surfaces",
     "counted",
-    "directed_edges",
     "facets_of",
     "headline",
     "in_space",
@@ -51,13 +50,13 @@ __all__ = [
     "joined",
     "laid_bare",
     "mean_stiffness",
+    "open_edges",
     "particles_meant",
     "pieces",
     "places_along_curve",
     "rotated",
     "rotation",
     "rotations",
-    "run_back",
     "space_filling_order",
     "stored",
     "uniform",

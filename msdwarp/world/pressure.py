@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, directed_edges, run_back
+from ..bodies import System, open_edges
 from .loads import Load, values_at
 
 
@@ -93,11 +93,9 @@ class EnclosedGas(Pressed):
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
         facets = self.facets(system)
-        edges = directed_edges(facets.corner)
-        open_edges = int(np.count_nonzero(~run_back(edges, len(facets.particle))))
-        if open_edges:
+        if count := len(open_edges(facets.corner)):
             raise ValueError(
-                f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {open_edges} of its "
+                f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {count} of its "
                 "edges are not between two triangles"
             )
         if (enclosed := volume(facets.corner, facets.points(system.position))) <= 0:
