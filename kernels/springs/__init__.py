@@ -6,40 +6,24 @@ they are asked for, from a table of neighbours (`gather`) or, in a lattice, by c
 x − lost.x in compensated precision: what rounding took matters to short springs.
 """
 
-from .constants import CONSTANTS, KIND_SHIFT, MOST_KINDS
-from .dampers import Law, damper_force
-from .force_algorithm import ForceAlgorithm
-from .fracture import NO_SUBSTEP, Breaking, breaking, leave_out_broken
-from .gather import CHUNK, SLICE, gather
-from .lanes import MOST_NEIGHBOURS, gather_of_lanes, lane_of, stencil_of_lanes
-from .linearised import add_blocks
-from .plasticity import plastic_flow, yielding
-from .scatter import scatter
-from .stencil import COLUMN, stencil, stencil_rows
-
-__all__ = [
-    "CHUNK",
-    "COLUMN",
-    "CONSTANTS",
-    "KIND_SHIFT",
-    "MOST_KINDS",
-    "MOST_NEIGHBOURS",
-    "NO_SUBSTEP",
-    "SLICE",
-    "Breaking",
-    "ForceAlgorithm",
-    "Law",
-    "add_blocks",
-    "breaking",
-    "damper_force",
-    "gather",
-    "gather_of_lanes",
-    "lane_of",
-    "leave_out_broken",
-    "plastic_flow",
-    "scatter",
-    "stencil",
-    "stencil_of_lanes",
-    "stencil_rows",
-    "yielding",
-]
+from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
+from .dampers import Law as Law, damper_force as damper_force
+from .extra_springs import tie_force as tie_force
+from .force_algorithm import ForceAlgorithm as ForceAlgorithm
+from .fracture import (
+    NO_SUBSTEP as NO_SUBSTEP,
+    Breaking as Breaking,
+    breaking as breaking,
+    leave_out_broken as leave_out_broken,
+)
+from .gather import CHUNK as CHUNK, SLICE as SLICE, gather as gather
+from .lanes import (
+    MOST_NEIGHBOURS as MOST_NEIGHBOURS,
+    gather_of_lanes as gather_of_lanes,
+    lane_of as lane_of,
+    stencil_of_lanes as stencil_of_lanes,
+)
+from .linearised import add_blocks as add_blocks
+from .plasticity import plastic_flow as plastic_flow, yielding as yielding
+from .scatter import scatter as scatter
+from .stencil import COLUMN as COLUMN, stencil as stencil, stencil_rows as stencil_rows

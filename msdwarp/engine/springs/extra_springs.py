@@ -3,8 +3,7 @@
 import numpy as np
 import warp as wp
 
-from ...kernels.loads import tie_force
-from ...kernels.springs import CONSTANTS
+from ...kernels.springs import CONSTANTS, tie_force
 from ..device.csr import rows
 from ..model.effect import Effect
 from ..model.model import Model
