@@ -49,16 +49,8 @@ def wind_on_faces(
     Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
     itself; the quadratic law of drag is that of a plate.
 
-    Parameters
-    ----------
-    dim, scalar, compensated
-        Coordinates, numbers, and whether sums keep what rounding takes away.
-    function
-        A wp.func (x, t) -> velocity of the air [m/s]; None where it is given by numbers.
-    mixed
-        Whether vertices are mixtures of particles (see `face`).
-    closed
-        Whether any triangle is of a closed surface.
+    `function` is a wp.func (x, t) -> velocity of the air [m/s], None where it is given by numbers. `mixed` tells
+    whether vertices are mixtures of particles (see `face`), `closed` whether any triangle is of a closed surface.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)

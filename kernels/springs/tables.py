@@ -9,7 +9,7 @@ import warp as wp
 
 from ..basis import kernel
 from .constants import KIND_SHIFT
-from .gather import CHUNK, SLICE
+from .gather import SLICE
 
 
 @kernel
@@ -24,32 +24,6 @@ def list_ends(
     for side in range(2):
         particle[2 * c + side] = connections[c][side]
         end[2 * c + side] = 2 * c + side
-
-
-@kernel
-def count_ends(
-    particle: wp.array(dtype=int),  # of each end, shape [end_count]
-    # Out:
-    count: wp.array(dtype=int),  # 0 before; shape [particle_count]
-):
-    """Count the ends at each particle."""
-    wp.atomic_add(count, particle[wp.tid()], 1)
-
-
-@kernel
-def measure_slices(
-    count: wp.array(dtype=int),  # ends at each particle, shape [particle_count]
-    # Out:
-    length: wp.array(dtype=int),  # in slots, shape [slice_count]
-):
-    """Write the length of each slice: as many slots as its fullest particle has, for all, in whole chunks."""
-    part = wp.tid()
-    most = int(0)
-    for lane in range(SLICE):
-        i = part * SLICE + lane
-        if i < count.shape[0]:
-            most = wp.max(most, count[i])
-    length[part] = (most + CHUNK - 1) / CHUNK * CHUNK * SLICE
 
 
 @kernel

@@ -154,12 +154,7 @@ def _columns(radius: float, spacing: float) -> int:
 
 
 def _revolved(
-    ring: NDArray,
-    z: NDArray,
-    columns: int,
-    tile: tuple[float, float, float, float],
-    *,
-    smooth: bool = False,
+    ring: NDArray, z: NDArray, columns: int, tile: tuple[float, float, float, float], *, smooth: bool = False
 ) -> Skin:
     """Return the surface that a line sweeps around the z axis, facing outwards where it rises.
 

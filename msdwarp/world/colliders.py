@@ -93,7 +93,7 @@ class Collider:
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
-        return math.inf
+        return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the point about which it turns [m], shape [dim]."""
@@ -170,10 +170,6 @@ class Sphere(Collider):
     places = ("position",)
     lengths = ("radius",)
 
-    def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]."""
-        return self.radius
-
 
 @dataclass(frozen=True, repr=False)
 class Box(Collider):
@@ -238,10 +234,6 @@ class Capsule(Collider):
 
     places = ("start", "end")
     lengths = ("radius",)
-
-    def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]."""
-        return self.radius
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the middle of the line [m]."""

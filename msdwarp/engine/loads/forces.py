@@ -29,13 +29,9 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different sums of forces that particles feel, and which of them each does.
+    """Return the different sums of forces that particles feel, and which of them each particle does.
 
-    Returns
-    -------
-    shares, combination
-        How much of each force is in each combination, shape [combination_count, force_count], the first one having
-        none of any; and the combination of each particle, shape [particle_count].
+    A sum has shares of the forces, shape [combination_count, force_count]; the first one has none of any.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...kernels.integrators import EACH, SHARED, UNIFORM
 from ..model.model import CONSTANTS, Model
-from .force_algorithms import CLASSES
+from .force_algorithms import CLASSES, records_of_three
 from .fracture import Fracture
 
 
@@ -36,19 +36,9 @@ class EnsembleForces(NamedTuple):
 def ensemble_forces(
     model: Model, fracture: Fracture | None = None, rest_length: wp.array | None = None
 ) -> EnsembleForces:
-    """Return the forces of an ensemble by its model's algorithm.
+    """Return the forces of an ensemble by its model's algorithm; those that yield have their own rest lengths.
 
-    Parameters
-    ----------
-    model, fracture
-        The worlds, and what breaks their connections.
-    rest_length
-        Rest lengths of connections that yield [m], of one world after the other.
-
-    Raises
-    ------
-    ValueError
-        If the algorithm is a stencil, and constants differ among the connections of a direction.
+    Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.
     """
     forces = _algorithm_of_worlds(model, fracture, rest_length)
     if fracture is not None:
@@ -151,21 +141,13 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 
 
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
-    """Upload a table of the constants of each kind for each row, in records of four numbers."""
+    """Upload a table of the constants of each kind for each row, in records."""
     values = classes.together()[:, kinds]
-    padded = np.zeros((*values.shape[:2], 4))
-    padded[..., :3] = values
-    records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
-    size = 4 * wp.types.type_size_in_bytes(model.scalar)
-    held = wp.array(
-        ptr=records.ptr,
-        dtype=wp.types.vector(3, model.scalar),
-        shape=values.shape[:2],
-        strides=(size * len(kinds), size),
-        device=model.device,
-    )
-    held._ref = records
-    return held
+    held = records_of_three(model, values.reshape(-1, 3))
+    strides = (held.strides[0] * len(kinds), held.strides[0])
+    table = wp.array(ptr=held.ptr, dtype=held.dtype, shape=values.shape[:2], strides=strides, device=held.device)
+    table._ref = held  # a view does not own its memory
+    return table
 
 
 def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces:

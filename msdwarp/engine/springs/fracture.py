@@ -88,15 +88,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Have an algorithm know what is broken already.
-
-        Parameters
-        ----------
-        joined
-            The array from which the algorithm strikes out what breaks.
-        strike_out
-            Strikes out of it what is broken by `broken_at`.
-        """
+        """Have an algorithm strike out what is broken already of the array that says who is joined."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()

@@ -14,13 +14,7 @@ STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic
 
 
 class Plasticity(Effect):
-    """Lets connections of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`.
-
-    Attributes
-    ----------
-    rest_length
-        The present rest lengths [m], in the device's order, of one world's connections after the other's.
-    """
+    """Lets springs of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -30,15 +24,14 @@ class Plasticity(Effect):
         for name in STORED:
             setattr(self.data, name, model.per_connection(name))
         self.rest_length = model.rest_length
+        """The present rest lengths [m], in the device's order, of one world's springs after the other's."""
         if model.in_worlds:
             self.by_world = ("rest_length",)
             each = model.of_each_world(model.row_of("rest_length")).ravel()
             self.rest_length = wp.array(each, dtype=model.scalar, device=model.device)
             if "rest_length" in model.rows:
-                self.by_world, self.data.original_length = (
-                    ("rest_length", "original_length"),
-                    wp.clone(self.rest_length),
-                )
+                self.by_world = ("rest_length", "original_length")
+                self.data.original_length = wp.clone(self.rest_length)
         self.data.rest_length = self.rest_length
 
     def begin(self, substeps: int, dt: float) -> None:
