@@ -12,7 +12,6 @@ from .extra_springs import tie_force as tie_force
 from .force_algorithm import ForceAlgorithm as ForceAlgorithm
 from .fracture import (
     NO_SUBSTEP as NO_SUBSTEP,
-    Breaking as Breaking,
     breaking as breaking,
     leave_out_broken as leave_out_broken,
 )
@@ -24,6 +23,6 @@ from .lanes import (
     stencil_of_lanes as stencil_of_lanes,
 )
 from .linearised import add_blocks as add_blocks
-from .plasticity import plastic_flow as plastic_flow, yielding as yielding
+from .plasticity import yielding as yielding
 from .scatter import scatter as scatter
 from .stencil import COLUMN as COLUMN, stencil as stencil, stencil_rows as stencil_rows
