@@ -143,9 +143,10 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
     """Upload a table of the constants of each kind for each row, in records."""
     values = classes.together()[:, kinds]
-    held = records_of_three(model, values.reshape(-1, 3))
-    strides = (held.strides[0] * len(kinds), held.strides[0])
-    table = wp.array(ptr=held.ptr, dtype=held.dtype, shape=values.shape[:2], strides=strides, device=held.device)
+    held: Any = records_of_three(model, values.reshape(-1, 3))
+    size, shape = held.strides[0], values.shape[:2]
+    strides = (size * shape[1], size)
+    table = wp.array(ptr=held.ptr, dtype=held.dtype, shape=shape, strides=strides, device=held.device)
     table._ref = held  # a view does not own its memory
     return table
 
