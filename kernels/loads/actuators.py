@@ -26,7 +26,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     class Actuated:
         strain: wp.array2d(dtype=scalar)  # s in each stage of a frame, and at its end; each column has a delay
         first: wp.array(dtype=int)  # where the entries of each particle begin, shape [particle_count + 1]
-        other: wp.array(dtype=int)  # the connection's other end, shape [entry_count]
+        other: wp.array(dtype=int)  # the spring's other end, shape [entry_count]
         column: wp.array(dtype=int)  # where its s is, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
@@ -50,9 +50,9 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def add_tension(dim: int, scalar: type):
-    """Compose the kernel that adds to the blocks of particles what actuators add across their connections.
+    """Compose the kernel that adds to the blocks of particles what actuators add across their springs.
 
-    Over connections: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
+    Over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
     `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.
     """
     V = vector(dim, scalar)
@@ -60,7 +60,7 @@ def add_tension(dim: int, scalar: type):
 
     @kernel
     def add_tension_blocks(
-        # Actuated connections:
+        # Actuated springs:
         ends: wp.array(dtype=wp.vec2i),  # two particles each, shape [actuated_count]
         rest_length: wp.array(dtype=wp.float64),  # l0 [m], shape [actuated_count]
         stiffness: wp.array(dtype=wp.float64),  # k [N/m], shape [actuated_count]

@@ -29,8 +29,8 @@ def attachments(
     """Compose the attachments of a scene: of whether any point moves, any is damped, any has a rest length.
 
     An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
-    that moves at u. One with a rest length acts along its axis alone, as a connection does, and exerts nothing
-    where it has none.
+    that moves at u. One with a rest length acts along its axis alone, as springs between particles do, and exerts
+    nothing where it has no axis.
 
     What carries a point along at u does the work F·u. Over a substep it is summed as that of drives is.
     """

@@ -18,8 +18,9 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     Where vertices are `mixed`, no particles but mixtures of them, x and v are those of the vertices, which
     `mix_vertices` has found, and a particle takes as much of a triangle's force as it has shares in its corners.
 
-    corners(faces, lost, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners, and half
-    the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area vectors.
+    corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
+    and half the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area
+    vectors.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load

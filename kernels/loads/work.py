@@ -41,7 +41,7 @@ def work(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (world, lost, x, v, i, mark) that does the same as `force`, and adds up its work.
+    """Compose a force (scene, compensation, x, v, i, mark) that does the same as `force`, and adds up its work.
 
     It acts on particles that have one of these marks.
     """

@@ -1,4 +1,4 @@
-"""Extra springs: connections of lattices that lie in no direction, as rows of a small table beside the stencil."""
+"""Extra springs: those of lattices that lie in no direction, as rows of a small table beside the stencil."""
 
 import functools
 from typing import Any
@@ -17,7 +17,7 @@ from .law import spring_damper
 def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
     """Return what ties add to the kernels of a stencil: the sum of the forces of those that a particle has.
 
-    The law is that of all connections. A tie is in the table twice, once for each of its ends, and both find the
+    The law is that of all springs. A tie is in the table twice, once for each of its ends, and both find the
     same force but for its sign.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)

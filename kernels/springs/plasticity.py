@@ -13,7 +13,7 @@ from .force_algorithm import difference
 
 @functools.cache
 def plastic_flow(dim: int, scalar: type, compensated: bool):
-    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of connection c.
+    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of spring c.
 
     An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y,
     relaxation time τ and the excess |e| − ε_y L0, where that is above 0,
@@ -31,7 +31,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
     @wp.struct
     class Flow:
         h: scalar  # length of a substep [s]
-        # By connection, shape [connection_count]:
+        # By spring, shape [connection_count]:
         connections: wp.array(dtype=wp.vec2i)
         rest_length: wp.array(dtype=scalar)  # [m], which flows
         original_length: wp.array(dtype=scalar)  # [m]
@@ -61,7 +61,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what yielding adds to kernels: each connection flows when a substep begins."""
+    """Return what yielding adds to kernels: each spring flows when a substep begins."""
     _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
 

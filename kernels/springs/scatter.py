@@ -1,4 +1,4 @@
-"""The algorithm by connections: each adds its force to its two particles."""
+"""The algorithm by springs: each adds its force to its two particles."""
 
 import functools
 
@@ -17,9 +17,9 @@ from .law import spring_damper
 def scatter(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the algorithm by connections: each adds its force to one end and subtracts it from the other.
+    """Compose the algorithm by springs: each adds its force to one end and subtracts it from the other.
 
-    The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
+    The report's Algorithm 3. The force of a spring is computed once, and atomics settle who adds first.
     Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
     itself, and adds nothing.
     """
@@ -34,7 +34,7 @@ def scatter(
     class Scattered:
         f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
-        constants: Constants  # of connections
+        constants: Constants  # of springs
 
     @wp.func
     def evaluate(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, c: int):

@@ -62,7 +62,7 @@ def after_breaking(
 ):
     """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
-    Bits of neighbours are cleared whose connections are too long, and the force is summed anew without them. This
+    Bits of neighbours are cleared whose springs are too long, and the force is summed anew without them. This
     is seldom done, and so kept out of the loops that are unrolled for each neighbour.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -121,7 +121,7 @@ def after_breaking(
                     own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
                 dx = separation(compensation, x, x_i, i, j)
                 if (suspects & bit) != wp.uint32(0):
-                    first = i  # of the connection's particles
+                    first = i  # of the spring's particles
                     if number >= wp.static(directions):
                         first = j
                     c = forces.breaking.number[d * forces.mask.shape[0] + first]
@@ -155,7 +155,7 @@ def stencil(
     A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
     of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
     stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
-    connections break each particle clears bits of its own mask.
+    springs break each particle clears bits of its own mask.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load

@@ -1,6 +1,6 @@
 """Builds the table of neighbours that the gathering algorithm reads (see `forces.gather`).
 
-A connection has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
+A spring has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
 """
 
 import functools
@@ -16,10 +16,10 @@ from .gather import SLICE
 def list_ends(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
-    particle: wp.array(dtype=int),  # shape [end_count], twice as many as connections
+    particle: wp.array(dtype=int),  # shape [end_count], twice as many as springs
     end: wp.array(dtype=int),  # shape [end_count]
 ):
-    """List both ends of each connection c: their particles, and their numbers 2c and 2c + 1."""
+    """List both ends of each spring c: their particles, and their numbers 2c and 2c + 1."""
     c = wp.tid()
     for side in range(2):
         particle[2 * c + side] = connections[c][side]
@@ -51,7 +51,7 @@ def fill_slots(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
-    connection: wp.array(dtype=int),  # the connection with it, shape [slot_count]
+    connection: wp.array(dtype=int),  # the spring with it, shape [slot_count]
 ):
     """Enter each end, in the order of particles, into its particle's next slot."""
     e = wp.tid()
@@ -65,11 +65,11 @@ def fill_slots(
 @kernel
 def pack_kinds(
     connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
-    kind: wp.array(dtype=wp.uint8),  # of each connection, shape [connection_count]
+    kind: wp.array(dtype=wp.uint8),  # of each spring, shape [connection_count]
     # In and out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
 ):
-    """Write each connection's kind above the number of the neighbour."""
+    """Write each spring's kind above the number of the neighbour."""
     slot = wp.tid()
     if connection[slot] >= 0:
         other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
@@ -79,11 +79,11 @@ def pack_kinds(
 def name_itself_where_broken(
     first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
     connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
-    broken_at: wp.array(dtype=wp.float32),  # of each connection [s], inf where whole, shape [connection_count]
+    broken_at: wp.array(dtype=wp.float32),  # of each spring [s], inf where whole, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill the slots of particle i whose connections are broken with the particle itself."""
+    """Fill the slots of particle i whose springs are broken with the particle itself."""
     i = wp.tid()
     slot = first[i / SLICE] + i % SLICE
     while slot < first[i / SLICE + 1]:
@@ -95,7 +95,7 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that takes each connection's value into its slots."""
+    """Compose the kernel, over slots, that takes each spring's value into its slots."""
 
     @kernel
     def take_values(

@@ -45,7 +45,7 @@ class ActuatedSprings(StageTables):
         springs, lengths = self._row("stiffness"), self._row("rest_length")
         row = np.arange(lcm(len(springs), len(lengths)))
         strength = springs[row % len(springs)] * lengths[row % len(lengths)]
-        # The entries, particle by particle: each connection is one of both its ends.
+        # The entries, particle by particle: each spring has one at both its ends.
         ends = model.system.connections[self._connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
@@ -61,7 +61,7 @@ class ActuatedSprings(StageTables):
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
-        """Return a constant of the actuated connections, shape [rows, actuated_count]."""
+        """Return a constant of the actuated springs, shape [rows, actuated_count]."""
         return self._model.row_of(name)[:, self._connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:

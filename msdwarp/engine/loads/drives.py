@@ -158,7 +158,7 @@ class Drives(FrameTables):
         return poses(name, motion, one.centre, times, self._furthest)
 
     def _check_speed(self, name: str, k: int, turn: NDArray, shift: NDArray, times: NDArray) -> None:
-        """Raise ValueError where a drive moves by more in a substep than the shortest connection is long."""
+        """Raise ValueError where a drive moves by more in a substep than the shortest spring is long."""
         centre = turn @ self._drives[k][1].centre + shift
         # A change of rotation has its largest stretch twice, in the plane of the turn.
         turned = np.sqrt((np.diff(turn, axis=0) ** 2).sum(axis=(1, 2)) / 2)

@@ -46,7 +46,7 @@ From measurements on an H200; what has one thread in between is advanced by one 
 
 
 class Scatter:
-    """The algorithm by connections."""
+    """The algorithm by springs."""
 
     def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
@@ -62,7 +62,7 @@ class Scatter:
 
 
 def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
-    """Let connections that are broken join their first particles with themselves."""
+    """Let springs that are broken join their first particles with themselves."""
     joined = np.array(connections.numpy())
     joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
@@ -98,14 +98,14 @@ class Gather:
             fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
     def _name_themselves(self, model: Model, fracture: Fracture) -> None:
-        """Let the slots of broken connections name their own particles."""
+        """Let the slots of broken springs name their own particles."""
         inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
 
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
-    """Return how the constants of connections are best stored, and the fields of the struct that holds them.
+    """Return how the constants of springs are best stored, and the fields of the struct that holds them.
 
     See `msdwarp.kernels.springs.constants`.
     """
@@ -133,7 +133,7 @@ def records_of_three(model: Model, values: NDArray) -> wp.array:
 
 
 def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the different constants that connections have, shape [kind_count, 3], and the kind of each.
+    """Return the different constants that springs have, shape [kind_count, 3], and the kind of each.
 
     None if there are more than a byte can tell apart.
     """
@@ -163,7 +163,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
 
 
 def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
-    """Return a value of each slot's connection; 1 in slots that pad."""
+    """Return a value of each slot's spring; 1 in slots that pad."""
     slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
     wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
     return slots
@@ -172,8 +172,8 @@ def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     """Return (first, other, connection): where slices of the table begin, and what each slot names.
 
-    The slots of a particle are in the order of its connections, whatever the device; slots that pad name no
-    connection (−1), and the particle itself.
+    The slots of a particle are in the order of its springs, whatever the device; slots that pad name no
+    spring (−1), and the particle itself.
     """
     n, ends, device = model.particle_count, 2 * model.connection_count, model.device
     count = np.zeros(-(-n // SLICE) * SLICE, dtype=np.int64)
@@ -255,7 +255,7 @@ class Stencil:
         self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear the bits of broken connections, whose numbers are by direction and first particle."""
+        """Clear the bits of broken springs, whose numbers are by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):

@@ -10,7 +10,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
-"""What the system says of each connection that may yield."""
+"""What the system says of each spring that may yield."""
 
 
 class Plasticity(Effect):
@@ -44,7 +44,7 @@ class Plasticity(Effect):
         return [self.rest_length]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the rest lengths of the system's connections [m], in its precision."""
+        """Return the rest lengths of the system's springs [m], in its precision."""
         return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
