@@ -303,7 +303,7 @@ def lattice(
     Raises
     ------
     ValueError
-        If an argument is out of range, a particle is connected with no other, or the body is in pieces.
+        If a particle is connected with no other, or the body is in pieces.
     """
     try:
         points = np.array(mask)

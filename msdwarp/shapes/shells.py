@@ -40,7 +40,7 @@ def shell(
     Raises
     ------
     ValueError
-        If the mesh is invalid or has a triangle without area, or a number is out of range.
+        If the mesh is invalid or has a triangle without area.
     """
     points, uv, triangles = read_mesh(mesh)
     a, b, c = (points[triangles[:, k]] for k in range(3))

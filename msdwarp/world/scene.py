@@ -60,8 +60,7 @@ class Scene:
     Raises
     ------
     ValueError
-        If an argument has the wrong type, is out of range, or has the wrong number of coordinates, or there is
-        nothing to draw.
+        If an argument has the wrong number of coordinates, or there is nothing to draw.
     """
 
     system: System

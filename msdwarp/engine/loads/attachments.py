@@ -166,12 +166,8 @@ class AttachmentSprings(FrameTables):
         """Return Σ k (|x − p| − l0)²/2 [J]."""
         return self.energy_and_power(x, x)[0]
 
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return Σ b |v − u|², along the axis where there is a rest length [W]."""
-        return self.energy_and_power(x, v)[1]
-
     def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return what is stored and what turns to heat, where the carriers are as the frame ends."""
+        """Return what is stored, and Σ b |v − u|² (along the axis where there is one), as the frame ends."""
         energy, power = self._measured(x, v)
         return float(energy.sum()), float(power.sum())
 

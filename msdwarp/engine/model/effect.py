@@ -186,10 +186,6 @@ class Effect:
         """Return the energy that it stores when the particles are at x [J]."""
         return 0.0
 
-    def dissipated_power(self, x: wp.array, v: wp.array) -> float:
-        """Return what it turns to heat when the particles are at x and move at v [W]."""
-        return 0.0
-
     def energy_and_power(self, x: wp.array, v: wp.array) -> tuple[float, float]:
-        """Return both, the energy [J] and what turns to heat [W]: at once, where one pass finds both."""
-        return self.energy(x), self.dissipated_power(x, v)
+        """Return the energy [J], and what it turns to heat [W], when the particles are at x and move at v."""
+        return self.energy(x), 0.0
