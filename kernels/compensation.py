@@ -7,6 +7,7 @@ Reference: Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002
 """
 
 import functools
+from typing import Any
 
 import warp as wp
 
@@ -43,3 +44,9 @@ def compensated_sum(dim: int, scalar: type, compensated: bool):
         return new
 
     return Compensation, add
+
+
+def state_types(dim: int, scalar: type, compensated: bool) -> tuple[Any, Any, Any]:
+    """Return the types of a position, of an array of positions or velocities, and of what these have lost."""
+    V = vector(dim, scalar)
+    return V, wp.array(dtype=V), compensated_sum(dim, scalar, compensated)[0]

@@ -8,23 +8,23 @@ class Driving(NamedTuple):
     """What methods ask of drives, each None where nothing is driven. Free particles are left as they are."""
 
     holds: Any = None
-    """wp.func (world, i) -> whether particle i is driven."""
+    """wp.func (scene, i) -> whether particle i is driven."""
     acceleration: Any = None
-    """wp.func (world, force, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned.
+    """wp.func (scene, force, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned.
 
     Of what the force on a driven one does, its drive's work is summed.
     """
     way: Any = None
-    """wp.func (world, i, begin, end) -> how far a driven particle goes between two stages of a frame [m]."""
+    """wp.func (scene, i, begin, end) -> how far a driven particle goes between two stages of a frame [m]."""
     holds_out: Any = None
-    """wp.func (world, force, i, begin, end): sum the work done against a steady force on a driven one on that way.
+    """wp.func (scene, force, i, begin, end): sum the work done against a steady force on a driven one on that way.
 
     It is for methods that know the force only when their equations are solved, in place of `acceleration`.
     """
     at_stage: Any = None
-    """wp.func (world, lost, x, v, i) -> (x, v) as the next stage of a substep takes them."""
+    """wp.func (scene, compensation, x, v, i) -> (x, v) as the next stage of a substep takes them."""
     at_end: Any = None
-    """wp.func (world, lost, x, v, i) -> (x, v) where a substep ends; what their sums have lost is written."""
+    """wp.func (scene, compensation, x, v, i) -> (x, v) where a substep ends; it writes their compensation."""
 
 
 class ForceTerm(NamedTuple):
@@ -36,22 +36,22 @@ class ForceTerm(NamedTuple):
     """
 
     field: str
-    """The name of the effect's data in the world."""
+    """The name of the effect's data in `SceneData`."""
     Data: Any
     """Struct type of the data."""
     begin: Callable[[Any], Any] | None = None
-    """wp.func (world, lost, x, c): what happens to connection c when a substep begins."""
+    """wp.func (scene, compensation, x, c): what happens to spring c when a substep begins."""
     force: Callable[[Any], Any] | None = None
-    """wp.func (world, lost, x, v, i) -> force on particle i [N], beside those of its connections.
+    """wp.func (scene, compensation, x, v, i) -> force on particle i [N], beside those of its springs.
 
     v is as the method has it, in leapfrog half a substep ago. x and v are read by `records(dim, scalar).load`; in
-    compensated precision a position is x − lost.x. Particles are in the system's order.
+    compensated precision a position is x − compensation.x. Particles are in the system's order.
     """
     drive: Callable[[Any], Any] | None = None
     """`Driving`: where driven particles are; it returns several functions."""
     selective: bool = False
     """Whether the force acts on some particles only, those that its effect names: on others it costs a byte."""
     timed: bool = False
-    """Whether it depends on time: that of the stage is `world.time[world.stage]`."""
+    """Whether it depends on time: that of the stage is `scene.time[scene.stage]`."""
     works: bool = False
     """Whether the work of its force is summed; it is selective then."""

@@ -31,61 +31,84 @@ if _is_the_command():
 if not _os.path.isdir(_os.path.join(__path__[0], "kernels")):
     __path__.append(_os.path.dirname(__path__[0]))
 
-from .runtime import verbose
+from .runtime import verbose as verbose
 
 if _typing.TYPE_CHECKING:
     from .bodies import (
-        COTTON,
-        FOAM,
-        JELLY,
-        RUBBER,
-        STEEL_WIRE,
-        CoulombDamper,
-        Frame,
-        Material,
-        QuadraticDamper,
-        Surface,
-        System,
-        space_filling_order,
+        COTTON as COTTON,
+        FOAM as FOAM,
+        JELLY as JELLY,
+        RUBBER as RUBBER,
+        STEEL_WIRE as STEEL_WIRE,
+        CoulombDamper as CoulombDamper,
+        Frame as Frame,
+        Material as Material,
+        QuadraticDamper as QuadraticDamper,
+        Surface as Surface,
+        System as System,
+        space_filling_order as space_filling_order,
     )
-    from .checks import EnergyDriftWarning, FitWarning, StartWarning, TunnellingWarning
-    from .engine import Measures
-    from .files import Trajectory, TrajectoryWriter
+    from .checks import (
+        EnergyDriftWarning as EnergyDriftWarning,
+        FitWarning as FitWarning,
+        StartWarning as StartWarning,
+        TunnellingWarning as TunnellingWarning,
+    )
+    from .engine import Measures as Measures
+    from .files import Trajectory as Trajectory, TrajectoryWriter as TrajectoryWriter
     from .integrators import (
-        RK4,
-        RKC2,
-        ExplicitEuler,
-        Integrator,
-        Leapfrog,
-        LinearlyImplicitEuler,
-        SymplecticEuler,
-        UnstableStep,
-        match_stiffness,
-        stability_limit,
+        RK4 as RK4,
+        RKC2 as RKC2,
+        ExplicitEuler as ExplicitEuler,
+        Integrator as Integrator,
+        Leapfrog as Leapfrog,
+        LinearlyImplicitEuler as LinearlyImplicitEuler,
+        SymplecticEuler as SymplecticEuler,
+        UnstableStep as UnstableStep,
+        match_stiffness as match_stiffness,
+        stability_limit as stability_limit,
     )
-    from .live import View, show, view
-    from .pictures import ColourScale, Renderer
-    from .shapes import ball, box, chain, cloth, cone, cylinder, from_mesh, icosphere, join, lattice, sheet, shell
-    from .simulation import Ensemble, GroupMean, Simulation, SimulationDiverged
-    from .studies import FitResult, TrackedPoints, fit, sweep
+    from .live import View as View, show as show, view as view
+    from .pictures import ColourScale as ColourScale, Renderer as Renderer
+    from .shapes import (
+        ball as ball,
+        box as box,
+        chain as chain,
+        cloth as cloth,
+        cone as cone,
+        cylinder as cylinder,
+        from_mesh as from_mesh,
+        icosphere as icosphere,
+        join as join,
+        lattice as lattice,
+        sheet as sheet,
+        shell as shell,
+    )
+    from .simulation import (
+        Ensemble as Ensemble,
+        GroupMean as GroupMean,
+        Simulation as Simulation,
+        SimulationDiverged as SimulationDiverged,
+    )
+    from .studies import FitResult as FitResult, TrackedPoints as TrackedPoints, fit as fit, sweep as sweep
     from .world import (
-        Actuator,
-        Attachment,
-        Box,
-        Capsule,
-        Cone,
-        Contact,
-        EnclosedGas,
-        Force,
-        Look,
-        Plane,
-        PrescribedMotion,
-        Pressure,
-        Probe,
-        Scene,
-        Sphere,
-        Wind,
-        at,
+        Actuator as Actuator,
+        Attachment as Attachment,
+        Box as Box,
+        Capsule as Capsule,
+        Cone as Cone,
+        Contact as Contact,
+        EnclosedGas as EnclosedGas,
+        Force as Force,
+        Look as Look,
+        Plane as Plane,
+        PrescribedMotion as PrescribedMotion,
+        Pressure as Pressure,
+        Probe as Probe,
+        Scene as Scene,
+        Sphere as Sphere,
+        Wind as Wind,
+        at as at,
     )
 
 __version__ = "0.1.0"
@@ -112,6 +135,9 @@ _ROOMS = {
         "Probe Scene Sphere Wind at"
     ),
 }
+__all__ = ["verbose"]
+for _names in _ROOMS.values():
+    __all__ += _names.split()  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
@@ -125,79 +151,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *_ROOMS, *__all__})
-
-
-__all__ = [
-    "COTTON",
-    "FOAM",
-    "JELLY",
-    "RK4",
-    "RKC2",
-    "RUBBER",
-    "STEEL_WIRE",
-    "Actuator",
-    "Attachment",
-    "Box",
-    "Capsule",
-    "ColourScale",
-    "Cone",
-    "Contact",
-    "CoulombDamper",
-    "EnclosedGas",
-    "EnergyDriftWarning",
-    "Ensemble",
-    "ExplicitEuler",
-    "FitResult",
-    "FitWarning",
-    "Force",
-    "Frame",
-    "GroupMean",
-    "Integrator",
-    "Leapfrog",
-    "LinearlyImplicitEuler",
-    "Look",
-    "Material",
-    "Measures",
-    "Plane",
-    "PrescribedMotion",
-    "Pressure",
-    "Probe",
-    "QuadraticDamper",
-    "Renderer",
-    "Scene",
-    "Simulation",
-    "SimulationDiverged",
-    "Sphere",
-    "StartWarning",
-    "Surface",
-    "SymplecticEuler",
-    "System",
-    "TrackedPoints",
-    "Trajectory",
-    "TrajectoryWriter",
-    "TunnellingWarning",
-    "UnstableStep",
-    "View",
-    "Wind",
-    "at",
-    "ball",
-    "box",
-    "chain",
-    "cloth",
-    "cone",
-    "cylinder",
-    "fit",
-    "from_mesh",
-    "icosphere",
-    "join",
-    "lattice",
-    "match_stiffness",
-    "sheet",
-    "shell",
-    "show",
-    "space_filling_order",
-    "stability_limit",
-    "sweep",
-    "verbose",
-    "view",
-]

@@ -13,10 +13,6 @@ def build(
     ----------
     size
         Masses along an edge.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     height
         Initial height of its centre [m].
     spin

@@ -13,10 +13,6 @@ def build(*, count: int = 5, stiffness: float = 30.0, damping: float = 1.0, pull
     ----------
     count
         Number of masses.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     pull
         Displacement of the first mass [m].
     """

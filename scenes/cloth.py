@@ -21,12 +21,6 @@ def build(
     ----------
     size
         Particles along an edge.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     bending
         Flexural rigidity [N m]. With less, folds become narrower than the spacing.
     """

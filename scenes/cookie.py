@@ -20,10 +20,6 @@ def build(
     ----------
     layers
         Particles through its thickness.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     break_strain
         Strain at which it cracks along its weakest line; elsewhere the limit is six times as high.
     height

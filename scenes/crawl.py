@@ -32,12 +32,6 @@ def build(*, stiffness: float = 400.0, damping: float = 1.0, mass: float = 0.01,
 
     Parameters
     ----------
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     squeeze
         Largest strain of its muscles.
     """

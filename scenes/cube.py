@@ -12,12 +12,6 @@ def build(*, size: int = 10, stiffness: float = 600.0, damping: float = 5.0, mas
     ----------
     size
         Particles along an edge.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     """
     checks.count("size", size, 2)
     cube = box((size, size, size), 1.0 / (size - 1), mass=mass, stiffness=stiffness, damping=damping)

@@ -32,10 +32,6 @@ def build(
         Wind speed along x [m/s]; a tenth of it varies sideways.
     weight
         Mass per area [kg/m²].
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     bending
         Flexural rigidity [N m]. With less, waves become shorter than the spacing.
     """

@@ -12,10 +12,6 @@ def build(*, size: int = 14, stiffness: float = 24.0, damping: float = 0.3, yiel
     ----------
     size
         Particles across the scoop.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     yield_strain
         Strain beyond which it deforms permanently.
     """

@@ -40,12 +40,6 @@ def build(*, across: int = 16, stiffness: float = 60.0, damping: float = 0.06, m
     ----------
     across
         Cells across the jelly.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     """
     body = from_mesh(mould(), across=across, mass=mass, stiffness=stiffness, damping=damping)
     # The lattice, which stands on the tray, reaches below the mould: with 16 cells across by 3 mm, with 18 by 29.

@@ -23,12 +23,6 @@ def build(
 
     Parameters
     ----------
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     yield_strain
         Strain beyond which the foam deforms permanently.
     """

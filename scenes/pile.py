@@ -29,12 +29,6 @@ def build(
     ----------
     count
         Number of bodies.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     seed
         Seed of the random arrangement.
     """

@@ -12,12 +12,6 @@ def build(*, size: int = 7, stiffness: float = 24.0, damping: float = 2.0, mass:
     ----------
     size
         Particles along an edge.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     """
     checks.count("size", size, 2)
     cube = box((size, size, size), 0.6 / (size - 1), mass=mass, stiffness=stiffness, damping=damping)

@@ -10,12 +10,6 @@ def build(*, stiffness: float = 5000.0, damping: float = 0.2, mass: float = 0.02
 
     Parameters
     ----------
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     spin
         Angular velocity [rad/s].
     """

@@ -24,10 +24,6 @@ def build(
         Particles along an edge; even, so that the cut is in the middle.
     cut
         Length of the cut from a free edge, as a fraction of the cloth's length.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     break_strain
         Strain at which a thread breaks.
     """

@@ -25,12 +25,6 @@ def build(
         Number of cubes.
     speed
         Speed of the ball [m/s].
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     friction
         Coulomb's coefficient μ between bodies.
     """

@@ -17,12 +17,6 @@ def build(
 
     Parameters
     ----------
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     squeeze
         Largest strain of the muscles in its legs.
     pace

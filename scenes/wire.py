@@ -19,10 +19,6 @@ def build(*, size: int = 4, stiffness: float = 2e4, damping: float = 4.0, yield_
     ----------
     size
         Particles across the wire.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
     yield_strain
         Strain beyond which it bends permanently.
     """

@@ -12,12 +12,6 @@ def build(*, length: int = 20, stiffness: float = 1000.0, damping: float = 1.5, 
     ----------
     length
         Particles along the worm.
-    stiffness
-        Spring constant of each connection [N/m].
-    damping
-        Damper constant of each connection [N s/m].
-    mass
-        Mass of each particle [kg].
     """
     spacing = 0.1
     worm = box((2, 2, length), spacing, mass=mass, stiffness=stiffness, damping=damping)

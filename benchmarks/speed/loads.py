@@ -24,8 +24,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from msdwarp import Attachment, Force, Plane, Simulation, System, box, join, sheet
-from msdwarp import Scene as SceneToRun
+from msdwarp import Attachment, Force, Plane, Scene as SceneToRun, Simulation, System, box, join, sheet
 from msdwarp.scenes import jelly
 
 from ..common import arguments, machine, read_csv, table, write_csv

@@ -1,22 +1,13 @@
 """Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
 
-from .collide import NO_COLLIDERS, ColliderTerm, NoColliders, fixed_contact, moving_contact
-from .contact_forces import mean_forces, sum_impulses
-from .contact_rule import Needed
-from .penetration_depth import distances
-from .signed_distance import KINDS, signed_distance, solids
-
-__all__ = [
-    "KINDS",
-    "NO_COLLIDERS",
-    "ColliderTerm",
-    "Needed",
-    "NoColliders",
-    "distances",
-    "fixed_contact",
-    "mean_forces",
-    "moving_contact",
-    "signed_distance",
-    "solids",
-    "sum_impulses",
-]
+from .collide import (
+    NO_COLLIDERS as NO_COLLIDERS,
+    ColliderTerm as ColliderTerm,
+    NoColliders as NoColliders,
+    fixed_contact as fixed_contact,
+    moving_contact as moving_contact,
+)
+from .contact_forces import mean_forces as mean_forces, sum_impulses as sum_impulses
+from .contact_rule import Needed as Needed
+from .penetration_depth import distances as distances
+from .signed_distance import KINDS as KINDS, signed_distance as signed_distance, solids as solids

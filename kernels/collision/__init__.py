@@ -1,74 +1,48 @@
 """Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
 
-from .body_contact import contact_energy, evaluate_contact
-from .bounding_boxes import box_facets, box_neighbours, clear_boxes, find_roots
-from .contact_impulses import add_impulses
+from .body_contact import contact_energy as contact_energy, evaluate_contact as evaluate_contact
+from .bounding_boxes import (
+    box_facets as box_facets,
+    box_neighbours as box_neighbours,
+    clear_boxes as clear_boxes,
+    find_roots as find_roots,
+)
+from .contact_impulses import add_impulses as add_impulses
 from .contact_surfaces import (
-    DEEPEST,
-    FLAGS,
-    HISTORY,
-    LONGEST_ROW,
-    MOST_BODY_PAIRS,
-    MOVED,
-    WAY,
-    Surfaces,
-    body_contact_term,
+    DEEPEST as DEEPEST,
+    FLAGS as FLAGS,
+    HISTORY as HISTORY,
+    LONGEST_ROW as LONGEST_ROW,
+    MOST_BODY_PAIRS as MOST_BODY_PAIRS,
+    MOVED as MOVED,
+    WAY as WAY,
+    Surfaces as Surfaces,
+    body_contact_term as body_contact_term,
 )
-from .lanes import BLOCK, BLOCKS, FEW_ON_GPU, ON_GPU
-from .nearest_point import nearest_on_triangle
-from .neighbor_search import find_candidates, find_rows, range_of_speeds
-from .segments_and_spheres import evaluate_segments_and_spheres
-from .surface_contact import evaluate_surface
+from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
+from .nearest_point import nearest_on_triangle as nearest_on_triangle
+from .neighbor_search import (
+    find_candidates as find_candidates,
+    find_rows as find_rows,
+    range_of_speeds as range_of_speeds,
+)
+from .segments_and_spheres import evaluate_segments_and_spheres as evaluate_segments_and_spheres
+from .surface_contact import evaluate_surface as evaluate_surface
 from .surface_contact_data import (
-    QUADRATURE_POINTS,
-    SurfaceContactData,
-    add_energies,
-    add_pushes,
-    quadrature_weights,
-    surface_contact_term,
+    QUADRATURE_POINTS as QUADRATURE_POINTS,
+    SurfaceContactData as SurfaceContactData,
+    add_energies as add_energies,
+    add_pushes as add_pushes,
+    quadrature_weights as quadrature_weights,
+    surface_contact_term as surface_contact_term,
 )
-from .tunnelling import COUNT, FACET, GAP, NOTED, PLACE, POINT, SPEED
-from .vertices import place_vertices
-
-__all__ = [
-    "BLOCK",
-    "BLOCKS",
-    "COUNT",
-    "DEEPEST",
-    "FACET",
-    "FEW_ON_GPU",
-    "FLAGS",
-    "GAP",
-    "HISTORY",
-    "LONGEST_ROW",
-    "MOST_BODY_PAIRS",
-    "MOVED",
-    "NOTED",
-    "ON_GPU",
-    "PLACE",
-    "POINT",
-    "QUADRATURE_POINTS",
-    "SPEED",
-    "WAY",
-    "SurfaceContactData",
-    "Surfaces",
-    "add_energies",
-    "add_impulses",
-    "add_pushes",
-    "body_contact_term",
-    "box_facets",
-    "box_neighbours",
-    "clear_boxes",
-    "contact_energy",
-    "evaluate_contact",
-    "evaluate_segments_and_spheres",
-    "evaluate_surface",
-    "find_candidates",
-    "find_roots",
-    "find_rows",
-    "nearest_on_triangle",
-    "place_vertices",
-    "quadrature_weights",
-    "range_of_speeds",
-    "surface_contact_term",
-]
+from .tunnelling import (
+    COUNT as COUNT,
+    FACET as FACET,
+    GAP as GAP,
+    NOTED as NOTED,
+    PLACE as PLACE,
+    POINT as POINT,
+    SPEED as SPEED,
+)
+from .vertices import place_vertices as place_vertices

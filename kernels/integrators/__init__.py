@@ -1,62 +1,44 @@
 """Methods of integration: what their kernels are composed from, and their stages."""
 
-from .composition import Composition, Stage, Tools, beginning, loads, scene, tools
-from .conjugate_gradients import conjugate_gradients
-from .cpu_partition import ABORT, PartOfParticles, in_partition, wait_for_all
-from .differences import EACH, SHARED, UNIFORM, Differences
-from .euler import explicit_euler, extrapolated_leapfrog, kick, symplectic_euler
-from .implicit import block_inverses, implicit_finish, impulse, mass_product
-from .persistent import MOST_THREADS, persistent
-from .runge_kutta import chebyshev, rk4
-from .shared_memory import MOST_BYTES, on_chip_worlds
-from .stages import (
-    begin_each_connection,
-    each_column,
-    each_connection,
-    each_masked,
-    each_particle,
-    finish,
-    force_on_each,
-    particle_acceleration,
+from .composition import (
+    Composition as Composition,
+    Stage as Stage,
+    Tools as Tools,
+    beginning as beginning,
+    loads as loads,
+    scene as scene,
+    tools as tools,
 )
-
-__all__ = [
-    "ABORT",
-    "EACH",
-    "MOST_BYTES",
-    "MOST_THREADS",
-    "SHARED",
-    "UNIFORM",
-    "Composition",
-    "Differences",
-    "PartOfParticles",
-    "Stage",
-    "Tools",
-    "begin_each_connection",
-    "beginning",
-    "block_inverses",
-    "chebyshev",
-    "conjugate_gradients",
-    "each_column",
-    "each_connection",
-    "each_masked",
-    "each_particle",
-    "explicit_euler",
-    "extrapolated_leapfrog",
-    "finish",
-    "force_on_each",
-    "implicit_finish",
-    "impulse",
-    "in_partition",
-    "kick",
-    "loads",
-    "mass_product",
-    "on_chip_worlds",
-    "particle_acceleration",
-    "persistent",
-    "rk4",
-    "scene",
-    "symplectic_euler",
-    "tools",
-    "wait_for_all",
-]
+from .conjugate_gradients import conjugate_gradients as conjugate_gradients
+from .cpu_partition import (
+    ABORT as ABORT,
+    PartOfParticles as PartOfParticles,
+    in_partition as in_partition,
+    wait_for_all as wait_for_all,
+)
+from .differences import EACH as EACH, SHARED as SHARED, UNIFORM as UNIFORM, Differences as Differences
+from .euler import (
+    explicit_euler as explicit_euler,
+    extrapolated_leapfrog as extrapolated_leapfrog,
+    kick as kick,
+    symplectic_euler as symplectic_euler,
+)
+from .implicit import (
+    block_inverses as block_inverses,
+    implicit_finish as implicit_finish,
+    impulse as impulse,
+    mass_product as mass_product,
+)
+from .persistent import MOST_THREADS as MOST_THREADS, persistent as persistent
+from .runge_kutta import chebyshev as chebyshev, rk4 as rk4
+from .shared_memory import MOST_BYTES as MOST_BYTES, on_chip_worlds as on_chip_worlds
+from .stages import (
+    begin_each_connection as begin_each_connection,
+    each_column as each_column,
+    each_connection as each_connection,
+    each_masked as each_masked,
+    each_particle as each_particle,
+    finish as finish,
+    force_on_each as force_on_each,
+    particle_acceleration as particle_acceleration,
+)

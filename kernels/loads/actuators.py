@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from ..springs.force_algorithm import difference
@@ -19,23 +19,20 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
     ends compute their share for themselves, with the same numbers: what one gets the other gets with another sign.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.struct
     class Actuated:
         strain: wp.array2d(dtype=scalar)  # s in each stage of a frame, and at its end; each column has a delay
         first: wp.array(dtype=int)  # where the entries of each particle begin, shape [particle_count + 1]
-        other: wp.array(dtype=int)  # the connection's other end, shape [entry_count]
+        other: wp.array(dtype=int)  # the spring's other end, shape [entry_count]
         column: wp.array(dtype=int)  # where its s is, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
     def force(SceneData: Any):
         @wp.func
-        def actuated(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def actuated(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             x_i = load(x, i)
             total = V()
             for e in range(scene.actuated.first[i], scene.actuated.first[i + 1]):
@@ -53,9 +50,9 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def add_tension(dim: int, scalar: type):
-    """Compose the kernel that adds to the blocks of particles what actuators add across their connections.
+    """Compose the kernel that adds to the blocks of particles what actuators add across their springs.
 
-    Over connections: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
+    Over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
     `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.
     """
     V = vector(dim, scalar)
@@ -63,7 +60,7 @@ def add_tension(dim: int, scalar: type):
 
     @kernel
     def add_tension_blocks(
-        # Actuated connections:
+        # Actuated springs:
         ends: wp.array(dtype=wp.vec2i),  # two particles each, shape [actuated_count]
         rest_length: wp.array(dtype=wp.float64),  # l0 [m], shape [actuated_count]
         stiffness: wp.array(dtype=wp.float64),  # k [N/m], shape [actuated_count]

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import kernel, vector
-from ..compensation import compensated_sum
+from ..basis import kernel
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 
@@ -29,14 +29,14 @@ def attachments(
     """Compose the attachments of a scene: of whether any point moves, any is damped, any has a rest length.
 
     An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
-    that moves at u. One with a rest length acts along its axis alone, as a connection does, and exerts nothing
-    where it has none.
+    that moves at u. One with a rest length acts along its axis alone, as springs between particles do, and exerts
+    nothing where it has no axis.
 
     What carries a point along at u does the work F·u. Over a substep it is summed as that of drives is.
     """
-    V, Turn = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    Turn = wp.types.matrix((dim, dim), scalar)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
@@ -107,9 +107,7 @@ def attachments(
                     scene.attached.done[1, e] = half
 
         @wp.func
-        def attachment(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def attachment(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             row = int(0)
             if wp.static(moving):
                 row = scene.stage

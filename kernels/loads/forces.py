@@ -5,8 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 
@@ -17,8 +16,7 @@ def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     Particles on which the same forces act have the same sum of them: few different ones, which caches hold.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
     class Steady:
@@ -27,9 +25,7 @@ def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     def force(SceneData: Any):
         @wp.func
-        def hold(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def hold(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             return scene.steady.value[scene.steady.combination[i]]
 
         return hold
@@ -40,8 +36,7 @@ def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 @functools.cache
 def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the same of forces that are functions of time."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
     class Varying:
@@ -50,9 +45,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     def force(SceneData: Any):
         @wp.func
-        def vary(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def vary(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             return scene.varying.value[scene.stage, scene.varying.combination[i]]
 
         return vary
@@ -63,8 +56,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 @functools.cache
 def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return what gravity that is a function of time adds to kernels: m g(t)."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
     class Falling:
@@ -72,9 +64,7 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     def force(SceneData: Any):
         @wp.func
-        def fall(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def fall(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             return scene.falling.gravity[scene.stage, 0] / scene.inverse_mass[i]
 
         return fall
@@ -89,8 +79,7 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t.
     `number` tells several of a scene apart.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
@@ -99,9 +88,7 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
 
     def force(SceneData: Any):
         @wp.func
-        def function_of_place(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def function_of_place(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             x_i = load(x, i)
             if wp.static(compensated):
                 x_i = x_i - load(compensation.x, i)

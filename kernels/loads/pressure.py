@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .surface_triangles import face
@@ -15,8 +15,7 @@ from .surface_triangles import face
 @functools.cache
 def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
     """Compose (Pressed, press): pressures on triangles, and Σ p a / 3 on a particle over those around it."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
 
     @wp.struct
@@ -26,9 +25,7 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
         of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
 
     @wp.func
-    def press(
-        p: Pressed, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int, row: int
-    ) -> V:
+    def press(p: Pressed, compensation: Compensation, x: Vectors, v: Vectors, i: int, row: int) -> V:
         total = V()
         for e in range(p.faces.first[i], p.faces.first[i + 1]):
             t = p.faces.number[e]
@@ -45,15 +42,12 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 @functools.cache
 def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
     """Return what given pressures add to kernels; they have a row for each stage of a frame, and for its end."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
     def force(SceneData: Any):
         @wp.func
-        def press_by_time(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def press_by_time(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             if wp.static(mixed):
                 return press(scene.pressure, compensation, scene.skin.x, scene.skin.v, i, scene.stage)
             return press(scene.pressure, compensation, x, v, i, scene.stage)
@@ -66,15 +60,12 @@ def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = Fals
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
     """Return the same of enclosed gases, whose one row `gas_law` has found for the places of this stage."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
     def force(SceneData: Any):
         @wp.func
-        def press_by_volume(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def press_by_volume(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             if wp.static(mixed):
                 return press(scene.gas, compensation, scene.skin.x, scene.skin.v, i, 0)
             return press(scene.gas, compensation, x, v, i, 0)

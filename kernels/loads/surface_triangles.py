@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 
@@ -18,11 +18,11 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     Where vertices are `mixed`, no particles but mixtures of them, x and v are those of the vertices, which
     `mix_vertices` has found, and a particle takes as much of a triangle's force as it has shares in its corners.
 
-    corners(faces, lost, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners, and half
-    the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area vectors.
+    corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
+    and half the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area
+    vectors.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
@@ -41,7 +41,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     Given = FacesOfMixedVertices if mixed else Faces
 
     @wp.func
-    def place(compensation: Compensation, x: wp.array(dtype=V), i: int) -> V:
+    def place(compensation: Compensation, x: Vectors, i: int) -> V:
         if wp.static(mixed):
             return x[i]
         x_i = load(x, i)
@@ -50,7 +50,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         return x_i
 
     @wp.func
-    def corners(faces: Given, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), t: int):
+    def corners(faces: Given, compensation: Compensation, x: Vectors, v: Vectors, t: int):
         i = faces.corner[t][0]
         j = faces.corner[t][1]
         k = faces.corner[t][2]
@@ -86,8 +86,7 @@ def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
 @functools.cache
 def mix_vertices(dim: int, scalar: type, compensated: bool):
     """Compose the kernel, over vertices of all worlds, that finds them: Σ weight · x and Σ weight · v."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Skin: Any = mixed_vertices(dim, scalar).Data
     load = records(dim, scalar).load
 
@@ -99,8 +98,8 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
         stride: int,  # from one world to the next, in particles
         # State in:
         compensation: Compensation,
-        x: wp.array(dtype=V),  # [m], shape [particle_count]
-        v: wp.array(dtype=V),  # [m/s], shape [particle_count]
+        x: Vectors,  # [m], shape [particle_count]
+        v: Vectors,  # [m/s], shape [particle_count]
         # Out:
         skin: Skin,
     ):

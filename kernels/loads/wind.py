@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .surface_triangles import face
@@ -49,19 +49,10 @@ def wind_on_faces(
     Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
     itself; the quadratic law of drag is that of a plate.
 
-    Parameters
-    ----------
-    dim, scalar, compensated
-        Coordinates, numbers, and whether sums keep what rounding takes away.
-    function
-        A wp.func (x, t) -> velocity of the air [m/s]; None where it is given by numbers.
-    mixed
-        Whether vertices are mixtures of particles (see `face`).
-    closed
-        Whether any triangle is of a closed surface.
+    `function` is a wp.func (x, t) -> velocity of the air [m/s], None where it is given by numbers. `mixed` tells
+    whether vertices are mixtures of particles (see `face`), `closed` whether any triangle is of a closed surface.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
     Winds, air = _blows(dim, scalar, function)
 
@@ -90,9 +81,7 @@ def wind_on_faces(
 
     def force(SceneData: Any):
         @wp.func
-        def blow(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def blow(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             total = V()
             for e in range(scene.wind.faces.first[i], scene.wind.faces.first[i + 1]):
                 t = scene.wind.faces.number[e]
@@ -121,8 +110,7 @@ def wind_on_faces(
 @functools.cache
 def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
     """Return what wind on particles adds to kernels: −½ ρ C_d A |u| u on a particle of area A."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     Winds, air = _blows(dim, scalar, function)
 
@@ -134,9 +122,7 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
 
     def force(SceneData: Any):
         @wp.func
-        def blow(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def blow(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             w = scene.drag.wind[i]
             u = load(v, i) - air(scene.drag.winds, load(x, i), scene.time[scene.stage], scene.stage, w)
             return -scene.drag.winds.drag[w] * scene.drag.area[i] * wp.length(u) * u

@@ -41,21 +41,16 @@ def work(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (world, lost, x, v, i, mark) that does the same as `force`, and adds up its work.
+    """Compose a force (scene, compensation, x, v, i, mark) that does the same as `force`, and adds up its work.
 
     It acts on particles that have one of these marks.
     """
-    V = vector(dim, scalar)
-    load = records(dim, scalar).load
+    V, load = vector(dim, scalar), records(dim, scalar).load
+    Vectors = wp.array(dtype=V)
 
     @wp.func
     def measured_force(
-        scene: SceneData,
-        compensation: Compensation,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        i: int,
-        mask: wp.uint8,
+        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
     ) -> V:
         f = V()
         if (mask & wp.uint8(wp.static(effect_mask))) != wp.uint8(0):

@@ -1,25 +1,19 @@
 """Sums and extremes over particles and connections, for each world."""
 
-from . import columns
-from .divergence import ENERGY, NOT_FINITE, RUNNING, judge, put_back
-from .measure import SUMMING_BLOCKS, fold, put_in_order, strain_each, sum_up
-from .probes import mean_of_function, sum_of_group, sum_strain
-from .stability import largest_rate
-
-__all__ = [
-    "ENERGY",
-    "NOT_FINITE",
-    "RUNNING",
-    "SUMMING_BLOCKS",
-    "columns",
-    "fold",
-    "judge",
-    "largest_rate",
-    "mean_of_function",
-    "put_back",
-    "put_in_order",
-    "strain_each",
-    "sum_of_group",
-    "sum_strain",
-    "sum_up",
-]
+from . import columns as columns
+from .divergence import (
+    ENERGY as ENERGY,
+    NOT_FINITE as NOT_FINITE,
+    RUNNING as RUNNING,
+    judge as judge,
+    put_back as put_back,
+)
+from .measure import (
+    SUMMING_BLOCKS as SUMMING_BLOCKS,
+    fold as fold,
+    put_in_order as put_in_order,
+    strain_each as strain_each,
+    sum_up as sum_up,
+)
+from .probes import mean_of_function as mean_of_function, sum_of_group as sum_of_group, sum_strain as sum_strain
+from .stability import largest_rate as largest_rate

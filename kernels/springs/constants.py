@@ -1,4 +1,4 @@
-"""Where the constants of connections lie: once where all are alike, and by connection only if they must be."""
+"""Where the constants of springs lie: once where all are alike, and by spring only if they must be."""
 
 import functools
 
@@ -8,11 +8,11 @@ from ..basis import vector
 from ..records import records
 
 CONSTANTS = ("rest_length", "stiffness", "damping")
-"""The constants of a connection."""
+"""The constants of a spring."""
 MOST_KINDS = 256
-"""Kinds of connections that one byte tells apart."""
+"""Kinds of springs that one byte tells apart."""
 KIND_SHIFT = 24
-"""Bits of a particle's number below the kind of a connection, where a slot holds both."""
+"""Bits of a particle's number below the kind of a spring, where a slot holds both."""
 TAKE = """
 #if defined(__CUDA_ARCH__)
     return __ldcs(values.data + c);  // read once: it need not stay in the cache
@@ -24,11 +24,11 @@ TAKE = """
 
 @functools.cache
 def constants(scalar: type, storage: str):
-    """Compose (Constants, take): where they lie, and `take(constants, c)`, those of connection or slot c.
+    """Compose (Constants, take): where they lie, and `take(constants, c)`, those of spring or slot c.
 
-    Storage is "one" (all connections have the same), "kinds" (a byte per connection, and a table of few different
-    ones), "packed" (the same table, c being a kind), "lengths" (a rest length per connection, all else alike),
-    "own" (three numbers per connection) or "listed" (the same, c being a slot that names one). `take` returns a
+    Storage is "one" (all springs have the same), "kinds" (a byte per spring, and a table of few different
+    ones), "packed" (the same table, c being a kind), "lengths" (a rest length per spring, all else alike),
+    "own" (three numbers per spring) or "listed" (the same, c being a slot that names one). `take` returns a
     vector, in the order of CONSTANTS.
     """
     Three = vector(3, scalar)

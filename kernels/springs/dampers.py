@@ -1,4 +1,4 @@
-"""Laws of damping: the force that a connection's rate of lengthening meets (see `msdwarp.bodies.dampers`)."""
+"""Laws of damping: the force that a spring's rate of lengthening meets (see `msdwarp.bodies.dampers`)."""
 
 import functools
 
@@ -11,7 +11,7 @@ LINEAR: Law = ("linear", 0.0)
 
 @functools.cache
 def damper_force(scalar: type, law: Law):
-    """Compose the force [N] that shortens a connection which lengthens at `rate` [m/s].
+    """Compose the force [N] that shortens a spring which lengthens at `rate` [m/s].
 
     Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s.
     """

@@ -1,12 +1,11 @@
-"""Extra springs: connections of lattices that lie in no direction, as rows of a small table beside the stencil."""
+"""Extra springs: those of lattices that lie in no direction, as rows of a small table beside the stencil."""
 
 import functools
 from typing import Any
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .dampers import Law
@@ -18,11 +17,10 @@ from .law import spring_damper
 def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
     """Return what ties add to the kernels of a stencil: the sum of the forces of those that a particle has.
 
-    The law is that of all connections. A tie is in the table twice, once for each of its ends, and both find the
+    The law is that of all springs. A tie is in the table twice, once for each of its ends, and both find the
     same force but for its sign.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, damped = records(dim, scalar).load, damper is not None
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
 
@@ -37,9 +35,7 @@ def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> 
 
     def force(SceneData: Any):
         @wp.func
-        def tied(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
+        def tied(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             x_i = load(x, i)
             dv = V()
             total = V()

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 
 
@@ -16,11 +15,11 @@ class ForceAlgorithm(NamedTuple):
     Forces: Any
     """Struct type of what the functions read."""
     force_at: Any
-    """wp.func (forces, lost, x, v, i) -> force on particle i [N]."""
+    """wp.func (forces, compensation, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None
-    """wp.func (forces, lost, x, v, c) that adds the force of connection c beforehand, where there is one."""
+    """wp.func (forces, compensation, x, v, c) that adds the force of spring c beforehand, where there is one."""
     column_forces: Any = None
-    """wp.func (forces, lost, x, v, i) -> forces on the particles i + d stride, as the rows d of a matrix."""
+    """wp.func (forces, compensation, x, v, i) -> forces on the particles i + d stride, as rows d of a matrix."""
     block: int = 256
     """Threads in a block over particles."""
     bounds: tuple[int, int] | None = None
@@ -28,7 +27,7 @@ class ForceAlgorithm(NamedTuple):
     column_bounds: tuple[int, int] | None = None
     """The same for columns."""
     tears: bool = False
-    """Whether connections break, so that `Forces` has the data of `breaking`."""
+    """Whether springs break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
     """Whether threads may take several particles (`wp.kernel`): False needs fewer registers."""
     lanes: int = 1
@@ -38,12 +37,11 @@ class ForceAlgorithm(NamedTuple):
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
     """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.func
-    def separation(compensation: Compensation, x: wp.array(dtype=V), x_i: V, i: int, j: int) -> V:
+    def separation(compensation: Compensation, x: Vectors, x_i: V, i: int, j: int) -> V:
         dx = x_i - load(x, j)
         if wp.static(compensated):
             dx = dx - (load(compensation.x, i) - load(compensation.x, j))
@@ -64,5 +62,5 @@ PAIR = """
 
 @wp.func_native(PAIR)
 def ends_of(connections: wp.array(dtype=wp.vec2i), c: int) -> wp.vec2i:
-    """Return the two particles of connection c."""
+    """Return the two particles of spring c."""
     ...

@@ -1,4 +1,4 @@
-"""Connections that break for good, as threads of a cloth do: from then on they are not there."""
+"""Springs that break for good, as threads of a cloth do: from then on they are not there."""
 
 import functools
 from collections.abc import Callable
@@ -16,21 +16,21 @@ class Breaking(NamedTuple):
     """The device side of breaking."""
 
     Data: Any
-    """Struct type of what decides about connections, and of what is known of broken ones."""
+    """Struct type of what decides about springs, and of what is known of broken ones."""
     is_suspect: Any
-    """wp.func (b, rest, square) -> bool: whether a connection of this rest length may be too long now."""
+    """wp.func (b, rest, square) -> bool: whether a spring of this rest length may be too long now."""
     breaks: Any
-    """wp.func (b, c, rest, square) -> bool: whether connection c breaks, which it does as a substep begins; it is
+    """wp.func (b, c, rest, square) -> bool: whether spring c breaks, which it does as a substep begins; it is
     then noted."""
 
 
 @functools.cache
 def breaking(scalar: type) -> Breaking:
-    """Compose what algorithms ask about a connection of rest length l0, `square` = |Δx|² of its ends.
+    """Compose what algorithms ask about a spring of rest length l0, `square` = |Δx|² of its ends.
 
     It breaks when a substep begins with |Δx| > min(l0 (1 + ε), l0 + F/k), for its break strain ε and break force
     F, the tension k (|Δx| − l0) that it bears. Both ends see the same |Δx|², to the last bit, since one has Δx and
-    the other −Δx: where each particle sums its own forces, both let go in the same substep. Whether a connection
+    the other −Δx: where each particle sums its own forces, both let go in the same substep. Whether a spring
     may be too long at all is asked first, by a number that is the same for all: only then its own are read.
     """
 
@@ -40,12 +40,12 @@ def breaking(scalar: type) -> Breaking:
         h: wp.float64  # length of a substep [s]
         start: wp.array(dtype=wp.float64)  # when the frame begins [s], shape [1]
         least: scalar  # square of the length over l0 up to which none breaks
-        number: wp.array(dtype=int)  # of the connection in each of the route's places
+        number: wp.array(dtype=int)  # of the spring in each of the algorithm's places
         # Of each neighbour in a uniform lattice, in the order of sums; to look one up among its arguments, a
         # thread would copy all:
         offset: wp.array(dtype=int)  # how far off it lies, in particles, shape [neighbour_count]
         own: wp.array2d(dtype=scalar)  # rest length, stiffness and damping, shape [neighbour_count, 3]
-        # By connection, shape [connection_count]:
+        # By spring, shape [connection_count]:
         strain: wp.array(dtype=scalar)  # break strain ε
         stretch: wp.array(dtype=scalar)  # F/k [m]
         broken_at: wp.array(dtype=wp.float32)  # when it broke [s], inf where it is whole
@@ -76,7 +76,7 @@ def breaking(scalar: type) -> Breaking:
 
 
 def struct(breaking: Breaking | None) -> Callable[[type], Any]:
-    """Declare a class as a Warp struct, with the data of `breaking` in it where connections break."""
+    """Declare a class as a Warp struct, with the data of `breaking` in it where springs break."""
 
     def declare(cls: type) -> Any:
         if breaking is not None:
@@ -88,7 +88,7 @@ def struct(breaking: Breaking | None) -> Callable[[type], Any]:
 
 @functools.cache
 def leave_out_broken(scalar: type):
-    """Compose the kernel, over connections, that makes the strain of broken ones NaN."""
+    """Compose the kernel, over springs, that makes the strain of broken ones NaN."""
 
     @kernel
     def leave_out(

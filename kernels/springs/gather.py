@@ -1,4 +1,4 @@
-"""The algorithm by particles: each sums the forces of its connections, found in a table of neighbours.
+"""The algorithm by particles: each sums the forces of its springs, found in a table of neighbours.
 
 The table is a sparse matrix, a row for each particle and an entry in it for each neighbour, in the format sliced
 ELLPACK (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
@@ -9,8 +9,7 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
@@ -39,16 +38,15 @@ NEIGHBOURS = f"""
 def gather(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the algorithm by particles: each sums the forces of its own connections, from a table of neighbours.
+    """Compose the algorithm by particles: each sums the forces of its own springs, from a table of neighbours.
 
     The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
     fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
     numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
-    With "packed" constants a slot has the kind of the connection in the byte above the neighbour's number. A slot
-    whose connection breaks names the particle itself from then on.
+    With "packed" constants a slot has the kind of the spring in the byte above the neighbour's number. A slot
+    whose spring breaks names the particle itself from then on.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
@@ -67,9 +65,7 @@ def gather(
         constants: Constants  # of slots
 
     @wp.func
-    def force_at(
-        forces: Gathered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         x_i = load(x, i)
         v_i = V()
         dv = V()

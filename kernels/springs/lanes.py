@@ -9,7 +9,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
@@ -69,8 +69,8 @@ def stencil_of_lanes(
     Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is that of the mask's bits. On
     the CPU there may be one lane only.
     """
-    V, Three = vector(dim, scalar), vector(3, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    Three = vector(3, scalar)
     load, constants_of = records(dim, scalar).load, records(3, scalar).load
     lane_here, sum_of_lanes = lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
@@ -95,9 +95,7 @@ def stencil_of_lanes(
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
 
     @wp.func
-    def force_at(
-        forces: SharedLattice, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         lane = lane_here()
         if wp.static(layout) < 0:  # never: see stencil_layout
             return V()
@@ -138,8 +136,7 @@ def gather_of_lanes(
 
     Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be one lane only.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
@@ -152,9 +149,7 @@ def gather_of_lanes(
         constants: Constants  # of slots
 
     @wp.func
-    def force_at(
-        forces: GatheredByLanes, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: GatheredByLanes, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         part = i / wp.static(SLICE)
         begin = forces.first[part] + i % wp.static(SLICE)
         slots = (forces.first[part + 1] - forces.first[part]) / wp.static(SLICE)

@@ -1,4 +1,4 @@
-"""The force law: what a connection exerts on its two particles."""
+"""The force law: what a spring exerts on its two particles."""
 
 import functools
 
@@ -42,7 +42,7 @@ def product(scalar: type):
     """Compose a·b, rounded by itself.
 
     Whether a compiler rounds a product, or fuses it with a sum, depends on what else is in a kernel: it may be
-    computed once, outside a loop. A connection should pull alike in every kernel, to the last bit.
+    computed once, outside a loop. A spring should pull alike in every kernel, to the last bit.
     """
 
     @wp.func_native(PRODUCT.format(cuda="__fmul_rn" if scalar is wp.float32 else "__dmul_rn"))
@@ -53,7 +53,7 @@ def product(scalar: type):
 
 @functools.cache
 def spring_damper(dim: int, scalar: type, damper: Law | None):
-    """Compose the force density q of a connection: its force on its first particle is −q Δx (report eq. 7).
+    """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
     gets −F. Another law of damping takes the place of b Δv·Δx̂; without a damper that is not compiled.

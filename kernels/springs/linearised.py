@@ -9,11 +9,11 @@ from ..basis import kernel, vector
 
 @functools.cache
 def add_linearised(dim: int, scalar: type, everyone: bool = False):
-    """Compose z += scale (spring·K + damper·B) p, over connections, K and B linearised at x; pinned rows stay 0.
+    """Compose z += scale (spring·K + damper·B) p, over springs, K and B linearised at x; pinned rows stay 0.
 
     With `everyone` the rows and columns of pinned and driven particles are there as well.
 
-    A connection's part of K is k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)), of B b d dᵀ, for its axis d: a compressed
+    A spring's part of K is k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)), of B b d dᵀ, for its axis d: a compressed
     spring's push across its axis is left out, so that K is never indefinite.
     """
     V = vector(dim, scalar)
@@ -70,9 +70,9 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 @functools.cache
 def add_blocks(dim: int, scalar: type):
-    """Compose the kernel, over worlds and connections, that adds each to the blocks of its two particles.
+    """Compose the kernel, over worlds and springs, that adds each to the blocks of its two particles.
 
-    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each connection of i.
+    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i.
     """
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
 

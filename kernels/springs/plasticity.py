@@ -5,8 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .force_algorithm import difference
@@ -14,7 +13,7 @@ from .force_algorithm import difference
 
 @functools.cache
 def plastic_flow(dim: int, scalar: type, compensated: bool):
-    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of connection c.
+    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of spring c.
 
     An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y,
     relaxation time τ and the excess |e| − ε_y L0, where that is above 0,
@@ -25,15 +24,14 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
     flow does not depend on the step. |e| only ever falls, and elastic energy with it.
     Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    _, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation = difference(dim, scalar, compensated)
 
     @wp.struct
     class Flow:
         h: scalar  # length of a substep [s]
-        # By connection, shape [connection_count]:
+        # By spring, shape [connection_count]:
         connections: wp.array(dtype=wp.vec2i)
         rest_length: wp.array(dtype=scalar)  # [m], which flows
         original_length: wp.array(dtype=scalar)  # [m]
@@ -42,7 +40,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
         largest_plastic_strain: wp.array(dtype=scalar)
 
     @wp.func
-    def flow(f: Flow, compensation: Compensation, x: wp.array(dtype=V), c: int):
+    def flow(f: Flow, compensation: Compensation, x: Vectors, c: int):
         i = f.connections[c][0]
         j = f.connections[c][1]
         rest = f.rest_length[c]
@@ -63,14 +61,13 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what yielding adds to kernels: each connection flows when a substep begins."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    """Return what yielding adds to kernels: each spring flows when a substep begins."""
+    _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
 
     def begin(SceneData: Any):
         @wp.func
-        def yield_connection(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        def yield_connection(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
             flow(scene.flow, compensation, x, c)
 
         return yield_connection

@@ -1,11 +1,10 @@
-"""The algorithm by connections: each adds its force to its two particles."""
+"""The algorithm by springs: each adds its force to its two particles."""
 
 import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .constants import constants
 from .dampers import Law
@@ -18,14 +17,13 @@ from .law import spring_damper
 def scatter(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the algorithm by connections: each adds its force to one end and subtracts it from the other.
+    """Compose the algorithm by springs: each adds its force to one end and subtracts it from the other.
 
-    The report's Algorithm 3. The force of a connection is computed once, and atomics settle who adds first.
+    The report's Algorithm 3. The force of a spring is computed once, and atomics settle who adds first.
     Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
     itself, and adds nothing.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
@@ -36,12 +34,10 @@ def scatter(
     class Scattered:
         f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
-        constants: Constants  # of connections
+        constants: Constants  # of springs
 
     @wp.func
-    def evaluate(
-        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), c: int
-    ):
+    def evaluate(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         ends = ends_of(forces.connections, c)
         i = ends[0]
         j = ends[1]
@@ -60,9 +56,7 @@ def scatter(
         add(forces.f, j, -force)
 
     @wp.func
-    def force_at(
-        forces: Scattered, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         f = load(forces.f, i)
         store(forces.f, i, V())
         return f

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensated_sum
+from ..compensation import state_types
 from ..records import records
 from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
@@ -62,11 +62,10 @@ def after_breaking(
 ):
     """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
-    Bits of neighbours are cleared whose connections are too long, and the force is summed anew without them. This
+    Bits of neighbours are cleared whose springs are too long, and the force is summed anew without them. This
     is seldom done, and so kept out of the loops that are unrolled for each neighbour.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
@@ -92,8 +91,8 @@ def after_breaking(
     def remaining_force(
         forces: Forces,
         compensation: Compensation,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
+        x: Vectors,
+        v: Vectors,
         i: int,
         mask: wp.uint32,
         suspects: wp.uint32,
@@ -122,7 +121,7 @@ def after_breaking(
                     own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
                 dx = separation(compensation, x, x_i, i, j)
                 if (suspects & bit) != wp.uint32(0):
-                    first = i  # of the connection's particles
+                    first = i  # of the spring's particles
                     if number >= wp.static(directions):
                         first = j
                     c = forces.breaking.number[d * forces.mask.shape[0] + first]
@@ -156,10 +155,9 @@ def stencil(
     A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
     of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
     stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
-    connections break each particle clears bits of its own mask.
+    springs break each particle clears bits of its own mask.
     """
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     damped, tears = damper is not None, breaking is not None
@@ -199,9 +197,7 @@ def stencil(
         is_suspect = breaking.is_suspect
 
     @wp.func
-    def force_at(
-        forces: Forces, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> V:
+    def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
         if wp.static(layout) < 0:  # never: see stencil_layout
             return V()
@@ -293,8 +289,7 @@ def column_forces(
     """
     if any(abs(s) > 1 for step in steps for s in step):
         return None
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     force_density, damped = spring_damper(dim, scalar, damper), damper is not None
     rows, neighbours = stencil_rows(steps)
@@ -326,9 +321,7 @@ def column_forces(
         return getattr(neighbour(r, p, a, d), name, 0)
 
     @wp.func
-    def forces_at(
-        forces: Lattice, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-    ) -> Column:
+    def forces_at(forces: Lattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> Column:
         own_x = Column()
         own_v = Column()
         own_lost = Column()

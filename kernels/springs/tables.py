@@ -1,6 +1,6 @@
 """Builds the table of neighbours that the gathering algorithm reads (see `forces.gather`).
 
-A connection has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
+A spring has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
 """
 
 import functools
@@ -9,47 +9,21 @@ import warp as wp
 
 from ..basis import kernel
 from .constants import KIND_SHIFT
-from .gather import CHUNK, SLICE
+from .gather import SLICE
 
 
 @kernel
 def list_ends(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
-    particle: wp.array(dtype=int),  # shape [end_count], twice as many as connections
+    particle: wp.array(dtype=int),  # shape [end_count], twice as many as springs
     end: wp.array(dtype=int),  # shape [end_count]
 ):
-    """List both ends of each connection c: their particles, and their numbers 2c and 2c + 1."""
+    """List both ends of each spring c: their particles, and their numbers 2c and 2c + 1."""
     c = wp.tid()
     for side in range(2):
         particle[2 * c + side] = connections[c][side]
         end[2 * c + side] = 2 * c + side
-
-
-@kernel
-def count_ends(
-    particle: wp.array(dtype=int),  # of each end, shape [end_count]
-    # Out:
-    count: wp.array(dtype=int),  # 0 before; shape [particle_count]
-):
-    """Count the ends at each particle."""
-    wp.atomic_add(count, particle[wp.tid()], 1)
-
-
-@kernel
-def measure_slices(
-    count: wp.array(dtype=int),  # ends at each particle, shape [particle_count]
-    # Out:
-    length: wp.array(dtype=int),  # in slots, shape [slice_count]
-):
-    """Write the length of each slice: as many slots as its fullest particle has, for all, in whole chunks."""
-    part = wp.tid()
-    most = int(0)
-    for lane in range(SLICE):
-        i = part * SLICE + lane
-        if i < count.shape[0]:
-            most = wp.max(most, count[i])
-    length[part] = (most + CHUNK - 1) / CHUNK * CHUNK * SLICE
 
 
 @kernel
@@ -77,7 +51,7 @@ def fill_slots(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
-    connection: wp.array(dtype=int),  # the connection with it, shape [slot_count]
+    connection: wp.array(dtype=int),  # the spring with it, shape [slot_count]
 ):
     """Enter each end, in the order of particles, into its particle's next slot."""
     e = wp.tid()
@@ -91,11 +65,11 @@ def fill_slots(
 @kernel
 def pack_kinds(
     connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
-    kind: wp.array(dtype=wp.uint8),  # of each connection, shape [connection_count]
+    kind: wp.array(dtype=wp.uint8),  # of each spring, shape [connection_count]
     # In and out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
 ):
-    """Write each connection's kind above the number of the neighbour."""
+    """Write each spring's kind above the number of the neighbour."""
     slot = wp.tid()
     if connection[slot] >= 0:
         other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
@@ -105,11 +79,11 @@ def pack_kinds(
 def name_itself_where_broken(
     first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
     connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
-    broken_at: wp.array(dtype=wp.float32),  # of each connection [s], inf where whole, shape [connection_count]
+    broken_at: wp.array(dtype=wp.float32),  # of each spring [s], inf where whole, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill the slots of particle i whose connections are broken with the particle itself."""
+    """Fill the slots of particle i whose springs are broken with the particle itself."""
     i = wp.tid()
     slot = first[i / SLICE] + i % SLICE
     while slot < first[i / SLICE + 1]:
@@ -121,7 +95,7 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that takes each connection's value into its slots."""
+    """Compose the kernel, over slots, that takes each spring's value into its slots."""
 
     @kernel
     def take_values(

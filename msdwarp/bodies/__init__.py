@@ -1,66 +1,51 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
-from .cells import Bare, laid_bare
-from .connectivity import pieces
-from .contact_surfaces import TouchingSurfaces, contact_surfaces, mean_stiffness
-from .dampers import LINEAR, CoulombDamper, Damper, QuadraticDamper
-from .facets import Facets, directed_edges, facets_of, run_back
-from .fields import CONNECTION_FIELDS, DEFAULTS, LIMITS, PARTICLE_FIELDS, TEARING_FIELDS
-from .frame import Frame, Series
-from .materials import COTTON, FOAM, JELLY, RUBBER, STEEL_WIRE, Material
-from .numbering import places_along_curve, space_filling_order
-from .space import AXES, in_space, rotated, rotation, rotations
-from .surface import Surface
-from .surface_splitting import Edges, broken_before
-from .system import System, headline, particles_meant
-from .text import counted
-from .uniform import is_uniform, joined, stored, uniform, uniform_like
-
-__all__ = [
-    "AXES",
-    "CONNECTION_FIELDS",
-    "COTTON",
-    "DEFAULTS",
-    "FOAM",
-    "JELLY",
-    "LIMITS",
-    "LINEAR",
-    "PARTICLE_FIELDS",
-    "RUBBER",
-    "STEEL_WIRE",
-    "TEARING_FIELDS",
-    "Bare",
-    "CoulombDamper",
-    "Damper",
-    "Edges",
-    "Facets",
-    "Frame",
-    "Material",
-    "QuadraticDamper",
-    "Series",
-    "Surface",
-    "System",
-    "TouchingSurfaces",
-    "broken_before",
-    "contact_surfaces",
-    "counted",
-    "directed_edges",
-    "facets_of",
-    "headline",
-    "in_space",
-    "is_uniform",
-    "joined",
-    "laid_bare",
-    "mean_stiffness",
-    "particles_meant",
-    "pieces",
-    "places_along_curve",
-    "rotated",
-    "rotation",
-    "rotations",
-    "run_back",
-    "space_filling_order",
-    "stored",
-    "uniform",
-    "uniform_like",
-]
+from .cells import Bare as Bare, laid_bare as laid_bare
+from .connectivity import pieces as pieces
+from .contact_surfaces import (
+    TouchingSurfaces as TouchingSurfaces,
+    contact_surfaces as contact_surfaces,
+    mean_stiffness as mean_stiffness,
+)
+from .dampers import (
+    LINEAR as LINEAR,
+    CoulombDamper as CoulombDamper,
+    Damper as Damper,
+    QuadraticDamper as QuadraticDamper,
+)
+from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges
+from .fields import (
+    CONNECTION_FIELDS as CONNECTION_FIELDS,
+    DEFAULTS as DEFAULTS,
+    LIMITS as LIMITS,
+    PARTICLE_FIELDS as PARTICLE_FIELDS,
+    TEARING_FIELDS as TEARING_FIELDS,
+)
+from .frame import Frame as Frame, Series as Series
+from .materials import (
+    COTTON as COTTON,
+    FOAM as FOAM,
+    JELLY as JELLY,
+    RUBBER as RUBBER,
+    STEEL_WIRE as STEEL_WIRE,
+    Material as Material,
+)
+from .numbering import places_along_curve as places_along_curve, space_filling_order as space_filling_order
+from .space import (
+    AXES as AXES,
+    in_space as in_space,
+    rotated as rotated,
+    rotation as rotation,
+    rotations as rotations,
+)
+from .surface import Surface as Surface
+from .surface_splitting import Edges as Edges, broken_before as broken_before
+from .system import System as System, headline as headline, particles_meant as particles_meant
+from .text import counted as counted
+from .uniform import (
+    is_uniform as is_uniform,
+    joined as joined,
+    stored as stored,
+    uniform as uniform,
+    uniform_like as uniform_like,
+)

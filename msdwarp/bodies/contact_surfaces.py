@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, directed_edges, run_back
+from .facets import different_vertices, directed_edges, open_edges
 from .system import System
 
 FINE = 2.0
@@ -94,11 +94,10 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
     near = slice(None) if near is None else near
     spacing = _means(system.original_length[near], of_connections[near], bodies) * np.where(rope, 1.0, SPACING)
-    runs = directed_edges(triangles)
     closed = drawn.copy()
-    closed[body[runs[~run_back(runs, len(particle)), 0]]] = False
+    closed[body[open_edges(triangles)[:, 0]]] = False
     sided = drawn & ~closed
-    different, times = np.unique(runs, axis=0, return_counts=True)
+    different, times = np.unique(directed_edges(triangles), axis=0, return_counts=True)
     sided[body[different[times > 1, 0]]] = False
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(

@@ -33,17 +33,11 @@ class QuadraticDamper(Damper):
     ----------
     most_speed
         Rate of lengthening up to which the law holds [m/s]; the stable step is inversely proportional to it.
-
-    Raises
-    ------
-    ValueError
-        If the speed is not positive and finite.
     """
 
     most_speed: float = 10.0
 
     def __post_init__(self) -> None:
-        """Check the argument."""
         checks.positive("most_speed", self.most_speed)
 
     @property
@@ -65,17 +59,11 @@ class CoulombDamper(Damper):
     ----------
     sliding_speed
         Rate of lengthening above which friction is constant [m/s]. Sticking connections creep at up to this rate.
-
-    Raises
-    ------
-    ValueError
-        If the speed is not positive and finite.
     """
 
     sliding_speed: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check the argument."""
         checks.positive("sliding_speed", self.sliding_speed)
 
     @property

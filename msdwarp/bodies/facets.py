@@ -70,10 +70,9 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         corner, particle = own[corner], np.arange(particle_count)[:, None]
         weight = np.ones((particle_count, 1))
     # A part is closed if each of its edges is run through once in either direction.
-    edges = directed_edges(corner)
-    part = pieces(len(particle), edges.astype(np.int32))
+    part = pieces(len(particle), directed_edges(corner).astype(np.int32))
     is_open = np.zeros(len(particle), dtype=bool)
-    is_open[part[edges[~run_back(edges, len(particle)), 0]]] = True
+    is_open[part[open_edges(corner)[:, 0]]] = True
     return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
 
 
@@ -97,12 +96,10 @@ def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
     return np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
 
 
-def run_back(runs: NDArray[np.integer], vertex_count: int) -> NDArray[np.bool_]:
-    """Return which directed edges occur once, and once in the other direction, shape [edge_count]."""
-    if not len(runs):
-        return np.zeros(0, dtype=bool)
-    whole = runs.astype(np.int64)
-    there, back = whole[:, 0] * vertex_count + whole[:, 1], whole[:, 1] * vertex_count + whole[:, 0]
-    different, counts = np.unique(there, return_counts=True)
-    place = np.minimum(np.searchsorted(different, back), len(different) - 1)
-    return (different[place] == back) & (counts[place] == 1) & (counts[np.searchsorted(different, there)] == 1)
+def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the directed edges of triangles that are not run through once in either direction, shape [any, 2]."""
+    runs = directed_edges(corner)
+    key = np.sort(runs.astype(np.int64), axis=1) @ (int(corner.max(initial=0)) + 1, 1)
+    _, edge, times = np.unique(key, return_inverse=True, return_counts=True)
+    forwards = np.bincount(edge, weights=runs[:, 0] < runs[:, 1])
+    return runs[(times[edge] != 2) | (forwards[edge] != 1)]

@@ -64,11 +64,6 @@ class Material:
         E [Pa].
     damping_ratio
         ζ; at 1 the slowest longitudinal mode is critically damped. Half the loss factor η, if that is small.
-
-    Raises
-    ------
-    ValueError
-        If the density or the modulus is not positive, the damping ratio is negative, or any is not finite.
     """
 
     density: float
@@ -76,7 +71,6 @@ class Material:
     damping_ratio: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         object.__setattr__(self, "density", checks.positive("density", self.density))
         object.__setattr__(self, "youngs_modulus", checks.positive("youngs_modulus", self.youngs_modulus))
         object.__setattr__(self, "damping_ratio", checks.non_negative("damping_ratio", self.damping_ratio))

@@ -32,11 +32,6 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
     -------
     order
         The number of the kth point, shape [count].
-
-    Raises
-    ------
-    ValueError
-        If `position` has the wrong shape or is not finite.
     """
     x = np.asarray(position, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] not in (1, 2, 3) or not np.isfinite(x).all():

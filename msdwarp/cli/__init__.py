@@ -3,6 +3,4 @@
 The only importer of cyclopts and rich, which wait until signals are heard.
 """
 
-from .process import main, scene_main
-
-__all__ = ["main", "scene_main"]
+from .process import main as main, scene_main as scene_main

@@ -4,11 +4,18 @@ import inspect
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from itertools import cycle
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 from cyclopts import App, CoercionError, Parameter, Token, convert
 
 from .scene_files import Origin
+
+COMMON = {
+    "mass": "Mass of each particle [kg].",
+    "stiffness": "Spring constant of each connection [N/m].",
+    "damping": "Damper constant of each connection [N s/m].",
+}
+"""What parameters of these names are where a scene does not describe them."""
 
 
 def new_app(name: str, **options: Any) -> App:
@@ -41,7 +48,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
         raise ValueError(
             f"build of scene {origin.name!r} has parameters with the names of common flags: {sorted(clash)}"
         )
-    every = [parameter.replace(kind=keyword) for parameter in own.values()]
+    every = [_described(parameter, origin.build.__doc__).replace(kind=keyword) for parameter in own.values()]
     every.append(inspect.Parameter("options", keyword, annotation=options_type, default=defaults))
     command_of_flags.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     command_of_flags.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
@@ -49,6 +56,14 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
     app = new_app(command, version_flags=())
     app.default(command_of_flags)
     return app
+
+
+def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Parameter:
+    """Return a parameter of a scene, with what its name commonly means unless the docstring describes it."""
+    if parameter.name not in COMMON or f"\n{parameter.name}\n" in inspect.cleandoc(doc or ""):
+        return parameter
+    common = Parameter(help=COMMON[parameter.name])
+    return parameter.replace(annotation=Annotated[parameter.annotation, common])
 
 
 def _names(options: Any) -> set[str]:

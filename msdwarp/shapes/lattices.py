@@ -175,11 +175,6 @@ def chain(
         Cross section [m²]; only with a material.
     dim
         Number of coordinates: 1, 2 or 3.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
@@ -222,11 +217,6 @@ def sheet(
         other connections only.
     dim
         Number of coordinates: 2 or 3.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
@@ -261,11 +251,6 @@ def box(
         and cells.
     material, mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
     _check_shape(shape, 3, neighbours)
@@ -318,7 +303,7 @@ def lattice(
     Raises
     ------
     ValueError
-        If an argument is out of range, a particle is connected with no other, or the body is in pieces.
+        If a particle is connected with no other, or the body is in pieces.
     """
     try:
         points = np.array(mask)

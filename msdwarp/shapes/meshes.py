@@ -53,10 +53,8 @@ def from_mesh(
         Distance of neighbouring particles along an axis [m]. Either it or `across` is given.
     across
         Number of cells along the mesh's longest extent.
-    neighbours
-        26 or 6, as for `box`.
-    material, mass, stiffness, damping
-        A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
+    neighbours, material, mass, stiffness, damping
+        As for `box`.
 
     Raises
     ------

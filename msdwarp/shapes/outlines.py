@@ -54,7 +54,7 @@ def cloth(
     Raises
     ------
     ValueError
-        If an argument is out of range, the outline crosses or touches itself, or the spacing is too large.
+        If the outline crosses or touches itself, or the spacing is too large.
     """
     corners = _polygon(outline)
     low, high = corners.min(axis=0), corners.max(axis=0)

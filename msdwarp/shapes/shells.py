@@ -1,5 +1,6 @@
 """Shells: hollow bodies, the edges of whose triangles are connections."""
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def shell(
     Raises
     ------
     ValueError
-        If the mesh is invalid or has a triangle without area, or a number is out of range.
+        If the mesh is invalid or has a triangle without area.
     """
     points, uv, triangles = read_mesh(mesh)
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -89,14 +90,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
     points = np.array([np.roll((a, b, 0.0), k) for k in range(3) for a, b in corners])
     apart = np.linalg.norm(points[:, None] - points, axis=-1)
     near = np.isclose(apart, 2.0)  # an edge of the icosahedron
-    found = [
-        (i, j, k)
-        for i in range(12)
-        for j in range(i + 1, 12)
-        for k in range(j + 1, 12)
-        if near[i, j] and near[j, k] and near[i, k]
-    ]
-    triangles = np.array(found)
+    triangles = np.array([three for three in combinations(range(12), 3) if near[np.ix_(three, three)].sum() == 6])
     a, b, c = (points[triangles[:, k]] for k in range(3))
     outwards = np.einsum("td,td->t", np.cross(a, b), c)
     triangles[outwards < 0] = triangles[outwards < 0][:, ::-1]

@@ -24,16 +24,9 @@ def embed(
     whole, since a particle is missing at a corner, it is extrapolated from the nearest whole cell. Raises
     ValueError if no cell is whole, or a point is not finite.
 
-    Parameters
-    ----------
-    points
-        Points [m], shape [any, d] with d = 2 or 3, or more coordinates, of which the first d count.
-    number
-        Number of the particle at each lattice point, shape [nx, ny] or [nx, ny, nz].
-    whole
-        Which cells have a particle at every corner, one fewer along each axis.
-    spacing, corner
-        Distance of neighbours along an axis [m], and position of number[0, 0, 0] [m], shape [d].
+    `number` is the particle at each lattice point, shape [nx, ny] or [nx, ny, nz], and `corner` the position of
+    the first [m]. `whole` tells which cells have a particle at every corner, one fewer along each axis. Of points
+    [m] with more coordinates than the lattice the first ones count.
     """
     dim = number.ndim
     place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing

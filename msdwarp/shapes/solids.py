@@ -37,15 +37,8 @@ def ball(
         Radius [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius.
-    neighbours
-        26 or 6, as for `box`.
-    material, mass, stiffness, damping
-        A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
+    neighbours, material, mass, stiffness, damping
+        As for `box`.
     """
     radius = checks.positive("radius", radius)
     spacing = fine_enough(spacing, {"radius": radius})
@@ -85,15 +78,8 @@ def cylinder(
         Radius and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbours
-        26 or 6, as for `box`.
-    material, mass, stiffness, damping
-        A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
+    neighbours, material, mass, stiffness, damping
+        As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height})
@@ -136,15 +122,8 @@ def cone(
         Radius of the base, and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbours
-        26 or 6, as for `box`.
-    material, mass, stiffness, damping
-        A material, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `lattice`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
+    neighbours, material, mass, stiffness, damping
+        As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height})
@@ -169,12 +148,7 @@ def _columns(radius: float, spacing: float) -> int:
 
 
 def _revolved(
-    ring: NDArray,
-    z: NDArray,
-    columns: int,
-    tile: tuple[float, float, float, float],
-    *,
-    smooth: bool = False,
+    ring: NDArray, z: NDArray, columns: int, tile: tuple[float, float, float, float], *, smooth: bool = False
 ) -> Skin:
     """Return the surface that a line sweeps around the z axis, facing outwards where it rises.
 

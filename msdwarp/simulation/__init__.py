@@ -3,20 +3,9 @@
 Divergence, checkpoints, frames on their way to the host.
 """
 
-from .arguments import frame_count
-from .divergence import SimulationDiverged
-from .ensemble import Ensemble
-from .ensemble_results import ENERGIES, GroupMean, observations
-from .readback import Readback
-from .simulation import Simulation
-
-__all__ = [
-    "ENERGIES",
-    "Ensemble",
-    "GroupMean",
-    "Readback",
-    "Simulation",
-    "SimulationDiverged",
-    "frame_count",
-    "observations",
-]
+from .arguments import frame_count as frame_count
+from .divergence import SimulationDiverged as SimulationDiverged
+from .ensemble import Ensemble as Ensemble
+from .ensemble_results import ENERGIES as ENERGIES, GroupMean as GroupMean, observations as observations
+from .readback import Readback as Readback
+from .simulation import Simulation as Simulation

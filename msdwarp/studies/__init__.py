@@ -1,44 +1,20 @@
 """What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps; fits."""
 
-from .accuracy import cheapest, tune
-from .energy_log import EnergyLog
-from .fit import fit
-from .fit_result import FitResult
-from .frames import compare, particle_energies, system_in
-from .grid import check_size, plain, points, values_of
-from .history import plot_history, write_history
-from .measured import TrackedPoints
-from .sweep import complete, sweep
-from .sweep_ensembles import ENSEMBLE, Asked, in_words
-from .sweep_plot import plot_sweep
-from .sweep_points import RESULTS, Point, final_numbers, import_xarray
-from .table import GrowingTable
-
-__all__ = [
-    "ENSEMBLE",
-    "RESULTS",
-    "Asked",
-    "EnergyLog",
-    "FitResult",
-    "GrowingTable",
-    "Point",
-    "TrackedPoints",
-    "cheapest",
-    "check_size",
-    "compare",
-    "complete",
-    "final_numbers",
-    "fit",
-    "import_xarray",
-    "in_words",
-    "particle_energies",
-    "plain",
-    "plot_history",
-    "plot_sweep",
-    "points",
-    "sweep",
-    "system_in",
-    "tune",
-    "values_of",
-    "write_history",
-]
+from .accuracy import cheapest as cheapest, tune as tune
+from .energy_log import EnergyLog as EnergyLog
+from .fit import fit as fit
+from .fit_result import FitResult as FitResult
+from .frames import compare as compare, particle_energies as particle_energies, system_in as system_in
+from .grid import check_size as check_size, plain as plain, points as points, values_of as values_of
+from .history import plot_history as plot_history, write_history as write_history
+from .measured import TrackedPoints as TrackedPoints
+from .sweep import complete as complete, sweep as sweep
+from .sweep_ensembles import ENSEMBLE as ENSEMBLE, Asked as Asked, in_words as in_words
+from .sweep_plot import plot_sweep as plot_sweep
+from .sweep_points import (
+    RESULTS as RESULTS,
+    Point as Point,
+    final_numbers as final_numbers,
+    import_xarray as import_xarray,
+)
+from .table import GrowingTable as GrowingTable

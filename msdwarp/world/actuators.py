@@ -50,7 +50,6 @@ class Actuator(Load):
     delay: ArrayLike = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         if not self.varies:
             self.at(np.zeros(1))
             object.__setattr__(self, "strain", float(self.strain))

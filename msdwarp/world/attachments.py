@@ -39,11 +39,6 @@ class Attachment(Load):
     rest_length
         Length at which a spring exerts no force [m], one for all or shape [any]; "now" is the distance at the
         start.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range or not finite, or two colliders are given.
     """
 
     on: Any = None
@@ -54,7 +49,6 @@ class Attachment(Load):
     rest_length: Any = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         for name in ("stiffness", "damping"):
             object.__setattr__(self, name, checks.non_negative(name, getattr(self, name)))
         if isinstance(self.to, Collider):

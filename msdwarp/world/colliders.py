@@ -36,11 +36,6 @@ class Collider:
         A function of time that displaces and rotates it (see `Motion`). It must be smooth, and if a body touches
         the obstacle at the start, its displacement must be 0 at time 0. A function that accepts an array of times,
         as NumPy's do, is called a few times a frame, any other for each substep. By default the obstacle is fixed.
-
-    Raises
-    ------
-    ValueError
-        If a coefficient is out of range.
     """
 
     restitution: float = 0.5
@@ -55,7 +50,6 @@ class Collider:
     """Names of its lengths, above 0 [m]."""
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.between("restitution", self.restitution, 0, 1)
         checks.between("tangential_factor", self.tangential_factor, 0, 1)
         checks.non_negative("friction", self.friction, infinite=True)
@@ -99,7 +93,7 @@ class Collider:
 
     def inradius(self) -> float:
         """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
-        return math.inf
+        return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the point about which it turns [m], shape [dim]."""
@@ -127,11 +121,6 @@ class Plane(Collider):
         Distance of the plane from the origin along the normal [m].
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
-
-    Raises
-    ------
-    ValueError
-        If a coefficient is out of range or the normal is zero.
     """
 
     normal: tuple[float, ...] | None = None
@@ -173,11 +162,6 @@ class Sphere(Collider):
         Its radius [m].
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -185,10 +169,6 @@ class Sphere(Collider):
 
     places = ("position",)
     lengths = ("radius",)
-
-    def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]."""
-        return self.radius
 
 
 @dataclass(frozen=True, repr=False)
@@ -207,11 +187,6 @@ class Box(Collider):
         Rotation vector about its centre [rad], shape [3]; in two dimensions an angle; in one dimension unused.
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -221,7 +196,6 @@ class Box(Collider):
     places = ("position",)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         super().__post_init__()
         size = checks.point("size", self.size)
         if len(size) != len(self.position) or min(size) < checks.SMALLEST:
@@ -252,11 +226,6 @@ class Capsule(Collider):
         Its radius [m].
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range, or the ends coincide.
     """
 
     start: tuple[float, ...] = (-0.5, 0.0, 0.0)
@@ -265,10 +234,6 @@ class Capsule(Collider):
 
     places = ("start", "end")
     lengths = ("radius",)
-
-    def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]."""
-        return self.radius
 
     def centre(self, dim: int) -> NDArray[np.float64]:
         """Return the middle of the line [m]."""
@@ -289,11 +254,6 @@ class Cone(Collider):
         Radius of the base [m].
     restitution, friction, tangential_factor, rest_speed, motion
         See `Collider`.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range, or the base is at the apex.
     """
 
     apex: tuple[float, ...] = (0.0, 0.0, 1.0)

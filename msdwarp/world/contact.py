@@ -42,11 +42,6 @@ class Contact(Load):
         Whether obstacles collide with whole surfaces and ropes, not only with particles. If any entry of `contact`
         sets this, it applies to all bodies. It costs time and shortens the stable step. Use it if obstacles have
         edges, or are thinner than the spacing of the particles.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
     """
 
     argument: ClassVar[str] = "contact"
@@ -60,7 +55,6 @@ class Contact(Load):
     surface_colliders: bool = False
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         if self.on is not None:
             raise ValueError(f"on is {checks.repr_short(self.on)}; the bodies are given by groups")
         checks.non_negative("friction", self.friction)

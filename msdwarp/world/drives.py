@@ -28,11 +28,6 @@ class PrescribedMotion(Load):
         collider (see `Motion`). The velocity is computed by differences. None: they stay where they start.
     about
         Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
-
-    Raises
-    ------
-    ValueError
-        If `motion` is neither a function nor None, or `about` is not a point.
     """
 
     on: Any = None
@@ -40,7 +35,6 @@ class PrescribedMotion(Load):
     about: Any = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         if self.motion is not None and not callable(self.motion):
             raise ValueError(f"motion is {checks.repr_short(self.motion)}; it must be a function of time, or None")
         if self.about is not None:

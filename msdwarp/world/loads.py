@@ -107,12 +107,7 @@ class Force(VectorLoad):
     on
         The particles that it acts on; see `Load`.
     total
-        Whether `force` is the sum over these particles, shared equally.
-
-    Raises
-    ------
-    ValueError
-        If a vector is not finite, or `total` is used with a function of position.
+        Whether `force` is the sum over these particles, shared equally; not for a `wp.func`.
     """
 
     vector = "force"
@@ -121,7 +116,6 @@ class Force(VectorLoad):
     total: bool = False
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.one_of("total", self.total, (False, True))
         if self.of_place and self.total:
             raise ValueError("total is True; a force that is a function of place acts on each particle by itself")

@@ -50,11 +50,6 @@ class Look:
         are no thicker than the connections.
     tube
         Radius of drawn connections, such as ropes [m]. None: a fraction of their rest length.
-
-    Raises
-    ------
-    ValueError
-        If a colour, texture, angle, full strain, radius or choice is invalid.
     """
 
     colour: str = "#d9603b"
@@ -75,7 +70,6 @@ class Look:
     tube: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         for name in ("colour", "background", "ground", "obstacle"):
             checks.colour(name, getattr(self, name))
         if self.inside is not None:

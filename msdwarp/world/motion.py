@@ -38,15 +38,15 @@ def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float
 
 def poses(
     name: str, motion: Motion, centre: NDArray, times: NDArray, furthest: float
-) -> tuple[NDArray[np.float64] | None, NDArray[np.float64]]:
-    """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d]; no R where nothing turns.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d].
 
     Bit for bit what `pose` returns for each. Raises ValueError that names what moves and the time if it has no
     pose then, or moves by more than `furthest` [m].
     """
-    matrices, shifts = _at_once(motion, centre, times)
-    if shifts is not None and np.abs(shifts).max() <= furthest:
-        return matrices, shifts
+    found = _at_once(motion, centre, times)
+    if found is not None and np.abs(found[1]).max() <= furthest:
+        return found
     near: checks.Limit = (lambda shift: np.abs(shift) <= furthest, f"at most {furthest:.2g}")
     each = []  # one by one: an error names the time, and forms may differ
     for time in map(float, times):
@@ -58,8 +58,8 @@ def poses(
     return np.array([one[0] for one in each]), np.array([one[1] for one in each])
 
 
-def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray | None, NDArray | None]:
-    """Return the same, computed in whole arrays; no shifts if the form is not the same each time."""
+def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, NDArray] | None:
+    """Return the same, computed in whole arrays; None if the form is not the same each time."""
     dim, turned = len(centre), set[bool]()
 
     def numbers(time: Any) -> Any:
@@ -73,11 +73,11 @@ def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray |
     try:
         found = sampled(numbers, times)
         if turned == {False} and found.shape[1] == dim:
-            return None, found + centre - centre
+            return np.broadcast_to(np.eye(dim), (len(times), dim, dim)), found + centre - centre
         right = turned == {True} and found.shape[1] == dim + (1 if dim == 2 else 3)
         if right and np.isfinite(found).all():
             matrices = rotations(found[:, dim:], dim)
             return matrices, found[:, :dim] + centre - rotated(matrices, centre)
     except Exception:  # raised again, with its time, as each time is evaluated
         pass
-    return None, None
+    return None

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, directed_edges, run_back
+from ..bodies import System, open_edges
 from .loads import Load, values_at
 
 
@@ -36,17 +36,11 @@ class Pressure(Pressed):
     on
         The particles of the surface, by default all (see `Load`): it acts on triangles with all corners among
         them.
-
-    Raises
-    ------
-    ValueError
-        If it is not finite, or there is no surface.
     """
 
     pressure: Any
 
     def __post_init__(self) -> None:
-        """Check the argument."""
         if not callable(self.pressure):
             object.__setattr__(self, "pressure", float(checks.vector("pressure", [self.pressure], 1)[0]))
 
@@ -89,7 +83,6 @@ class EnclosedGas(Pressed):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.non_negative("outside", self.outside)
         checks.positive("exponent", self.exponent)
         checks.between("pressure", self.pressure, -self.outside, checks.LARGEST)
@@ -100,11 +93,9 @@ class EnclosedGas(Pressed):
         """Raise ValueError if it cannot act on this system."""
         super().check(system)
         facets = self.facets(system)
-        edges = directed_edges(facets.corner)
-        open_edges = int(np.count_nonzero(~run_back(edges, len(facets.particle))))
-        if open_edges:
+        if count := len(open_edges(facets.corner)):
             raise ValueError(
-                f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {open_edges} of its "
+                f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {count} of its "
                 "edges are not between two triangles"
             )
         if (enclosed := volume(facets.corner, facets.points(system.position))) <= 0:

@@ -51,11 +51,6 @@ class Probe:
         `Leapfrog` has the velocity of driven particles to first order only. Each substep needs a kernel launch for
         the sums: for small bodies, which otherwise need one launch a frame, these launches take longer than the
         substeps.
-
-    Raises
-    ------
-    ValueError
-        If there is no such quantity, or `every` is invalid.
     """
 
     on: Any
@@ -63,7 +58,6 @@ class Probe:
     every: str = FRAME
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.one_of("what", self.what, QUANTITIES)
         checks.one_of("every", self.every, (FRAME, SUBSTEP))
 

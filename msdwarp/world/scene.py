@@ -60,8 +60,7 @@ class Scene:
     Raises
     ------
     ValueError
-        If an argument has the wrong type, is out of range, or has the wrong number of coordinates, or there is
-        nothing to draw.
+        If an argument has the wrong number of coordinates, or there is nothing to draw.
     """
 
     system: System
@@ -77,7 +76,6 @@ class Scene:
     observe: Mapping[str, Observed] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         checks.instance("system", self.system, System, "chain(5)")
         kinds = (
             ("colliders", Collider, "Plane()"),

@@ -29,7 +29,6 @@ class Change:
     gravity: Gravity | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         object.__setattr__(self, "time", checks.non_negative("time", self.time))
         for name in self.parameters:
             if name in ("loads", "contact"):
@@ -163,10 +162,5 @@ def at(
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for the group, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
         particle of the group, shape [n, d], or such a function; pinned and driven particles keep theirs.
-
-    Raises
-    ------
-    ValueError
-        If the time is negative or there is no such parameter.
     """
     return Change(time, group, set_rest_shape, parameters, unpin, gravity)

@@ -41,11 +41,6 @@ class Wind(VectorLoad):
     area
         Frontal area of each particle [m²], a number or shape [particle_count]. With it each particle feels −½ ρ
         C_d A |u| u, and surfaces are ignored: for ropes, grains and other bodies without a surface.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range, or there is neither a surface nor an area.
     """
 
     vector = "velocity"
@@ -57,7 +52,6 @@ class Wind(VectorLoad):
     area: Any = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         for name in ("drag", "lift", "density"):
             checks.non_negative(name, getattr(self, name))
         super().__post_init__()

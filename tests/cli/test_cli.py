@@ -302,6 +302,16 @@ def test_help_shows_the_scene_s_own_flags_and_the_common_ones(msdwarp):
         assert flag in out
 
 
+def test_help_describes_a_common_parameter_unless_the_scene_does(msdwarp, tmp_path):
+    described = '"""Return it.\n\n    Parameters\n    ----------\n    mass\n        Mass of all.\n    """'
+    (tmp_path / "own.py").write_text(f"def build(*, mass=1.0, damping=2.0):\n    {described}\n")
+    code, out, _ = msdwarp("run", "own.py", "--help")
+    assert code == 0
+    assert "Mass of all." in out
+    assert "Mass of each particle" not in out
+    assert "Damper constant of each connection" in out
+
+
 def test_unknown_scenes_are_named(msdwarp, tmp_path):
     code, _, err = msdwarp("run", "dragon")
     assert code == 1

@@ -156,18 +156,16 @@ class Colliders(Effect):
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
-            # It may turn in some frames and not in others.
-            tables["turn"][:, k] = np.eye(self._dim) if turn is None else turn[1:]
-            tables["turning"][:, k] = 0.0 if turn is None else (turn[1:] - turn[:-1]) / self._dt
+            tables["turn"][:, k], tables["turning"][:, k] = turn[1:], (turn[1:] - turn[:-1]) / self._dt
 
-    def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray | None, NDArray]:
-        """Return turns, if any, and shifts from a substep before `time` to the end of the frame."""
+    def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray, NDArray]:
+        """Return turns and shifts from a substep before `time` to the end of the frame."""
         times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
         first = times[0] < 0
         now = times[1:] if first else times[:rows]
         turn, shift = poses(f"colliders[{k}]", motion, centre, now, self._furthest)
         if first:  # a motion need not be defined before 0: its acceleration was the same
-            turn, shift = turn if turn is None else _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
+            turn, shift = _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
         return turn, shift
 
     def hold_still(self, time: float) -> None:

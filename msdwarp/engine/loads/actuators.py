@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from ...kernels.loads import actuated_springs, add_tension
 from ...world import Actuator, Load
 from ..device.csr import rows
-from ..device.frame_tables import InFrames, Tables
-from ..model.effect import Effect
 from ..model.model import Model
+from ..model.stage_tables import StageTables
 
 AHEAD = np.arange(600) / 60.0
 """When the bound of the rates looks at what muscles will do [s]."""
@@ -20,34 +19,22 @@ AHEAD = np.arange(600) / 60.0
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
     """Return the effect of the actuators among the loads of a scene."""
-    named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Actuator)]
-    return (
-        ActuatedSprings(model, [f"{name}.strain" for name, _ in named], [one for _, one in named])
-        if named
-        else None
-    )
+    named = [(f"loads[{k}].strain", one) for k, one in enumerate(loads) if isinstance(one, Actuator)]
+    return ActuatedSprings(model, named) if named else None
 
 
-class ActuatedSprings(Effect):
-    """Rest lengths that are functions of time: what springs of those pull more than springs of their own.
+class ActuatedSprings(StageTables):
+    """Rest lengths that are functions of time: what springs of those pull more than springs of their own."""
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    names
-        What messages call the strain of each actuator.
-    actuators
-        Muscles, one at least.
-    """
+    table = "strain"
 
-    def __init__(self, model: Model, names: Sequence[str], actuators: Sequence[Actuator]) -> None:
-        self._model, self._names, self._actuators = model, names, actuators
+    def __init__(self, model: Model, named: Sequence[tuple[str, Actuator]]) -> None:
+        self._model, self.named = model, named
         self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
         # The columns of the table are the actuators, one behind the other, each with all delays that it has.
         self._delays: list[NDArray[np.float64]] = []
         connections, columns, column_count = [], [], 0
-        for one in actuators:
+        for _, one in named:
             chosen = one.connections(model.system)
             delays, which = np.unique(one.delays(model.system, chosen), return_inverse=True)
             self._delays.append(delays)
@@ -55,13 +42,10 @@ class ActuatedSprings(Effect):
             columns.append(column_count + which)
             column_count += len(delays)
         self._connection, self._column = np.concatenate(connections), np.concatenate(columns)
-        self._column_count = column_count
-        self._varies = any(one.varies for one in actuators)
         springs, lengths = self._row("stiffness"), self._row("rest_length")
         row = np.arange(lcm(len(springs), len(lengths)))
         strength = springs[row % len(springs)] * lengths[row % len(lengths)]
-        model.check_range(strength, "stiffness * rest_length")
-        # The entries, particle by particle: each connection is one of both its ends.
+        # The entries, particle by particle: each spring has one at both its ends.
         ends = model.system.connections[self._connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
@@ -74,47 +58,17 @@ class ActuatedSprings(Effect):
         if len(each) > 1:
             self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))
         data.strength = wp.array(each.ravel(), dtype=model.scalar, device=model.device)
-        self._at(np.zeros(1))  # what a function gets wrong is said before anything runs
+        self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
-        """Return a constant of the actuated connections, shape [rows, actuated_count]."""
+        """Return a constant of the actuated springs, shape [rows, actuated_count]."""
         return self._model.row_of(name)[:, self._connection]
-
-    def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the strains of a frame."""
-        shape = (len(self.steps.times(0.0)), self._column_count)
-        tables = {"strain": (shape, self._model.scalar)}
-        self._frames = InFrames(tables, self._model.scalar, self._model.device, self._fill)
-        self.data.strain = self._frames.arrays["strain"]
-
-    def begin_frame(self, time: float) -> None:
-        """Take the strains of the frame that begins at `time` [s]."""
-        if self._varies:
-            self._frames.begin_frame(time)
-
-    def prepare(self, time: float) -> None:
-        """Find out the strains of the frame that begins at `time` [s]."""
-        if self._varies:
-            self._frames.prepare(time)
-
-    def hold(self, time: float) -> None:
-        """Have all stages see the strains at `time` [s]."""
-        now = self._at(np.array([time]))
-
-        def fill(tables: Tables) -> None:
-            tables["strain"][:] = now
-
-        self._frames.upload(fill)
-
-    def _fill(self, time: float, tables: Tables) -> None:
-        """Write the strains of the frame that begins at `time`."""
-        tables["strain"][:] = self._at(self.steps.times(time))
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what contracted muscles pull across their axes, at the largest contraction that is known."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self._connection
-        least = np.repeat([self._least(one) for one in self._actuators], [len(each) for each in self._delays])
+        least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])
         strain = np.minimum(0.0, least)[self._column]
         inputs = [wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)]
         lengths, springs = self._row("rest_length"), self._row("stiffness")
@@ -130,10 +84,10 @@ class ActuatedSprings(Effect):
         except ValueError:  # it may be made for a shorter run
             return float(one.at(np.zeros(1))[0])
 
-    def _at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the strain of each column at each time, shape [time_count, column_count]."""
         found = []
-        for name, one, delays in zip(self._names, self._actuators, self._delays, strict=True):
+        for (name, one), delays in zip(self.named, self._delays, strict=True):
             when = np.subtract.outer(times, delays)
             found.append(one.at(when.ravel(), name).reshape(when.shape))
         return np.concatenate(found, axis=1)

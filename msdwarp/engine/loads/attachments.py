@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from ...kernels.loads import attachments
 from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
-from ..device.frame_tables import InFrames, Tables
-from ..model.effect import Effect
+from ..device.frame_tables import Tables
 from ..model.model import Model
-from ..model.stage_tables import exchanged
+from ..model.stage_tables import FrameTables, exchanged
 
 ASIDE = 0.01
 """How far before and after a stage a carrier is looked at, to know how fast it is there, in substeps."""
@@ -25,7 +24,7 @@ def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | 
     return AttachmentSprings(model, named) if named else None
 
 
-class AttachmentSprings(Effect):
+class AttachmentSprings(FrameTables):
     """The attachments of a scene."""
 
     def __init__(self, model: Model, named: Sequence[tuple[str, Attachment | MouseSpring]]) -> None:
@@ -90,11 +89,9 @@ class AttachmentSprings(Effect):
             "carrier": np.repeat(carrier, counts)[order],
             "point": np.concatenate(points)[order],
         }
-        model.check_range(values["point"], "to")
         for name in ("rest_length", "stiffness", "damping"):
             of_each = zip(several, counts, strict=True)
             numbers = np.concatenate([np.broadcast_to(getattr(one, name), count) for one, count in of_each])
-            model.check_range(numbers, name)
             values[name] = numbers[order]
         self._member_count = len(member)
         for name, numbers in values.items():
@@ -127,27 +124,14 @@ class AttachmentSprings(Effect):
         shape, model = (len(self.steps.times(0.0)), len(self._carriers)), self._model
         turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         kinds = {"turn": turn, "turning": turn, "shift": model.vector, "speed": model.vector}
-        tables = {name: (shape, kind) for name, kind in kinds.items()}
-        self._frames = InFrames(tables, model.scalar, model.device, self._fill)
-        for name, array in self._frames.arrays.items():
-            setattr(self.data, name, array)
-
-    def begin_frame(self, time: float) -> None:
-        """Put the carriers where they are in the frame that begins at `time` [s]."""
-        if self._moving:
-            self._frames.begin_frame(time)
-
-    def prepare(self, time: float) -> None:
-        """Find out where the carriers are in the frame that begins at `time` [s], while another is running."""
-        if self._moving:
-            self._frames.prepare(time)
+        self.make_tables({name: (shape, kind) for name, kind in kinds.items()}, model.scalar, model.device)
 
     def hold(self, time: float) -> None:
         """Have all stages see the carriers where they are at `time` [s]."""
-        if self._moving:
+        if self._frames is not None:
             self._frames.upload(lambda tables: self._write(tables, np.full(len(tables["shift"]), time)))
 
-    def _fill(self, time: float, tables: Tables) -> None:
+    def fill(self, time: float, tables: Tables) -> None:
         """Write where the carriers are in the frame that begins at `time`, and how fast."""
         self._write(tables, self.steps.times(time))
 
@@ -168,11 +152,10 @@ class AttachmentSprings(Effect):
 
     def _poses(self, k: int, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (R, o) of a carrier at each time; raise ValueError that names it where its motion has none."""
-        (name, carrier), dim = self._carriers[k], self._model.dim
+        name, carrier = self._carriers[k]
         assert carrier.motion is not None
         furthest = float(np.finfo(self._model.dtype).max) / 4
-        turn, shift = poses(f"{name}.carried_by", carrier.motion, carrier.centre(dim), times, furthest)
-        return np.broadcast_to(np.eye(dim), (len(times), dim, dim)) if turn is None else turn, shift
+        return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""

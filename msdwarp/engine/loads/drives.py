@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from ...kernels.basis import vector
 from ...kernels.loads import driven
 from ...world import Driven, Load, poses
-from ..device.frame_tables import InFrames, Tables
-from ..model.effect import Effect
+from ..device.frame_tables import Tables
 from ..model.model import Model
+from ..model.stage_tables import FrameTables
 from ..model.state import State
 
 POINTS = 5
@@ -27,7 +27,7 @@ def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
     return Drives(model, drives) if drives else None
 
 
-class Drives(Effect):
+class Drives(FrameTables):
     """Moves particles as drives say.
 
     Places are those of the motion at the time of each stage, rounded once. Velocities are found from them: in
@@ -78,21 +78,12 @@ class Drives(Effect):
         kinds |= {"turning": self._turn, "speed": self._wide}
         tables = {name: (shape, kind) for name, kind in kinds.items()}
         tables |= {"bending": ((drives,), self._turn), "push": ((drives,), self._wide)}
-        self._frames = InFrames(tables, wp.float64, self._model.device, self._fill)
-        for name, array in self._frames.arrays.items():
-            setattr(self.data, name, array)
-
-    def begin_frame(self, time: float) -> None:
-        """Put what is driven where it is in the frame that begins at `time` [s]."""
-        self._frames.begin_frame(time)
-
-    def prepare(self, time: float) -> None:
-        """Find out where what is driven is in the frame that begins at `time` [s]."""
-        self._frames.prepare(time)
+        self.make_tables(tables, wp.float64, self._model.device)
 
     def hold(self, time: float) -> None:
         """Have kicks between frames know the accelerations at `time` [s]."""
-        self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
+        if self._frames is not None:
+            self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
 
     def place(self, state: State, time: float, fps: float) -> None:
         """Put what is driven where it is at `time` [s], with the velocity that it has there."""
@@ -128,7 +119,7 @@ class Drives(Effect):
                 )
         return None
 
-    def _fill(self, time: float, tables: Tables) -> None:
+    def fill(self, time: float, tables: Tables) -> None:
         """Write the poses of the frame that begins at `time`, and their rates."""
         steps, dim = self.steps, self._model.dim
         times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion need not be defined before 0
@@ -164,12 +155,10 @@ class Drives(Effect):
 
     def _poses(self, name: str, one: Driven, times: NDArray) -> tuple[NDArray, NDArray]:
         motion: Any = one.motion
-        turn, shift = poses(name, motion, one.centre, times, self._furthest)
-        dim = self._model.dim
-        return np.broadcast_to(np.eye(dim), (len(times), dim, dim)) if turn is None else turn, shift
+        return poses(name, motion, one.centre, times, self._furthest)
 
     def _check_speed(self, name: str, k: int, turn: NDArray, shift: NDArray, times: NDArray) -> None:
-        """Raise ValueError where a drive moves by more in a substep than the shortest connection is long."""
+        """Raise ValueError where a drive moves by more in a substep than the shortest spring is long."""
         centre = turn @ self._drives[k][1].centre + shift
         # A change of rotation has its largest stretch twice, in the plane of the turn.
         turned = np.sqrt((np.diff(turn, axis=0) ** 2).sum(axis=(1, 2)) / 2)

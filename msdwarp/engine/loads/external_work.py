@@ -30,18 +30,9 @@ def _stored(effect: Effect) -> str:
 
 
 class Work(Effect):
-    """Keeps what loads have done on each particle of a model [J], float64, and adds to it what other effects have.
+    """Keeps what loads have done on each particle of a model [J], float64, if any of it is `summed` so.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    summed
-        Whether the work of any forces is summed particle by particle.
-    steady
-        Forces whose work is that of a potential.
-    others
-        Effects that sum their work themselves.
+    To that it adds the work of steady forces, which is that of a potential, and of effects that sum it themselves.
     """
 
     def __init__(

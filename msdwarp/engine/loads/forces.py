@@ -29,13 +29,9 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different sums of forces that particles feel, and which of them each does.
+    """Return the different sums of forces that particles feel, and which of them each particle does.
 
-    Returns
-    -------
-    shares, combination
-        How much of each force is in each combination, shape [combination_count, force_count], the first one having
-        none of any; and the combination of each particle, shape [particle_count].
+    A sum has shares of the forces, shape [combination_count, force_count]; the first one has none of any.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
@@ -62,10 +58,7 @@ class Steady(Effect):
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the sums that these forces make."""
-        values = [one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces]
-        for value, (name, _) in zip(values, forces, strict=True):
-            self._model.check_range(value, name)
-        return self._shares @ np.array(values)
+        return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Take other forces on the same particles."""
@@ -78,7 +71,7 @@ class Varying(StageTables):
     """Forces that are functions of time."""
 
     def __init__(self, model: Model, forces: Named) -> None:
-        self._model, self.named = model, forces
+        self.named = forces
         self.piece = varying_force(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
         self._shares, combination = combinations(model, forces)
@@ -86,37 +79,21 @@ class Varying(StageTables):
         self.data.combination = wp.array(combination, dtype=int, device=model.device)
         self.set_up(model, len(self._shares), model.vector, varies=True)
 
-    def place_table(self, table: wp.array) -> None:
-        """Have kernels find the table of forces."""
-        self.data.value = table
-
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
-        values = np.empty((len(times), len(self.named), self._model.dim))
-        for k, (name, one) in enumerate(self.named):
-            values[:, k] = one.at(times, self._model.dim, name)
-            self._model.check_range(values[:, k], name)
-        return self._shares @ values
+        return self._shares @ super().at(times)
 
 
 class Weight(StageTables):
     """The weight of particles where gravity is a function of time."""
 
+    table = "gravity"
+
     def __init__(self, model: Model, falling: Falling) -> None:
-        self._model, self._falling = model, falling
+        self.named = [("gravity", falling)]
         self.piece = weight_force(model.dim, model.scalar, model.compensated)
         self.data, self.members = self.piece.Data(), np.isfinite(model.mass)
         self.set_up(model, 1, model.vector, varies=True)
-
-    def place_table(self, table: wp.array) -> None:
-        """Have kernels find gravity."""
-        self.data.gravity = table
-
-    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return gravity at each time [m/s²], shape [time_count, 1, d]."""
-        gravity = self._falling.at(times, self._model.dim)
-        self._model.check_range(gravity, "gravity")
-        return gravity[:, None]
 
 
 class ForceField(Effect):

@@ -24,9 +24,8 @@ def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices
 
     `vertices` are those of the surface where they are mixtures of particles.
     """
-    named = [(f"loads[{k}]", one) for k, one in enumerate(loads)]
-    given = [(name, one) for name, one in named if isinstance(one, Pressure)]
-    gases = [one for _, one in named if isinstance(one, EnclosedGas)]
+    given = [(f"loads[{k}].pressure", one) for k, one in enumerate(loads) if isinstance(one, Pressure)]
+    gases = [one for one in loads if isinstance(one, EnclosedGas)]
     effects: list[Effect] = [GivenPressures(model, given)] if given else []
     return effects + ([Gases(model, gases, vertices)] if gases else [])
 
@@ -68,13 +67,9 @@ class GivenPressures(SurfacePressure, StageTables):
         self.named = named
         self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
 
-    def place_table(self, table: wp.array) -> None:
-        """Have kernels find the pressures."""
-        self.data.value = table
-
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each pressure at each time [Pa], shape [time_count, count]."""
-        return np.stack([one.at(times, f"{name}.pressure") for name, one in self.named], axis=1)
+        return np.stack([one.at(times, name) for name, one in self.named], axis=1)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add how stiff the largest pressures of a frame make the particles."""
@@ -99,21 +94,11 @@ class Gases(SurfacePressure):
             x = self._vertices.data.x
             stride = len(x) // model.worlds
         for k, gas in enumerate(self._gases):
-            inputs = [
-                self.data.faces.corner,
-                int(ends[k]),
-                int(ends[k + 1]),
-                gas.pressure + gas.outside,
-            ]
-            inputs += [gas.outside, gas.volume, gas.exponent, k, x, compensation.x, stride]
-            wp.launch(
-                self._law,
-                model.worlds * threads,
-                inputs,
-                [self.data.value],
-                device=model.device,
-                block_dim=threads,
-            )
+            inside = gas.pressure + gas.outside
+            inputs = [self.data.faces.corner, int(ends[k]), int(ends[k + 1]), inside, gas.outside, gas.volume]
+            inputs += [gas.exponent, k, x, compensation.x, stride]
+            count, out = model.worlds * threads, [self.data.value]
+            wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add how stiff the gases make the particles.

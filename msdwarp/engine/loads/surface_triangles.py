@@ -13,15 +13,7 @@ from ..model.model import Model
 
 
 class Faces:
-    """The triangles that several loads act on, one load's behind the other's.
-
-    Parameters
-    ----------
-    parts
-        The triangles of each load, of the same surface.
-    particle_count
-        Number of particles.
-    """
+    """The triangles of a surface that several loads act on, one load's behind the other's."""
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
         self._facets, self._count = parts[0], particle_count

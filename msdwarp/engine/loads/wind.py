@@ -20,7 +20,7 @@ Named = Sequence[tuple[str, Wind]]
 
 def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of the wind among the loads of a scene: of that on surfaces, and on particles."""
-    winds = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
+    winds = [(f"loads[{k}].velocity", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
     on_faces = [(name, one) for name, one in winds if one.area is None]
     on_particles = [(name, one) for name, one in winds if one.area is not None]
     effects: list[Effect] = [OnFaces(model, on_faces)] if on_faces else []
@@ -30,13 +30,14 @@ def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
 class WindEffect(StageTables):
     """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
 
+    table = "velocity"
+
     def __init__(self, model: Model, winds: Named, compose: Any, **how: bool) -> None:
         self._model, self.named = model, winds
         places = [name for name, one in winds if one.of_place]
         if places and len(winds) > 1:
             raise ValueError(
-                f"{places[0]}.velocity is a function of place; it must then be the only wind on "
-                "surfaces, or on particles"
+                f"{places[0]} is a function of place; it must then be the only wind on surfaces, or on particles"
             )
         function = winds[0][1].velocity if places else None
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
@@ -58,18 +59,13 @@ class WindEffect(StageTables):
         super().exchange(others)
         self._take_coefficients()
 
-    def place_table(self, table: wp.array) -> None:
+    def place_table(self, name: str, table: wp.array) -> None:
         """Have kernels find the velocities."""
-        self.data.winds.velocity = table
+        setattr(self.data.winds, name, table)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
-        values = np.zeros((len(times), len(self.named), self._model.dim))
-        for k, (name, one) in enumerate(self.named):
-            if self._given:
-                values[:, k] = one.at(times, self._model.dim, f"{name}.velocity")
-                self._model.check_range(values[:, k], f"{name}.velocity")
-        return values
+        return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
         """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
@@ -106,7 +102,8 @@ class OnParticles(WindEffect):
         super().__init__(model, winds, wind_on_particles)
         chosen = [one.particles(model.system) for _, one in winds]
         if np.sum(chosen, axis=0).max() > 1:
-            raise ValueError(f"{winds[1][0]}.on shares particles with another wind's; one at most blows on each")
+            second = winds[1][0].removesuffix(".velocity")
+            raise ValueError(f"{second}.on shares particles with another wind's; one at most blows on each")
         self.members = np.logical_or.reduce(chosen)
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):

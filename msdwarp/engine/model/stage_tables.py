@@ -1,4 +1,4 @@
-"""By stage: effects whose numbers are functions of time, as a table with a row for each stage of a frame."""
+"""Effects whose numbers are functions of time, as tables that are filled anew for each frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,30 +12,57 @@ from .effect import Effect
 from .model import Model
 
 
-class StageTables(Effect):
-    """An effect that kernels read from a table `value`, with a row for each stage of a frame, and for its end.
-
-    A subclass says what is in a row (`at`), and where kernels find the table (`place_table`).
-    """
+class FrameTables(Effect):
+    """An effect that kernels read from tables of the present frame; it may have none."""
 
     _frames: InFrames | None = None
+
+    def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
+        """Make tables of these shapes and Warp types, which kernels find in `data` by their names."""
+        self._frames = InFrames(tables, scalar, device, self.fill)
+        for name, array in self._frames.arrays.items():
+            self.place_table(name, array)
+
+    def place_table(self, name: str, table: Any) -> None:
+        """Have kernels find a table."""
+        setattr(self.data, name, table)
+
+    def fill(self, time: float, tables: Tables) -> None:
+        """Write what the tables hold in the frame that begins at `time` [s]."""
+        raise NotImplementedError
+
+    def begin_frame(self, time: float) -> None:
+        """Take the tables of the frame that begins at `time` [s]."""
+        if self._frames is not None:
+            self._frames.begin_frame(time)
+
+    def prepare(self, time: float) -> None:
+        """Fill the tables of the frame that begins at `time` [s], while another is running."""
+        if self._frames is not None:
+            self._frames.prepare(time)
+
+
+class StageTables(FrameTables):
+    """An effect that kernels read from a table with a row for each stage of a frame, and for its end.
+
+    A row has what each of its loads gives at that time, unless a subclass says otherwise (`at`).
+    """
+
+    table = "value"
+    """What kernels call the table."""
     named: Sequence[tuple[str, Any]] = ()
-    """The loads that it is of, and what they are called."""
+    """The loads that it is of, and what messages call what they give."""
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
-        """Set up tables of rows of so many numbers, or vectors, of a Warp type."""
-        self._stage_model, self._width, self._dtype, self.varies = model, width, dtype, varies
+        """Set up rows of so many numbers, or vectors, of a Warp type."""
+        self._model, self._width, self._dtype, self.varies = model, width, dtype, varies
         self.now = self.at(np.zeros(1))  # what a function gets wrong is said before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows at these times, shape [time_count, width] or [time_count, width, d]."""
-        raise NotImplementedError
-
-    def place_table(self, table: Any) -> None:
-        """Have kernels find the table."""
-        raise NotImplementedError
+        return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Take others in place of some loads, on the same particles."""
@@ -48,32 +75,32 @@ class StageTables(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Make room for the rows of a frame."""
-        model, shape = self._stage_model, (len(self.steps.times(0.0)), self._width)
-        self._frames = InFrames({"value": (shape, self._dtype)}, model.scalar, model.device, self._fill)
-        self.place_table(self._frames.arrays["value"])
+        shape = (len(self.steps.times(0.0)), self._width)
+        self.make_tables({self.table: (shape, self._dtype)}, self._model.scalar, self._model.device)
 
     def begin_frame(self, time: float) -> None:
         """Take the rows of the frame that begins at `time` [s]."""
-        if self.varies and self._frames is not None:
-            self._frames.begin_frame(time)
+        if self.varies:
+            super().begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Compute the rows of the frame that begins at `time` [s], while another is running."""
-        if self.varies and self._frames is not None:
-            self._frames.prepare(time)
+        if self.varies:
+            super().prepare(time)
 
     def hold(self, time: float) -> None:
         """Have all stages see the row at `time` [s]."""
         self.now = self.at(np.array([time]))
         if self._frames is not None:
-            self._frames.upload(lambda tables: self._write(tables, self.now))
+            self._frames.upload(self._write)
 
-    def _fill(self, time: float, tables: Tables) -> None:
+    def fill(self, time: float, tables: Tables) -> None:
+        """Write the rows of the frame that begins at `time` [s]."""
         self.now = self.at(self.steps.times(time))
-        self._write(tables, self.now)
+        self._write(tables)
 
-    def _write(self, tables: Tables, rows: NDArray[np.float64]) -> None:
-        tables["value"][:] = rows
+    def _write(self, tables: Tables) -> None:
+        tables[self.table][:] = self.now
 
 
 def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:

@@ -1,6 +1,6 @@
-"""What forces need in an ensemble: the algorithms of one world, and the constants of connections by world.
+"""What forces need in an ensemble: the algorithms of one world, and the constants of springs by world.
 
-Connections that are alike in every world are of one class. A stand-in for the system, in which each class has a
+Springs that are alike in every world are of one class. A stand-in for the system, in which each class has a
 number in place of its constants, goes through the algorithms as any system does. Where that number comes out, in a
 table, in an array or by direction, the constants of the class are put, for each world its own.
 """
@@ -37,19 +37,9 @@ class EnsembleForces(NamedTuple):
 def ensemble_forces(
     model: Model, fracture: Fracture | None = None, rest_length: wp.array | None = None
 ) -> EnsembleForces:
-    """Return the forces of an ensemble by its model's algorithm.
+    """Return the forces of an ensemble by its model's algorithm; those that yield have their own rest lengths.
 
-    Parameters
-    ----------
-    model, fracture
-        The worlds, and what breaks their connections.
-    rest_length
-        Rest lengths of connections that yield [m], of one world after the other.
-
-    Raises
-    ------
-    ValueError
-        If the algorithm is a stencil, and constants differ among the connections of a direction.
+    Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.
     """
     forces = _algorithm_of_worlds(model, fracture, rest_length)
     if fracture is not None:
@@ -58,7 +48,7 @@ def ensemble_forces(
 
 
 def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
-    """Return the algorithm, and the constants of connections where they differ."""
+    """Return the algorithm, and the constants of springs where they differ."""
     if rest_length is not None:
         return _yielding(model, CLASSES[model.force_algorithm](model, fracture), rest_length)
     if not model.rows.keys() & set(CONSTANTS):
@@ -92,7 +82,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
 
 
 def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
-    """Return forces by connection, whose rest lengths change."""
+    """Return forces by spring, whose rest lengths change."""
     fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
     how = {"rest_length": EACH}
     for name in ("stiffness", "damping"):
@@ -103,19 +93,19 @@ def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForce
 
 
 class Classes:
-    """The classes of connections that are alike in every world."""
+    """The classes of springs that are alike in every world."""
 
     def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
         given = [model.row_of(name) for name in CONSTANTS]
         apart = [values for values in given if values.strides[1] != 0]
         self.of = np.zeros(count, dtype=np.int64)
-        """The class of each connection, shape [connection_count]."""
+        """The class of each spring, shape [connection_count]."""
         if apart and count:
             _, self.of = np.unique(np.concatenate(apart), axis=1, return_inverse=True)
             self.of = self.of.ravel()
         self._member = np.unique(self.of, return_index=True)[1]
-        """A connection of each class."""
+        """A spring of each class."""
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return a constant of each class, in each row that it has: shape [rows, class_count]."""
@@ -134,7 +124,7 @@ class Classes:
 
 
 def _stand_in(model: Model, classes: Classes) -> Model:
-    """Return a model in which a connection's stiffness is the number of its class, counted from 1."""
+    """Return a model in which a spring's stiffness is the number of its class, counted from 1."""
     numbers: Any = classes.of + 1.0
     if model.dtype is np.float32 and numbers.max(initial=0.0) > 2**24:
         raise ValueError("connections differ in more ways than float32 can count; precision must be 'float64'")
@@ -152,7 +142,7 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 
 
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
-    """Upload a table of the constants of each kind for each row, in records of four numbers."""
+    """Upload a table of the constants of each kind for each row, in records."""
     values = classes.together()[:, kinds]
     padded = np.zeros((*values.shape[:2], 4))
     padded[..., :3] = values
@@ -168,7 +158,7 @@ def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces
     numbers = np.array([float(one) for one in data.stiffness]) if uniform else data.stiffness.numpy()
     chosen = classes.named(numbers)
     for name in CONSTANTS:
-        # Directions in which there is no connection have no constants.
+        # Directions in which there is no spring have no constants.
         values = np.where(numbers > 0, classes.values(name)[:, chosen], 0.0)
         how[name] = SHARED if name not in model.rows else EACH
         if uniform and name in model.rows and (values == values[:, :1]).all():

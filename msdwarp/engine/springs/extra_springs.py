@@ -1,20 +1,19 @@
-"""ExtraSprings: connections of lattices that lie in no direction, beside the stencil that the lattices take."""
+"""Extra springs: those of lattices that lie in no direction, beside the stencil that the lattices take."""
 
 import numpy as np
 import warp as wp
 
-from ...kernels.loads import tie_force
-from ...kernels.springs import CONSTANTS
+from ...kernels.springs import CONSTANTS, tie_force
 from ..device.csr import rows
 from ..model.effect import Effect
 from ..model.model import Model
 
 
 class ExtraSprings(Effect):
-    """The forces of the connections that a stencil leaves over (`Lattice.ties`).
+    """The forces of the springs that a stencil leaves over (`Lattice.ties`).
 
-    They are connections of the system like others: energies, the bound of the rates and linearised products are
-    taken over all connections, so that here is nothing but their force.
+    They are springs of the system like others: energies, the bound of the rates and linearised products are
+    taken over all springs, so that here is nothing but their force.
     """
 
     def __init__(self, model: Model) -> None:
@@ -22,7 +21,7 @@ class ExtraSprings(Effect):
         system, ties = model.system, model.lattice.ties
         damper = model.damper if system.damping[ties].any() else None
         self.piece = tie_force(model.dim, model.scalar, model.compensated, damper)
-        # The ends, particle by particle; of each particle in the order of the connections.
+        # The ends, particle by particle; of each particle in the order of the springs.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
         order, first = rows(particle, model.particle_count)

@@ -46,7 +46,7 @@ From measurements on an H200; what has one thread in between is advanced by one 
 
 
 class Scatter:
-    """The algorithm by connections."""
+    """The algorithm by springs."""
 
     def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
@@ -62,7 +62,7 @@ class Scatter:
 
 
 def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
-    """Let connections that are broken join their first particles with themselves."""
+    """Let springs that are broken join their first particles with themselves."""
     joined = np.array(connections.numpy())
     joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
@@ -98,14 +98,14 @@ class Gather:
             fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
     def _name_themselves(self, model: Model, fracture: Fracture) -> None:
-        """Let the slots of broken connections name their own particles."""
+        """Let the slots of broken springs name their own particles."""
         inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
 
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
-    """Return how the constants of connections are best stored, and the fields of the struct that holds them.
+    """Return how the constants of springs are best stored, and the fields of the struct that holds them.
 
     See `msdwarp.kernels.springs.constants`.
     """
@@ -121,11 +121,11 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     table, kind = kinds
     if len(table) == 1:
         return "one", {"all": three(*map(float, table[0]))}
-    held = _records_of_three(model, table)
+    held = records_of_three(model, table)
     return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
 
 
-def _records_of_three(model: Model, values: NDArray) -> wp.array:
+def records_of_three(model: Model, values: NDArray) -> wp.array:
     """Return values of shape [count, 3] on the device, in records."""
     held = in_records(len(values), 3, model.scalar, model.device)
     held.assign(values.astype(model.dtype))
@@ -133,7 +133,7 @@ def _records_of_three(model: Model, values: NDArray) -> wp.array:
 
 
 def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the different constants that connections have, shape [kind_count, 3], and the kind of each.
+    """Return the different constants that springs have, shape [kind_count, 3], and the kind of each.
 
     None if there are more than a byte can tell apart.
     """
@@ -163,7 +163,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
 
 
 def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
-    """Return a value of each slot's connection; 1 in slots that pad."""
+    """Return a value of each slot's spring; 1 in slots that pad."""
     slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
     wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
     return slots
@@ -172,31 +172,28 @@ def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     """Return (first, other, connection): where slices of the table begin, and what each slot names.
 
-    The slots of a particle are in the order of its connections, whatever the device; slots that pad name no
-    connection (−1), and the particle itself.
+    The slots of a particle are in the order of its springs, whatever the device; slots that pad name no
+    spring (−1), and the particle itself.
     """
     n, ends, device = model.particle_count, 2 * model.connection_count, model.device
-
-    def integers(size: int) -> wp.array:
-        return wp.zeros(size, dtype=int, device=device)
+    count = np.zeros(-(-n // SLICE) * SLICE, dtype=np.int64)
+    count[:n] = np.bincount(model.system.connections.ravel(), minlength=n)
+    # A slice has as many slots as its fullest particle for all, in whole chunks.
+    slots = CHUNK * SLICE * -(-count.reshape(-1, SLICE).max(axis=1) // CHUNK)
+    start, first = (
+        wp.array(np.append(0, np.cumsum(each)), dtype=int, device=device) for each in (count[:n], slots)
+    )
 
     def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, threads, inputs, outputs, device=device)
 
-    particle, end = integers(2 * ends), integers(2 * ends)  # sorting needs as much again
+    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # sorting needs as much again
     launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
     wp.utils.radix_sort_pairs(particle, end, ends)
-    count, start = integers(n), integers(n)
-    launch(tables.count_ends, ends, [particle], [count])
-    wp.utils.array_scan(count, start, inclusive=False)
-    slices = -(-n // SLICE)
-    length, first = integers(slices + 1), integers(slices + 1)
-    launch(tables.measure_slices, slices, [count], [length])
-    wp.utils.array_scan(length, first, inclusive=False)
-    slots = int(first[slices:].numpy()[0])
-    other = integers(slots + SLICE * CHUNK)  # a chunk more is read, and not used
-    connection = wp.full(slots, -1, dtype=int, device=device)
-    launch(tables.name_itself, slices, [first, n], [other])
+    total = int(slots.sum())
+    other = wp.zeros(total + SLICE * CHUNK, dtype=int, device=device)  # a chunk more is read, and not used
+    connection = wp.full(total, -1, dtype=int, device=device)
+    launch(tables.name_itself, len(slots), [first, n], [other])
     launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
     return first, other, connection
 
@@ -255,10 +252,10 @@ class Stencil:
         self.data = self.force_algorithm.Forces()
         self.data.mask = wp.array(mask, dtype=wp.uint32, device=model.device)
         self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
-        self.data.constants = _records_of_three(model, constants)
+        self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear the bits of broken connections, whose numbers are by direction and first particle."""
+        """Clear the bits of broken springs, whose numbers are by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):

@@ -1,4 +1,4 @@
-"""Fracture: connections that break for good; which of them are broken becomes state."""
+"""Fracture: springs that break for good; which of them are broken becomes state."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -18,7 +18,7 @@ JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
 
 
 class Fracture(Effect):
-    """Lets connections of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
+    """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
     The algorithms look for what is too long, since they know how long everything is. Each has an array
     that says who is joined with whom, from which it strikes out what breaks.
@@ -33,7 +33,7 @@ class Fracture(Effect):
         system, device = model.system, model.device
         broken_at = model.of_each_world(_rounded(system.broken_at)[None])
         self.broken_at = wp.array(broken_at, dtype=wp.float32, device=device)
-        """When connections broke [s], in the device's order, world after world; inf where they are whole."""
+        """When springs broke [s], in the device's order, world after world; inf where they are whole."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
@@ -91,22 +91,14 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Have an algorithm know what is broken already.
-
-        Parameters
-        ----------
-        joined
-            The array from which the algorithm strikes out what breaks.
-        strike_out
-            Strikes out of it what is broken by `broken_at`.
-        """
+        """Have an algorithm strike out what is broken already of the array that says who is joined."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which connections are broken, in the device's order, shape [connection_count]; of the first world."""
+        """Which springs are broken, in the device's order, shape [connection_count]; of the first world."""
         return np.isfinite(self.broken_at.numpy()[: self._model.connection_count])
 
     def begin(self, substeps: int, dt: float) -> None:
@@ -128,7 +120,7 @@ class Fracture(Effect):
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return when the system's connections broke [s], inf where they are whole."""
+        """Return when the system's springs broke [s], inf where they are whole."""
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
@@ -140,19 +132,19 @@ class Fracture(Effect):
         self._strike_out()
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return when the system's connections broke."""
+        """Return when the system's springs broke."""
         return self.checkpoint()
 
 
 def _rounded(broken_at: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return when connections broke as the device has it: what is broken stays so."""
+    """Return when springs broke as the device has it: what is broken stays so."""
     return np.where(np.isfinite(broken_at), np.minimum(broken_at, np.finfo(np.float32).max), np.inf).astype(
         np.float32
     )
 
 
 def break_stretch(system: System) -> NDArray[np.float64]:
-    """Return by how much longer than at rest a connection exerts its break force [m], shape [connection_count]."""
+    """Return by how much longer than at rest a spring exerts its break force [m], shape [connection_count]."""
     force, stiffness = system.break_force, system.stiffness
     if np.isinf(stored(force)).all():
         return uniform(np.inf, len(force))
@@ -161,7 +153,7 @@ def break_stretch(system: System) -> NDArray[np.float64]:
 
 
 def least_ratio(system: System) -> float:
-    """Return a length over the rest length up to which no connection breaks, however far it yields."""
+    """Return a length over the rest length up to which no spring breaks, however far it yields."""
     whole = ~system.broken
     if not whole.any():
         return np.inf

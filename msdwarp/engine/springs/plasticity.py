@@ -10,17 +10,11 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
-"""What the system says of each connection that may yield."""
+"""What the system says of each spring that may yield."""
 
 
 class Plasticity(Effect):
-    """Lets connections of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`.
-
-    Attributes
-    ----------
-    rest_length
-        The present rest lengths [m], in the device's order, of one world's connections after the other's.
-    """
+    """Lets springs of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -30,16 +24,15 @@ class Plasticity(Effect):
         for name in STORED:
             setattr(self.data, name, model.per_connection(name))
         self.rest_length = model.rest_length
+        """The present rest lengths [m], in the device's order, of one world's springs after the other's."""
         if model.in_worlds:
             self.by_world = ("rest_length",)
             each = model.of_each_world(model.row_of("rest_length"))
             self.rest_length = wp.array(each, dtype=model.scalar, device=model.device)
             model.tables["rest_length"] = self.rest_length.reshape((model.worlds, model.connection_count))
             if "rest_length" in model.rows:
-                self.by_world, self.data.original_length = (
-                    ("rest_length", "original_length"),
-                    wp.clone(self.rest_length),
-                )
+                self.by_world = ("rest_length", "original_length")
+                self.data.original_length = wp.clone(self.rest_length)
         self.data.rest_length = self.rest_length
 
     def begin(self, substeps: int, dt: float) -> None:
@@ -52,7 +45,7 @@ class Plasticity(Effect):
         return [self.rest_length]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the rest lengths of the system's connections [m], in its precision."""
+        """Return the rest lengths of the system's springs [m], in its precision."""
         return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
