@@ -35,31 +35,11 @@ def draw(
     fps: float | None = None,
     device: str | None = None,
 ) -> str:
-    """Draw a trajectory into a folder; return a line that says so.
+    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line that says so.
 
-    Parameters
-    ----------
-    scene
-        Its scene; the system must be the trajectory's.
-    trajectory
-        The frames.
-    folder, name
-        Folder of the pictures, and name of the film.
-    pictures
-        What is drawn.
-    progress
-        Where progress is shown.
-    shown
-        Numbers of the frames that are drawn; by default all.
-    fps
-        Pictures per second of the film; by default the trajectory's frames per second.
-    device
-        Device of the simulation, on which the ray caster draws; None to choose one.
-
-    Raises
-    ------
-    Interrupted
-        If a signal asks to stop: between two pictures, and never while VTK is imported, which would crash.
+    `name` is that of the film, `fps` its pictures per second (by default the trajectory's), and `device` the one
+    on which the ray caster draws. Raise Interrupted if a signal asks to stop: between two pictures, and never
+    while VTK is imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()

@@ -9,7 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -108,19 +108,14 @@ def _set_up() -> None:
         os.environ["COLUMNS"] = str(LEAST_COLUMNS)
 
 
-@contextmanager
-def stop_requests(talk: "Console") -> Iterator[list[int]]:
-    """Yield a list to which the first signal that asks to stop is added, announced on a terminal.
-
-    A second signal acts as usual; so does the first, at the end, if nothing was done about it.
-    """
+def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
+    """Return `noted`, announced on a terminal."""
 
     def announce() -> None:
         if talk.is_terminal:
             talk.print("stopping after this frame; press again to stop at once")
 
-    with noted(announce) as requested:
-        yield requested
+    return noted(announce)
 
 
 def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":

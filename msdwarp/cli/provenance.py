@@ -36,8 +36,8 @@ from .scene_files import Origin
 from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
-def about(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return what made a run as JSON data: the scene, how to build it again, and the program."""
+def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
+    """Return what a run is of, as JSON data: the scene, how to build it again, and the program."""
     return {
         "scene": origin.place,
         "parameters": parameters_of(origin),
@@ -60,10 +60,7 @@ def parameters_of(origin: Origin) -> dict[str, Any]:
 
 
 def built_again(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
-    """Return the scene that a file's attributes name, built again; its script is run if it may.
-
-    Raise ValueError if they do not name it, it cannot be built, or the script may not run.
-    """
+    """Return the scene that a file's attributes name, built again; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
     found = script.found(place, attributes)

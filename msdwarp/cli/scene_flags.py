@@ -27,8 +27,8 @@ def new_app(name: str, **options: Any) -> App:
 def flags_app(origin: Origin, command: str, options_type: type) -> App:
     """Return the command whose flags are the parameters of `build` and the fields of `options_type`.
 
-    It returns the origin with its parameters, and the options; None if help was shown. Raise ValueError if a
-    parameter has the name of an option.
+    It returns the origin with its parameters, and the options; None if help was shown. A parameter must not have
+    the name of an option.
     """
     defaults = options_type()
 

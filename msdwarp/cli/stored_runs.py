@@ -17,9 +17,9 @@ from ..simulation import Simulation
 from ..studies import EnergyLog, compare
 from ..world import Scene
 from .options import Options, Pictures
-from .provenance import about, built_again, digest, restored_options
+from .provenance import built_again, digest, restored_options
 from .results import RESTART, own_folder, pictures_in
-from .run import Run, last_frame, simulation_by, used
+from .run import Run, about, last_frame, simulation_by
 from .script_signatures import UNTRUSTED, Script
 
 
@@ -34,17 +34,8 @@ def resume_run(
 ) -> None:
     """Continue a run from its restart file, to its end or another duration [s], and draw it.
 
-    The result equals that of an uninterrupted run, to the last bit if the algorithm sums in a fixed order and the
-    device is the same.
-
-    Raises
-    ------
-    ValueError
-        If the restart file or the trajectory is invalid, or the scene has changed.
-    FileExistsError
-        If pictures would be replaced, and `force` is False.
-    SimulationDiverged, Interrupted, OSError
-        As by `run_scene`.
+    Raise ValueError if a file is invalid or the scene has changed, FileExistsError if pictures would be replaced
+    without `force`, and as `run_scene` does.
     """
     if not (folder / RESTART).exists():
         raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
@@ -106,29 +97,14 @@ def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], eve
 
 
 def rerun(
-    path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
+    trajectory: Trajectory, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
 ) -> str | None:
     """Repeat the run of a trajectory; return how the result differs, None if it does not.
 
-    Parameters
-    ----------
-    path
-        The trajectory.
-    device
-        Device to simulate on; by default the one used before.
-    out
-        Folder to keep the result in, with the pictures that the run asked for; by default it is not kept.
-    quiet
-        Show no progress.
-    script
-        Which script may run.
-
-    Raises
-    ------
-    ValueError
-        If the file does not say what made it, or that cannot be built or simulated here.
+    The result, with the pictures that the run asked for, is kept in the folder `out` if one is given. Raise
+    ValueError if the file does not say what made it, or that cannot be built or simulated here.
     """
-    with Trajectory(path) as trajectory, contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
         origin, scene = built_again(attributes, script)
         device = device or checks.member("the file", attributes, "device")
@@ -142,13 +118,13 @@ def rerun(
         else:
             folder = stack.enter_context(own_folder(origin.name, out, False))
         if not len(trajectory):
-            raise ValueError(f"{path} has no frames to repeat")
+            raise ValueError(f"{trajectory.path} has no frames to repeat")
         if FIRST_FRAME in attributes:
             if out is not None:
                 raise ValueError("out is given; what was recorded live is compared as it is made, and not kept")
-            return _live_difference(trajectory, scene, options, read_deeds(path.parent))
+            return _live_difference(trajectory, scene, options, read_deeds(trajectory.path.parent))
         simulation = simulation_by(scene, options)
-        new = about(origin, scene) | used(simulation, options)
+        new = about(origin, scene, simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
         Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)

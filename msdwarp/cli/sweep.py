@@ -14,6 +14,7 @@ from rich.console import Console
 
 from ..simulation import frame_count
 from ..studies import (
+    ENSEMBLE,
     RESULTS,
     Asked,
     Point,
@@ -48,18 +49,47 @@ class Words(NamedTuple):
     script: str | None
     words: tuple[str, ...]
 
+    def chosen(self) -> tuple[Origin, SweepOptions]:
+        """Return the scene and options; raise ValueError if the script has changed."""
+        found = find_scene(self.place)
+        if found.script != self.script:
+            raise ValueError(f"{self.place} has changed since the sweep began")
+        return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
+
+    def asked(self) -> Asked:
+        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        origin, options = self.chosen()
+        scene = origin.scene()
+        duration = scene.duration if options.duration is None else options.duration
+        options.check(frame_count(duration, options.fps))
+        if options.tolerance is not None:
+            raise ValueError("its method and substeps are chosen by a tolerance")
+        return Asked(scene, duration, method_of(options))
+
+    def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
+        """Run the scene in a folder, and return its final numbers."""
+        try:
+            origin, options = self.chosen()
+            start_warp(options.verbose)
+            scene = origin.scene()
+            return final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
+        except Interrupted as error:
+            if parent_process() is not None:  # a worker that was ended: the sweep handles it
+                os._exit(error.code)
+            if error.number == signal.SIGINT:
+                raise KeyboardInterrupt from None
+            raise Terminated(error.number) from None
+        except Exception as error:
+            if (message := user_message(error)) is None:
+                raise
+            raise ValueError(message) from error
+
 
 def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     """Simulate a scene at all points of the lists and ranges among some flags, and print a summary.
 
-    Raises
-    ------
-    ValueError
-        If a flag is wrong, or none is a list or a range, or xarray is missing: before any file is touched.
-    OSError
-        If the folder cannot be written to, or holds something else.
-    Interrupted
-        If a signal ends it; the same command continues.
+    Raise ValueError for a wrong flag before any file is touched, OSError if the folder cannot be used, and
+    Interrupted if a signal ends it; the same command continues.
     """
     fixed, grid = _read(flags)
     app = flags_app(origin, command, SweepOptions)
@@ -86,21 +116,17 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
-    together: list[str] = []
     try:
         with progress_on(talk, over=_LONG) as progress:
             task = progress.add_task("sweeping", total=None)
-            results = complete(
+            results, worlds, refused = complete(
                 values,
                 planned,
                 folder,
-                simulate_words,
                 options.keep == "run",
                 jobs=options.jobs,
                 device=options.device,
                 report=lambda done, all_: progress.update(task, completed=done, total=all_),
-                ask=asked_by_words,
-                say=lambda done, refused: together.append(in_words(done, refused)),
             )
     except (KeyboardInterrupt, Terminated) as error:
         number = error.args[0] if isinstance(error, Terminated) else signal.SIGINT
@@ -108,49 +134,12 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
-        print(*together, sep="\n", end="\n" if together else "")
+        if worlds or options.jobs == ENSEMBLE:
+            print(in_words(worlds, refused))
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for message in sorted(wrong)[:3]:
             print(f"  {message}")
         print(f"wrote {folder / RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
-
-
-def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, float]:
-    """Run a scene by its command line in a folder, and return its final numbers; for workers."""
-    try:
-        origin, options = _chosen_by(task)
-        start_warp(options.verbose)
-        scene = origin.scene()
-        return final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
-    except Interrupted as error:
-        if parent_process() is not None:  # a worker that was ended: the sweep handles it
-            os._exit(error.code)
-        if error.number == signal.SIGINT:
-            raise KeyboardInterrupt from None
-        raise Terminated(error.number) from None
-    except Exception as error:
-        if (message := user_message(error)) is None:
-            raise
-        raise ValueError(message) from error
-
-
-def asked_by_words(task: Words) -> Asked:
-    """Return the simulation that a command line requests; raise ValueError if only a run of its own can do it."""
-    origin, options = _chosen_by(task)
-    scene = origin.scene()
-    duration = scene.duration if options.duration is None else options.duration
-    options.check(frame_count(duration, options.fps))
-    if options.tolerance is not None:
-        raise ValueError("its method and substeps are chosen by a tolerance")
-    return Asked(scene, duration, method_of(options))
-
-
-def _chosen_by(task: Words) -> tuple[Origin, SweepOptions]:
-    """Return the scene and options of a command line; raise ValueError if its script has changed."""
-    found = find_scene(task.place)
-    if found.script != task.script:
-        raise ValueError(f"{task.place} has changed since the sweep began")
-    return flags_app(found, "msdwarp sweep", SweepOptions)(task.words)
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:

@@ -28,26 +28,10 @@ def export(
 ) -> list[Path]:
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
-    Parameters
-    ----------
-    trajectory
-        The frames.
-    path
-        The file. Several frames become several files, `cube_0012.obj` for frame 12; usd and npz hold all in one.
-    to
-        obj, stl, ply, gltf, usd or npz (positions, velocities, times and connections); the path's ending.
-    frames
-        A frame's number, a slice, or several numbers.
-    force
-        Replace existing files.
-
-    Raises
-    ------
-    ValueError
-        If the format is unknown, is not the path's ending, cannot hold the body, or needs a missing package; or if
-        there are no such frames.
-    FileExistsError
-        If a file exists and `force` is False: before anything is written.
+    Of obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
+    velocities, times and connections) hold all in one. Raise ValueError if the format is unknown, is not the
+    path's ending, cannot hold the body, or needs a missing package, or if there are no such frames; and
+    FileExistsError if a file exists and `force` is False, before anything is written.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))

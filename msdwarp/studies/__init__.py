@@ -1,7 +1,6 @@
 """What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps; fits."""
 
 from .accuracy import cheapest, tune
-from .energy_log import EnergyLog
 from .fit import fit
 from .fit_result import FitResult
 from .frames import compare, particle_energies, system_in
@@ -9,10 +8,10 @@ from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
 from .measured import TrackedPoints
 from .sweep import complete, sweep
-from .sweep_ensembles import ENSEMBLE, Asked, in_words
+from .sweep_ensembles import ENSEMBLE, in_words
 from .sweep_plot import plot_sweep
-from .sweep_points import RESULTS, Point, final_numbers, import_xarray
-from .table import GrowingTable
+from .sweep_points import RESULTS, Asked, Point, final_numbers, import_xarray
+from .table import EnergyLog, GrowingTable
 
 __all__ = [
     "ENSEMBLE",
