@@ -94,9 +94,3 @@ def alone_in(folder: Path | None) -> Iterator[None]:
         yield
     finally:
         os.close(number)
-
-
-def remove_folder(folder: Path) -> None:
-    """Remove a folder and all in it, if it is there."""
-    if folder.exists():
-        shutil.rmtree(folder)

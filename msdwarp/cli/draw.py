@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -45,13 +46,12 @@ def draw(
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        scene = replace(scene, look=pictures.turned(scene.look))
+        look = replace(scene.look, **pictures.camera_angles)
         if scene.system.tears:
             scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
-        if pictures.colour == "strain" or (pictures.colour is None and scene.look.strain):
-            scene = replace(
-                scene, look=replace(scene.look, full_strain=_full_strain(scene, trajectory, pictures, shown))
-            )
+        if pictures.colour == "strain" or (pictures.colour is None and look.strain):
+            look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
+        scene = replace(scene, look=look)
         colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
         size = parse_resolution(pictures.resolution)
         seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
@@ -89,7 +89,6 @@ def draw(
 
 
 def _end_if(requests: list[int]) -> None:
-    """Raise Interrupted if a signal asks to stop."""
     if requests:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
@@ -104,10 +103,7 @@ def _colouring(
     if colour not in _QUANTITIES:
         return colour, None
     label, values_of = _QUANTITIES[colour]
-
-    def values(k: int) -> NDArray[np.float64]:
-        return values_of(scene, trajectory, k)
-
+    values = partial(values_of, scene, trajectory)
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
     return ColourScale(label, _rounded_up(largest)), values
 

@@ -39,7 +39,6 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
 
 
 def _print(name: str, found: FitResult) -> None:
-    """Print a table of the values, and the residuals."""
     table = Table("parameter", title=f"{name}: {found.runs} worlds of {found.substeps} substeps a frame")
     table.add_column("value", justify="right")
     table.add_column("standard deviation", justify="right")

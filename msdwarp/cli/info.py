@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import counted
 from ..files import Trajectory
 from .error_messages import printable
-from .options import Options
-from .provenance import flattened
+from .options import Options, flattened
 from .results import RESTART
 
 Lines = Iterator[tuple[str, str]]

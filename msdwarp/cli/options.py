@@ -2,16 +2,14 @@
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from .results import overlay_path
-
-if TYPE_CHECKING:  # `--help` needs neither Warp nor NumPy
-    from ..world import Look
 
 # Flags that several commands have, with what they show in help.
 Flag = Annotated[bool, Parameter(negative=())]
@@ -84,10 +82,6 @@ class Pictures:
         angles = {"azimuth": self.azimuth, "elevation": self.elevation}
         return {name: angle for name, angle in angles.items() if angle is not None}
 
-    def turned(self, look: "Look") -> "Look":
-        """Return a look with these camera angles."""
-        return replace(look, **self.camera_angles)
-
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
         from .. import checks
@@ -106,6 +100,12 @@ class Pictures:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
             )
+
+
+def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return stored options with those of the pictures among them."""
+    flat = {**options, **options.get("pictures", {})}
+    return {name: value for name, value in flat.items() if name != "pictures"}
 
 
 def parse_resolution(text: str) -> tuple[int, int]:

@@ -133,12 +133,6 @@ def _fits(value: Any, kind: Any) -> bool:
     return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
 
 
-def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored options with those of the pictures among them."""
-    flat = {**options, **options.get("pictures", {})}
-    return {name: value for name, value in flat.items() if name != "pictures"}
-
-
 def digest(scene: Scene) -> str:
     """Return a short text, equal for scenes with the same bodies and surroundings.
 
@@ -191,7 +185,6 @@ def _parts(scene: Scene) -> Iterator[bytes]:
 
 
 def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[bytes]:
-    """Yield a body's pose at some times."""
     for time in times:
         for part in pose(float(time)):
             yield np.asarray(part, dtype=float).tobytes()

@@ -157,7 +157,6 @@ class Run:
     """Where progress is shown."""
 
     def __post_init__(self) -> None:
-        """Find out what is to be kept."""
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
@@ -262,14 +261,14 @@ class Run:
                 except SimulationDiverged:
                     self._save(writer)  # of the frame before
                     raise
+            readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
+            readings = {every: rows for every, rows in readings.items() if rows.size}
             if writer is not None:
-                readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
-                rows = {every: values for every, values in readings.items() if values.size}
-                writer.write_pending(readback.take() if writer.wants_next() else None, rows)
+                writer.write_pending(readback.take() if writer.wants_next() else None, readings)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
-            for every, table in self._tables.items() if k else ():
-                for numbers in simulation.readings.last(every):
+            for every, table in self._tables.items():
+                for numbers in readings.get(every, ()):
                     table.write_line(numbers)
             if requests:
                 self._save(writer)

@@ -1,13 +1,12 @@
 """The flags of a scene: a command made of the parameters of its `build` and of the options of the command."""
 
 import inspect
-from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
-from itertools import cycle
-from typing import Any, get_args
+from dataclasses import asdict
+from typing import Any
 
-from cyclopts import App, CoercionError, Parameter, Token, convert
+from cyclopts import App, Parameter, convert
 
+from .options import flattened
 from .scene_files import Origin
 
 
@@ -37,7 +36,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
 
     keyword = inspect.Parameter.KEYWORD_ONLY
     own = inspect.signature(origin.build, eval_str=True).parameters
-    if clash := own.keys() & _names(defaults):
+    if clash := own.keys() & flattened(asdict(defaults)).keys():
         raise ValueError(
             f"build of scene {origin.name!r} has parameters with the names of common flags: {sorted(clash)}"
         )
@@ -51,32 +50,12 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
     return app
 
 
-def _names(options: Any) -> set[str]:
-    """Return the names of options, with those of nested ones."""
-    names = set()
-    for one in fields(options):
-        value = getattr(options, one.name)
-        names |= _names(value) if is_dataclass(value) else {one.name}
-    return names
-
-
 def _convert(kind: Any, tokens: Any) -> Any:
     """Convert words as cyclopts does, but refuse 1.5 for a whole number, which cyclopts rounds to 2."""
-    value = convert(kind, tokens)
-    several = isinstance(value, tuple | list | set)
-    for token, found in zip(tokens, cycle(_flat(value)), strict=False):
-        if isinstance(token, Token) and type(found) is int and "." in token.value and float(token.value) != found:
-            others = () if several else {float, str} & set(get_args(kind))
-            if not others:
-                raise CoercionError(token=token, target_type=int if several else kind)
-            value = convert(float if float in others else str, tokens)
-    return value
 
+    def converted(kind: Any, word: str) -> Any:
+        if kind is int and "." in word and not float(word).is_integer():
+            raise ValueError
+        return convert(kind, [word])
 
-def _flat(value: Any) -> Iterable[Any]:
-    """Yield the numbers of nested lists and tuples."""
-    if isinstance(value, tuple | list | set):
-        for one in value:
-            yield from _flat(one)
-    else:
-        yield value
+    return convert(kind, tokens, converted)

@@ -74,14 +74,11 @@ def resume_run(
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what made a run, and its checkpoint's numbers; raise ValueError if a part of them is missing."""
-    parts = []
-    wanted = {"run": ("scene", "parameters", "digest", "device", "options"), "checkpoint": ("frame_index",)}
-    for part, names in wanted.items():
-        found = checks.member(str(path), attributes, part)
-        for name in names:
-            checks.member(f"{path}: {part}", found, name)
-        parts.append(found)
-    return parts[0], parts[1]
+    made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
+    for name in ("scene", "parameters", "digest", "device", "options"):
+        checks.member(f"{path}: run", made_by, name)
+    checks.member(f"{path}: checkpoint", checkpoint, "frame_index")
+    return made_by, checkpoint
 
 
 def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
@@ -162,7 +159,6 @@ def _live_difference(
 
 
 def _causes(before: dict, now: dict) -> str:
-    """Return what has changed since and may be the cause."""
     other = [
         f"{name} was {checks.repr_short(before.get(name))}, and is {now[name]!r}"
         for name in ("digest", "versions", "commit", "device_name", "force_algorithm", "precision", "substeps")

@@ -28,9 +28,9 @@ from ..studies import (
     values_of,
 )
 from .error_messages import user_message
-from .options import SweepOptions
+from .options import SweepOptions, flattened
 from .process import progress_on, start_warp
-from .provenance import as_json, flattened, parameters_of
+from .provenance import as_json, parameters_of
 from .run import method_of, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
@@ -96,7 +96,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     chosen = app(fixed)
     if chosen is None:  # help was shown
         return
-    base, options = _identity(*chosen), chosen[1]
+    options = chosen[1]
     import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
@@ -109,10 +109,19 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
     check_size(values)
-    planned = []
+    # All parameters identify a point, and options that are not usual: a later version may have more of them.
+    parameters = {name: _whole(value) for name, value in parameters_of(chosen[0]).items()}
+    own, usual, planned = _flat(options), _flat(SweepOptions()), []
     for given, texts in zip(points(values), points(grid), strict=True):
+        changed = own | {name: value for name, value in given.items() if name in usual}
+        identity = {
+            "scene": origin.name,
+            "script": origin.script,
+            "parameters": parameters | {name: value for name, value in given.items() if name not in usual},
+            "options": {name: value for name, value in changed.items() if value != usual[name]},
+        }
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(Point(_with(base, given), Words(origin.place, origin.script, words)))
+        planned.append(Point(identity, Words(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
@@ -165,33 +174,9 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
     return fixed, grid
 
 
-def _identity(chosen: Origin, options: SweepOptions) -> dict[str, Any]:
-    """Return what identifies a simulation, as JSON data: all parameters, and the options of the run."""
-    return {
-        "scene": chosen.name,
-        "script": chosen.script,
-        "parameters": {name: _whole(value) for name, value in parameters_of(chosen).items()},
-        "options": _unusual(_flat(options)),
-    }
-
-
 def _flat(options: SweepOptions) -> dict[str, Any]:
     """Return the options of a run by name, those of pictures among them."""
     return {name: _whole(value) for name, value in flattened(options.as_stored()).items() if name not in _ONCE}
-
-
-def _unusual(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that differ from their defaults: a later version may have more."""
-    usual = _flat(SweepOptions())
-    return {name: value for name, value in sorted(options.items()) if value != usual[name]}
-
-
-def _with(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """Return what identifies the simulation of a point."""
-    usual = _flat(SweepOptions())
-    own = {name: value for name, value in given.items() if name not in usual}
-    others = {name: value for name, value in given.items() if name in usual}
-    return base | {"parameters": base["parameters"] | own, "options": _unusual(base["options"] | others)}
 
 
 def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:

@@ -48,7 +48,6 @@ def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: Vi
 
 
 def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
-    """Return a scene as it is simulated."""
     of_run = options.of_run
     handled = within_reach(scene)
     simulation = simulation_by(handled, of_run)

@@ -104,7 +104,6 @@ def _finite(trajectory: Trajectory, k: int, name: str) -> NDArray:
 
 
 def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
-    """Write one frame with PyVista."""
     import pyvista as pv
 
     counted = np.insert(cells, 0, cells.shape[1], axis=1).ravel()
@@ -118,7 +117,6 @@ def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None)
 
 
 def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
-    """Write one frame as glTF 2.0 with its data inside."""
     vertices, corners = points.astype("<f4").tobytes(), cells.astype("<u4").tobytes()
     uri = "data:application/octet-stream;base64," + base64.b64encode(vertices + corners).decode()
     bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
@@ -143,7 +141,6 @@ def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> No
 
 
 def _usd(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
-    """Write frames as one USD stage, a time code each."""
     from pxr import Gf, Usd, UsdGeom, Vt  # pyright: ignore[reportMissingImports]
 
     path.unlink(missing_ok=True)

@@ -35,11 +35,9 @@ class FrameArray:
         self.dtype, self.ndim = dataset.dtype, len(self.shape)
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return self.shape[0]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
-        """Return all of it."""
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
@@ -76,7 +74,6 @@ class FrameArray:
 
 
 def _chosen(count: int, key: Any) -> NDArray[np.intp]:
-    """Return the numbers of what an index chooses among so many."""
     return np.atleast_1d(np.arange(count)[key])
 
 
@@ -155,11 +152,9 @@ class Trajectory:
         self._file.close()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def __repr__(self) -> str:
@@ -176,7 +171,6 @@ class Trajectory:
         return "\n  ".join(lines)
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return len(self.times)
 
     @cached_property
@@ -223,7 +217,6 @@ class Trajectory:
         return self._of_particles(CONTACT)
 
     def _of_particles(self, name: str) -> FrameArray:
-        """Return an array of vectors, one for each particle and frame."""
         return FrameArray(self._file[ROOT][name], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
@@ -293,7 +286,6 @@ class Trajectory:
         return (self.frame(i) for i in range(len(self))[k]) if isinstance(k, slice) else self.frame(k)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Return an iterator over all frames."""
         return self[:]
 
 

@@ -337,6 +337,5 @@ def _cells(system: System) -> dict[str, NDArray]:
 
 
 def _at_least(dataset: Any, rows: int) -> None:
-    """Extend an array to so many rows, if it has fewer."""
     if len(dataset) < rows:
         dataset.resize(rows, axis=0)

@@ -219,11 +219,9 @@ class TrajectoryWriter:
         self._raise_error(again=False)
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:

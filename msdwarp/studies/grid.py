@@ -45,7 +45,6 @@ def values_of(name: str, text: str) -> list[str] | None:
 
 
 def _piece(name: str, text: str, piece: str) -> list[str]:
-    """Return the values of a part of a list."""
     given = f"{name} is {checks.repr_short(text)}"
     if piece and not re.match(f"{_NUMBER}:", piece):
         return [piece]
@@ -132,7 +131,6 @@ def plain(name: str, value: Any) -> Any:
 
 
 def _number_or_text(text: str) -> Any:
-    """Return the number that a text says, or the text."""
     return plain("it", float(text)) if re.fullmatch(_NUMBER, text) else text
 
 

@@ -70,7 +70,6 @@ class Problem:
     loss: str
 
     def __post_init__(self) -> None:
-        """Find the bounds of θ."""
         limits = np.array([(one.low / one.start, one.high / one.start) for one in self.parameters])
         self.low, self.high = np.log(limits).T
 

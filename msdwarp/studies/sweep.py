@@ -1,6 +1,7 @@
 """Sweeps: a scene at all points of a grid, each point a run of its own, on as many machines as there are."""
 
 import inspect
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -216,7 +217,7 @@ def complete(
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
         for point in left.values():  # what a power cut has left of a run
-            disk.remove_folder(runs / point.digest)
+            shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
         worlds = _in_ensembles(left, runs, refused, fixed_only=jobs != ENSEMBLE) if together else ()
         try:

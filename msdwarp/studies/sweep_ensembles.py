@@ -98,7 +98,6 @@ def _digest_of_shared(asked: Asked) -> bytes:
 
 
 def _most(asked: Asked) -> int:
-    """Return how many worlds an ensemble may have."""
     system = asked.scene.system
     most = MOST_WORLDS if gpus_for(asked.options.get("device")) else MOST_ON_CPU
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
@@ -190,7 +189,6 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
 
 
 def _moving(of: Simulation | Ensemble) -> list[Any]:
-    """Return the arrays on the device that move."""
     now = of.state.state_in
     compensation = (now.compensation.x, now.compensation.v) if of.model.compensated else ()
     return [now.x, now.v, *now.method_state, *compensation]

@@ -92,7 +92,6 @@ def _line(axes: Any, mean: Any, ended: NDArray) -> NDArray[np.float64]:
 
 
 def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
-    """Draw a map with crosses."""
     across, up = mean.dims
     x = _places(axes.xaxis, axes.set_xscale, mean[across].values)
     y = _places(axes.yaxis, axes.set_yscale, mean[up].values)

@@ -195,7 +195,6 @@ def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: S
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:
-    """Return swept values as numbers, or as texts unless all are numbers."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([str(value) for value in values], dtype=object)

@@ -64,7 +64,6 @@ class GrowingTable:
         return [line + [""] * (len(self._head) - len(head)) for line in lines], behind
 
     def __enter__(self) -> Self:
-        """Open the file."""
         kept = _as_csv([self._head, *self._lines[: self._kept]])
         whole = kept + _as_csv(self._lines[self._kept :])
         if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or cut short
@@ -99,7 +98,6 @@ class GrowingTable:
 
 
 def _as_csv(lines: Sequence[Sequence[str]]) -> bytes:
-    """Return lines as they are in the file."""
     text = io.StringIO(newline="")
     csv.writer(text).writerows(lines)
     return text.getvalue().encode()

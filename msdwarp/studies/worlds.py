@@ -145,7 +145,6 @@ class _Positions:
 
 
 def _value(simulation: Simulation, channel: Channel) -> NDArray[np.float64]:
-    """Return a channel in the present frame."""
     if isinstance(channel.what, np.ndarray):
         return np.asarray(simulation.frame().position[channel.what], dtype=float)
     if isinstance(channel.what, Probe):
