@@ -54,12 +54,10 @@ def _print(name: str, found: FitResult) -> None:
 
 def _starts(text: str) -> dict[str, float | None]:
     """Return the starting values in "stiffness=500,damping"."""
-    starts: dict[str, float | None] = {}
-    for word in text.split(","):
-        name, given, value = word.strip().partition("=")
-        if name in starts:
-            raise ValueError(f"parameters is {text!r}; each must be named once")
-        starts[name] = _number("parameters", text, value) if given else None
+    words = [word.strip().partition("=") for word in text.split(",")]
+    starts = {name: _number("parameters", text, value) if given else None for name, given, value in words}
+    if len(starts) < len(words):
+        raise ValueError(f"parameters is {text!r}; each must be named once")
     return starts
 
 

@@ -170,8 +170,7 @@ class Run:
     def to(self, last: int, *, behind: int = 0) -> None:
         """Simulate up to frame `last`, keep the frames after the first `behind`, draw all, and print a summary.
 
-        If SimulationDiverged or OSError ends it early, the frames until then are kept and drawn; if Interrupted
-        does, they are only kept.
+        An error that ends it early leaves the frames until then; after SimulationDiverged they are drawn, too.
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:

@@ -87,12 +87,12 @@ def _is_fragile(frame: FrameType | None) -> bool:
 
 
 @contextlib.contextmanager
-def handled(handler: Callable[[int, Any], Any], *names: str) -> Iterator[None]:
-    """Use a handler for signals, all or some; only the main thread receives any."""
+def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+    """Use a handler for signals; only the main thread receives any."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in heard(*(names or ALL))}
+    before = {number: signal.getsignal(number) for number in heard(*ALL)}
     for number in before:
         signal.signal(number, handler)
     try:

@@ -12,21 +12,8 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
+from .. import studies
 from ..simulation import frame_count
-from ..studies import (
-    ENSEMBLE,
-    RESULTS,
-    Asked,
-    Point,
-    check_size,
-    complete,
-    final_numbers,
-    import_xarray,
-    in_words,
-    plain,
-    points,
-    values_of,
-)
 from .error_messages import user_message
 from .options import SweepOptions, flattened
 from .process import progress_on, start_warp
@@ -56,7 +43,7 @@ class Words(NamedTuple):
             raise ValueError(f"{self.place} has changed since the sweep began")
         return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
 
-    def asked(self) -> Asked:
+    def asked(self) -> studies.Asked:
         """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
         origin, options = self.chosen()
         scene = origin.scene()
@@ -64,7 +51,7 @@ class Words(NamedTuple):
         options.check(frame_count(duration, options.fps))
         if options.tolerance is not None:
             raise ValueError("its method and substeps are chosen by a tolerance")
-        return Asked(scene, duration, method_of(options))
+        return studies.Asked(scene, duration, method_of(options))
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Run the scene in a folder, and return its final numbers."""
@@ -72,7 +59,7 @@ class Words(NamedTuple):
             origin, options = self.chosen()
             start_warp(options.verbose)
             scene = origin.scene()
-            return final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
+            return studies.final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
         except Interrupted as error:
             if parent_process() is not None:  # a worker that was ended: the sweep handles it
                 os._exit(error.code)
@@ -97,7 +84,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if chosen is None:  # help was shown
         return
     options = chosen[1]
-    import_xarray()
+    studies.import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
@@ -108,11 +95,11 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
         if len(set(several)) < len(several):
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
-    check_size(values)
+    studies.check_size(values)
     # All parameters identify a point, and options that are not usual: a later version may have more of them.
     parameters = {name: _whole(value) for name, value in parameters_of(chosen[0]).items()}
     own, usual, planned = _flat(options), _flat(SweepOptions()), []
-    for given, texts in zip(points(values), points(grid), strict=True):
+    for given, texts in zip(studies.points(values), studies.points(grid), strict=True):
         changed = own | {name: value for name, value in given.items() if name in usual}
         identity = {
             "scene": origin.name,
@@ -121,14 +108,14 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             "options": {name: value for name, value in changed.items() if value != usual[name]},
         }
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(Point(identity, Words(origin.place, origin.script, words)))
+        planned.append(studies.Point(identity, Words(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
     try:
         with progress_on(talk, over=_LONG) as progress:
             task = progress.add_task("sweeping", total=None)
-            results, worlds, refused = complete(
+            results, worlds, refused = studies.complete(
                 values,
                 planned,
                 folder,
@@ -143,12 +130,12 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
-        if worlds or options.jobs == ENSEMBLE:
-            print(in_words(worlds, refused))
+        if worlds or options.jobs == studies.ENSEMBLE:
+            print(studies.in_words(worlds, refused))
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for message in sorted(wrong)[:3]:
             print(f"  {message}")
-        print(f"wrote {folder / RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
+        print(f"wrote {folder / studies.RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
@@ -160,7 +147,7 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
         if match and text is None and k + 1 < len(flags):
             taken, text = 2, flags[k + 1]
         name = match.group(1).replace("_", "-") if match else ""
-        several = values_of(name, text) if match and text is not None else None
+        several = studies.values_of(name, text) if match and text is not None else None
         if several is None:
             fixed.append(flags[k])
             k += 1
@@ -185,7 +172,7 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
         raise ValueError(f"{name} is not a parameter that can be swept")
-    return plain(name, as_json(held[name]))
+    return studies.plain(name, as_json(held[name]))
 
 
 def _whole(value: Any) -> Any:
