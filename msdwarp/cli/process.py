@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import runtime
 from . import signals
-from .signals import Interrupted, Terminated, at_once, heard, noted
+from .signals import Interrupted, Terminated, at_once, heard, noted, number_of, word
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,10 +48,8 @@ def _run(command: Callable[[], Any]) -> NoReturn:
     sys.unraisablehook = signals.lost
     try:
         finish(command)
-    except KeyboardInterrupt:
-        signals.leave(signal.SIGINT)
-    except Terminated as termination:
-        signals.leave(termination.args[0])
+    except (KeyboardInterrupt, Terminated) as stop:
+        signals.leave(number_of(stop))
     finally:
         signals.ignore()
 
@@ -81,12 +79,9 @@ def finish(command: Callable[[], Any]) -> NoReturn:
             raise
         print(f"error: {printable_lines(text)}", file=sys.stderr)
         code = 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        code = 130
-    except Terminated as termination:
-        print("terminated", file=sys.stderr)
-        code = 128 + termination.args[0]
+    except (KeyboardInterrupt, Terminated) as stop:
+        print(word(number_of(stop)), file=sys.stderr)
+        code = 128 + number_of(stop)
     sys.exit(code)
 
 

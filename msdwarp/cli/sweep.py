@@ -21,7 +21,7 @@ from .provenance import as_json, parameters_of
 from .run import method_of, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
-from .signals import Interrupted, Terminated, word
+from .signals import Interrupted, Terminated, number_of, word
 
 _LONG = 86400.0
 """Seconds over which the speed is averaged: a point may take minutes."""
@@ -124,8 +124,8 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
                 device=options.device,
                 report=lambda done, all_: progress.update(task, completed=done, total=all_),
             )
-    except (KeyboardInterrupt, Terminated) as error:
-        number = error.args[0] if isinstance(error, Terminated) else signal.SIGINT
+    except (KeyboardInterrupt, Terminated) as stop:
+        number = number_of(stop)
         raise Interrupted(f"{word(number)}: what is done is kept, and the same command goes on", number) from None
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())

@@ -5,7 +5,6 @@ import importlib.util
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import in_space
-from ..disk import replacing, reserve
+from ..disk import failure_named, replacing, reserve
 from .trajectory import Trajectory
 
 
@@ -54,22 +53,13 @@ def export(
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
-        with _failure_named(path), replacing(path) as unfinished:
+        with failure_named(path), replacing(path) as unfinished:
             _WHOLE[to](trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
-        with _failure_named(one), replacing(one) as unfinished:
+        with failure_named(one), replacing(one) as unfinished:
             _MESHES[to](unfinished, points, cells, uv)
     return paths
-
-
-@contextmanager
-def _failure_named(path: Path) -> Iterator[None]:
-    """Raise OSError that names the file for one that does not."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..disk import replacing
+from ..disk import failure_named, replacing
 from .names import restored, store
 
 FORMAT = 1
@@ -42,11 +42,8 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
         for k, values in enumerate(given.values()):  # whose names may have a slash
             store(file, f"arrays/{k}", values.ravel())
-    try:
-        with replacing(path, durable=True) as unfinished:
-            unfinished.write_bytes(image.getbuffer())
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+    with failure_named(path), replacing(path, durable=True) as unfinished:
+        unfinished.write_bytes(image.getbuffer())
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:

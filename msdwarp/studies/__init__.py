@@ -3,7 +3,7 @@
 from .accuracy import cheapest, tune
 from .fit import fit
 from .fit_result import FitResult
-from .frames import compare, particle_energies, system_in
+from .frames import particle_energies, system_in
 from .grid import check_size, plain, points, values_of
 from .history import plot_history, write_history
 from .measured import TrackedPoints
@@ -24,7 +24,6 @@ __all__ = [
     "TrackedPoints",
     "cheapest",
     "check_size",
-    "compare",
     "complete",
     "final_numbers",
     "fit",

@@ -86,15 +86,13 @@ class GrowingTable:
         """Add a line, unless it is the next one already."""
         assert self._file is not None
         line = _as_csv([[f"{number:.9g}" for number in numbers]])
-        try:
+        with disk.failure_named(self.path, "could not be written further"):
             there = self._file.read(len(line))
             if there != line:
                 self._file.seek(-len(there), io.SEEK_CUR)
                 self._file.write(line)
                 self._file.flush()
                 self._file.truncate()
-        except OSError as error:
-            raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
 
 
 def _as_csv(lines: Sequence[Sequence[str]]) -> bytes:
