@@ -136,28 +136,26 @@ def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, f
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
-        sizes = np.linalg.norm(forces[k].astype(np.float64), axis=1)
+        sizes = _sizes(forces[k])
         if sizes.any():
             large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
     return forces, _rounded_up(float(np.median(large)) if large else 0.0)
 
 
-def _speeds(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return np.linalg.norm(trajectory.velocities[k].astype(np.float64), axis=1)
-
-
-def _contact_forces(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return np.linalg.norm(trajectory.contact_forces[k].astype(np.float64), axis=1)
-
-
-def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return particle_energies(system_in(trajectory, k, scene.schedule))
+def _sizes(vectors: NDArray) -> NDArray[np.float64]:
+    return np.linalg.norm(vectors.astype(np.float64), axis=1)
 
 
 _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
-    "velocity": ("speed [m/s]", _speeds),
-    "energy": ("energy of a particle and half its connections [J]", _energies),
-    "contact": ("contact force on a particle [N]", _contact_forces),
+    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _sizes(trajectory.velocities[k])),
+    "energy": (
+        "energy of a particle and half its connections [J]",
+        lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
+    ),
+    "contact": (
+        "contact force on a particle [N]",
+        lambda scene, trajectory, k: _sizes(trajectory.contact_forces[k]),
+    ),
 }
 """Quantities of particles that colours can show, by name: the label, and the values in a frame."""
 

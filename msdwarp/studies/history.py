@@ -12,7 +12,7 @@ from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
 from .frames import changes_made, system_in
-from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, output_path
+from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path
 from .table import COLUMNS, GrowingTable
 
 
@@ -109,8 +109,6 @@ def plot_history(
 
     Raises ValueError if there are fewer than two frames, and as `history` and `output_path` do.
     """
-    from matplotlib.figure import Figure
-
     path = output_path(path, ".png", force)
     if len(trajectory) < 2:
         frames = f"{len(trajectory)} frame{'' if len(trajectory) else 's'}"
@@ -119,7 +117,7 @@ def plot_history(
     moments = history(trajectory, gravity=gravity, schedule=schedule)
     table = np.fromiter(map(_line, moments), dtype=[(name, np.float64) for name in _columns(trajectory)])
 
-    figure = Figure(figsize=(8, 9), layout="constrained")
+    figure = new_figure(8, 9)
     panels = energies, momentum, heights = figure.subplots(3, sharex=True)
     draw_energies(energies, table)
     size = {"size": (table["momentum_kg_m_s"], DARK)}

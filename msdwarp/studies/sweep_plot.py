@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from .plots import BLUE, RED, add_grid, output_path
+from .plots import BLUE, RED, add_grid, new_figure, output_path
 from .sweep_points import DONE, WORDS, read_results
 
 _USUAL = ("kinetic_J", "elastic_J", "gravitational_J", "largest_strain")
@@ -51,15 +51,13 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
 
 def _figure(found: Any, names: list[str]) -> Any:
     """Return a figure with a panel for each of some results."""
-    from matplotlib.figure import Figure
-
     longest, *second = sorted(map(str, found.sizes), key=lambda name: -found.sizes[name])[:2]
     drawn = {longest, *(name for name in second if found.sizes[name] > 1)}
     swept = [name for name in map(str, found.sizes) if name in drawn]
     others = [name for name in found.sizes if name not in swept]
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(5.2 * columns, 3.4 * rows + 0.4), layout="constrained")
+    figure = new_figure(5.2 * columns, 3.4 * rows + 0.4)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     ended = (found["status"] == DONE).all(others).transpose(*swept).values
     for axes, name in zip(panels, names, strict=False):

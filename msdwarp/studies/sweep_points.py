@@ -49,9 +49,11 @@ class Task(Protocol):
 
     def asked(self) -> Asked:
         """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        ...
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Simulate it, and return the final numbers."""
+        ...
 
 
 class Point(NamedTuple):
