@@ -53,6 +53,15 @@ def _sync(path: Path, flags: int) -> None:
         os.close(number)
 
 
+@contextmanager
+def failure_named(path: Path, failed: str = "could not be written") -> Iterator[None]:
+    """Raise OSError that names a file for one that does not."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(f"{path} {failed}: {error.strerror or error}") from error
+
+
 def is_unfinished(path: Path) -> bool:
     """Tell whether a file is what a process that was killed was about to write."""
     return path.name.startswith(".") and _MARK in path.name
@@ -94,9 +103,3 @@ def alone_in(folder: Path | None) -> Iterator[None]:
         yield
     finally:
         os.close(number)
-
-
-def remove_folder(folder: Path) -> None:
-    """Remove a folder and all in it, if it is there."""
-    if folder.exists():
-        shutil.rmtree(folder)

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,43 +36,22 @@ def draw(
     fps: float | None = None,
     device: str | None = None,
 ) -> str:
-    """Draw a trajectory into a folder; return a line that says so.
+    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line that says so.
 
-    Parameters
-    ----------
-    scene
-        Its scene; the system must be the trajectory's.
-    trajectory
-        The frames.
-    folder, name
-        Folder of the pictures, and name of the film.
-    pictures
-        What is drawn.
-    progress
-        Where progress is shown.
-    shown
-        Numbers of the frames that are drawn; by default all.
-    fps
-        Pictures per second of the film; by default the trajectory's frames per second.
-    device
-        Device of the simulation, on which the ray caster draws; None to choose one.
-
-    Raises
-    ------
-    Interrupted
-        If a signal asks to stop: between two pictures, and never while VTK is imported, which would crash.
+    `name` is that of the film, `fps` its pictures per second (by default the trajectory's), and `device` the one
+    on which the ray caster draws. Raise Interrupted if a signal asks to stop: between two pictures, and never
+    while VTK is imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        scene = replace(scene, look=pictures.turned(scene.look))
+        look = replace(scene.look, **pictures.camera_angles)
         if scene.system.tears:
             scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
-        if pictures.colour == "strain" or (pictures.colour is None and scene.look.strain):
-            scene = replace(
-                scene, look=replace(scene.look, full_strain=_full_strain(scene, trajectory, pictures, shown))
-            )
+        if pictures.colour == "strain" or (pictures.colour is None and look.strain):
+            look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
+        scene = replace(scene, look=look)
         colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
         size = parse_resolution(pictures.resolution)
         seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
@@ -109,7 +89,6 @@ def draw(
 
 
 def _end_if(requests: list[int]) -> None:
-    """Raise Interrupted if a signal asks to stop."""
     if requests:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
@@ -124,10 +103,7 @@ def _colouring(
     if colour not in _QUANTITIES:
         return colour, None
     label, values_of = _QUANTITIES[colour]
-
-    def values(k: int) -> NDArray[np.float64]:
-        return values_of(scene, trajectory, k)
-
+    values = partial(values_of, scene, trajectory)
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
     return ColourScale(label, _rounded_up(largest)), values
 
@@ -160,28 +136,26 @@ def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, f
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
-        sizes = np.linalg.norm(forces[k].astype(np.float64), axis=1)
+        sizes = _sizes(forces[k])
         if sizes.any():
             large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
     return forces, _rounded_up(float(np.median(large)) if large else 0.0)
 
 
-def _speeds(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return np.linalg.norm(trajectory.velocities[k].astype(np.float64), axis=1)
-
-
-def _contact_forces(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return np.linalg.norm(trajectory.contact_forces[k].astype(np.float64), axis=1)
-
-
-def _energies(scene: Scene, trajectory: Trajectory, k: int) -> NDArray[np.float64]:
-    return particle_energies(system_in(trajectory, k, scene.schedule))
+def _sizes(vectors: NDArray) -> NDArray[np.float64]:
+    return np.linalg.norm(vectors.astype(np.float64), axis=1)
 
 
 _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
-    "velocity": ("speed [m/s]", _speeds),
-    "energy": ("energy of a particle and half its connections [J]", _energies),
-    "contact": ("contact force on a particle [N]", _contact_forces),
+    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _sizes(trajectory.velocities[k])),
+    "energy": (
+        "energy of a particle and half its connections [J]",
+        lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
+    ),
+    "contact": (
+        "contact force on a particle [N]",
+        lambda scene, trajectory, k: _sizes(trajectory.contact_forces[k]),
+    ),
 }
 """Quantities of particles that colours can show, by name: the label, and the values in a frame."""
 

@@ -20,12 +20,13 @@ def message_of(error: Exception) -> str | None:
         return _usage(error)
     if isinstance(error, MemoryError):
         return f"out of memory: {error}"
-    found = user_message(error)
-    if found is None and not isinstance(error, ValueError | OSError):
-        from ..simulation import SimulationDiverged
+    if (found := user_message(error)) is not None:
+        return found
+    if isinstance(error, ValueError | OSError):
+        return str(error)
+    from ..simulation import SimulationDiverged
 
-        return str(error) if isinstance(error, SimulationDiverged) else None
-    return str(error) if found is None else found
+    return str(error) if isinstance(error, SimulationDiverged) else None
 
 
 def printable(text: str) -> str:

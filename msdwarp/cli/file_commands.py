@@ -4,7 +4,8 @@ Each imports what it needs when it is called, so that help and errors of the com
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -35,9 +36,8 @@ _MOST_FPS = 60.0
 def info(file: File, /) -> None:
     """Describe a trajectory: its contents, and the run that made it."""
     with at_once():
-        from ..files import Trajectory
         from .info import description
-    with Trajectory(_trajectory_in(file)) as trajectory:
+    with opened(file) as trajectory:
         print(description(trajectory), end="")
 
 
@@ -64,11 +64,10 @@ def export(
         Overwrite existing files.
     """
     with at_once():
-        from ..files import Trajectory, export
-    path = _trajectory_in(file)
-    with Trajectory(path) as trajectory:
+        from ..files import export
+    with opened(file) as trajectory:
         frames = slice(None) if frame is None else frame
-        paths = export(trajectory, out or path.with_suffix(f".{to}"), to, frames, force=force)
+        paths = export(trajectory, out or trajectory.path.with_suffix(f".{to}"), to, frames, force=force)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
     print(f"wrote {paths[0]}{more}")
 
@@ -112,17 +111,16 @@ def render(
     with at_once():
         from rich.console import Console
 
-        from ..files import Trajectory
         from .draw import draw
     talk = Console(stderr=True, quiet=quiet)
-    path = _trajectory_in(file)
-    with Trajectory(path) as trajectory:
+    with opened(file) as trajectory:
         shown, fps = frames_shown(trajectory, first, last, every, speed)
         pictures.check(len(shown))
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
-        folder = out or (path.parent / "render" if force else free_folder(path.parent / "render"))
+        usual = trajectory.path.parent / "render"
+        folder = out or (usual if force else free_folder(usual))
         there = pictures_in(folder, name)
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
@@ -144,9 +142,8 @@ def view(file: File, *, options: ViewOptions = VIEW, script: Script = UNTRUSTED)
     with at_once():
         from rich.console import Console
 
-        from ..files import Trajectory
         from .view import view_trajectory
-    with Trajectory(_trajectory_in(file)) as trajectory:
+    with opened(file) as trajectory:
         name, scene = _scene_of(trajectory, Console(stderr=True), script)
         view_trajectory(trajectory, scene, name, options)
 
@@ -180,7 +177,6 @@ def plot(
     start_warp(verbose)
     with at_once():
         from .. import checks
-        from ..files import Trajectory
         from ..studies import RESULTS, plot_history, plot_sweep, write_history
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
@@ -188,12 +184,11 @@ def plot(
         return
     if show is not None:
         raise ValueError(f"show is {show!r}; it is for the results of a sweep, and {file} is none")
-    path = _trajectory_in(file)
-    with Trajectory(path) as trajectory:
+    with opened(file) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")
         schedule = _schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
-        target = out or path.with_suffix(".png")
+        target = out or trajectory.path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
         write = write_history if target.suffix == ".csv" else plot_history
@@ -256,25 +251,27 @@ def rerun(
     start_warp(verbose)
     with at_once():
         from .stored_runs import rerun
-    path = _trajectory_in(file)
-    differences = rerun(path, device=device, out=out, quiet=quiet, script=script)
+    with opened(file) as trajectory:
+        differences = rerun(trajectory, device=device, out=out, quiet=quiet, script=script)
     if differences is not None:
-        raise ValueError(f"{path} was not made again: {differences}")
+        raise ValueError(f"{trajectory.path} was not made again: {differences}")
     if not quiet:
-        print(f"{path} was made again: the same to the last bit")
+        print(f"{trajectory.path} was made again: the same to the last bit")
 
 
-def _trajectory_in(file: Path) -> Path:
-    """Return the path of a trajectory, given by itself or by its run's folder; raise unless HDF5 can read it."""
-    from ..files import probe
-
+@contextmanager
+def opened(file: Path) -> Iterator["Trajectory"]:
+    """Open a trajectory, given by itself or by its run's folder, once HDF5 has proved able to read it."""
+    with at_once():
+        from ..files import Trajectory, probe
     if file.is_dir() and not (file / TRAJECTORY).exists():
         raise FileNotFoundError(f"file is {file}, a folder without {TRAJECTORY}; it must be the folder of a run")
     if not file.exists():
         raise FileNotFoundError(f"file is {file}, which does not exist; it must be a trajectory or a run's folder")
     path = file / TRAJECTORY if file.is_dir() else file
     probe(path)
-    return path
+    with Trajectory(path) as trajectory:
+        yield trajectory
 
 
 def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:

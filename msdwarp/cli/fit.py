@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -16,31 +17,16 @@ from .scene_files import Origin
 
 
 def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) -> None:
-    """Print the parameters with which a scene moves as measured.
-
-    Raise ValueError if an option is out of range or the file is of another scene, and OSError if there is no file.
-    """
+    """Print the parameters with which a scene moves as measured."""
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
     talk = Console(stderr=True, quiet=options.quiet)
+    names = ("noise", "loss", "horizon", "starts", "fps", "substeps", "precision", "device")
+    how: dict[str, Any] = {name: getattr(options, name) for name in names}
+    how |= {"bounds": _bounds(options.bounds), "integrator": METHODS[options.integrator]}
     with warnings.catch_warnings(record=True) as caught, status_on(talk, "fitting") as report:
         warnings.simplefilter("always", checks.FitWarning)
-        found = fit(
-            scene,
-            measured,
-            _starts(options.parameters),
-            bounds=_bounds(options.bounds),
-            noise=options.noise,
-            loss=options.loss,
-            horizon=options.horizon,
-            starts=options.starts,
-            fps=options.fps,
-            substeps=options.substeps,
-            integrator=METHODS[options.integrator],
-            precision=options.precision,
-            device=options.device,
-            report=report,
-        )
+        found = fit(scene, measured, _starts(options.parameters), report=report, **how)
     if options.quiet:
         for name, value in found.values.items():
             print(f"{name} {value:.8g}")
@@ -53,10 +39,10 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
 
 
 def _print(name: str, found: FitResult) -> None:
-    """Print a table of the values, and the residuals."""
-    table = Table(title=f"{name}: {found.runs} worlds of {found.substeps} substeps a frame")
-    for heading in ("parameter", "value", "standard deviation", "unit"):
-        table.add_column(heading, justify="right" if heading in ("value", "standard deviation") else "left")
+    table = Table("parameter", title=f"{name}: {found.runs} worlds of {found.substeps} substeps a frame")
+    table.add_column("value", justify="right")
+    table.add_column("standard deviation", justify="right")
+    table.add_column("unit")
     for one, deviation in found.standard_deviations.items():
         table.add_row(one, f"{found.values[one]:.6g}", f"{deviation:.2g}", found.units[one])
     Console().print(table)
@@ -68,12 +54,10 @@ def _print(name: str, found: FitResult) -> None:
 
 def _starts(text: str) -> dict[str, float | None]:
     """Return the starting values in "stiffness=500,damping"."""
-    starts: dict[str, float | None] = {}
-    for word in text.split(","):
-        name, given, value = word.strip().partition("=")
-        if name in starts:
-            raise ValueError(f"parameters is {text!r}; each must be named once")
-        starts[name] = _number("parameters", text, value) if given else None
+    words = [word.strip().partition("=") for word in text.split(",")]
+    starts = {name: _number("parameters", text, value) if given else None for name, given, value in words}
+    if len(starts) < len(words):
+        raise ValueError(f"parameters is {text!r}; each must be named once")
     return starts
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import counted
 from ..files import Trajectory
 from .error_messages import printable
-from .options import Options
-from .provenance import flattened
+from .options import Options, flattened
 from .results import RESTART
 
 Lines = Iterator[tuple[str, str]]
@@ -23,13 +22,13 @@ def description(trajectory: Trajectory) -> str:
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"
     text = f"{path}: {frames}, {path.stat().st_size / 1e6:.1f} MB\n"
-    groups = [
-        ("What it is", _what(trajectory)),
-        ("How it was simulated", _how(about, trajectory.substeps)),
-        ("Made by", _by(about)),
-    ]
-    groups.append(("Beside that", ((name, _words(about[name])) for name in about if name not in _KNOWN)))
-    for title, lines in groups:
+    groups = {
+        "What it is": _what(trajectory),
+        "How it was simulated": _how(about, trajectory.substeps),
+        "Made by": _by(about),
+        "Beside that": ((name, _words(about[name])) for name in about if name not in _KNOWN),
+    }
+    for title, lines in groups.items():
         try:
             shown = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
         except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
@@ -83,20 +82,19 @@ def _how(about: Mapping[str, Any], counts: NDArray[np.int32] | None) -> Lines:
         yield "device", about["device"] + (f", {name}" if name and name.lower() != about["device"] else "")
     if "gravity_of_time" in about:
         yield "gravity", str(about["gravity_of_time"])
-    elif "gravity" in about:
-        along = about["gravity"]
-        numbers = ", ".join(f"{one:.4g}" for one in along) if isinstance(along, list) else f"{along:.4g}"
-        yield "gravity", f"{f'({numbers})' if isinstance(along, list) else numbers} m/s²"
+    elif isinstance(along := about.get("gravity"), list):
+        yield "gravity", f"({', '.join(f'{one:.4g}' for one in along)}) m/s²"
+    elif along is not None:
+        yield "gravity", f"{along:.4g} m/s²"
     if about.get("loads"):
         yield "loads", ", ".join(map(str, about["loads"]))
     if "schedule" in about:
         changes = about["schedule"]
         yield "schedule", f"{counted(changes, 'change')} of parameters on the way" if changes else "no changes"
-    usual = flattened(Options().as_stored())
-    given = flattened(options).items()
-    other = {name: value for name, value in given if name not in _KNOWN and value != usual.get(name)}
+    usual, given = flattened(Options().as_stored()), flattened(options)
+    other = [name for name in given if name not in _KNOWN and given[name] != usual.get(name)]
     if other:
-        yield "flags", " ".join(_flag(name, value) for name, value in other.items())
+        yield "flags", " ".join(_flag(name, given[name]) for name in other)
 
 
 def _by(about: Mapping[str, Any]) -> Lines:
@@ -122,7 +120,6 @@ _KNOWN = (
 
 
 def _flag(name: str, value: Any) -> str:
-    """Return an option as it is given on the command line."""
     flag = name.replace("_", "-")
     if isinstance(value, bool):
         return f"--{flag}" if value else f"--no-{flag}"

@@ -2,16 +2,14 @@
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from .results import overlay_path
-
-if TYPE_CHECKING:  # `--help` needs neither Warp nor NumPy
-    from ..world import Look
 
 # Flags that several commands have, with what they show in help.
 Flag = Annotated[bool, Parameter(negative=())]
@@ -20,18 +18,10 @@ Device = Annotated[
     Parameter(help="Device to simulate on: cpu, cuda:0 ... Default: the first GPU, or the CPU if there is none."),
 ]
 PrecisionName = Literal["float32", "float32-compensated", "float64"]
-Precision = Annotated[PrecisionName | None, Parameter(help="Floating-point precision. Default: float32.")]
-ForceAlgorithmName = Literal["auto", "scatter", "gather", "stencil"]
 MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
 ]
-Method = Annotated[MethodName | None, Parameter(help="Time-stepping method. Default: symplectic-euler.")]
 IntOrAuto = int | Literal["auto"]
-Substeps = Annotated[
-    IntOrAuto,
-    Parameter(help="Integrator steps per frame; auto picks them from the scene's stability limit."),
-]
-Fps = Annotated[float, Parameter(help="Frames per second of simulated time.")]
 RendererName = Literal["auto", "raster", "raycast", "opengl"]
 Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
 Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
@@ -92,10 +82,6 @@ class Pictures:
         angles = {"azimuth": self.azimuth, "elevation": self.elevation}
         return {name: angle for name, angle in angles.items() if angle is not None}
 
-    def turned(self, look: "Look") -> "Look":
-        """Return a look with these camera angles."""
-        return replace(look, **self.camera_angles)
-
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless so many frames can be drawn."""
         from .. import checks
@@ -116,6 +102,12 @@ class Pictures:
             )
 
 
+def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return stored options with those of the pictures among them."""
+    flat = {**options, **options.get("pictures", {})}
+    return {name: value for name, value in flat.items() if name != "pictures"}
+
+
 def parse_resolution(text: str) -> tuple[int, int]:
     """Return (width, height) of "WIDTHxHEIGHT"; raise ValueError unless both are even, from 64 to 16384."""
     match = re.fullmatch(r"(\d+)x(\d+)", text)
@@ -129,19 +121,30 @@ def parse_resolution(text: str) -> tuple[int, int]:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """The flags of every run, whatever the scene."""
+class SimulationOptions:
+    """How a scene is simulated."""
 
     device: Device = None
-    precision: Precision = None
-    force_algorithm: ForceAlgorithmName = "auto"
+    precision: PrecisionName | None = None
+    """Floating-point precision. Default: float32."""
+    force_algorithm: Literal["auto", "scatter", "gather", "stencil"] = "auto"
     """How forces are summed; this affects speed only. auto picks the fastest. On a GPU, gather and stencil repeat
     a run bit for bit; scatter does not."""
+    integrator: MethodName | None = None
+    """Time-stepping method. Default: symplectic-euler."""
+    substeps: IntOrAuto = "auto"
+    """Integrator steps per frame; auto picks them from the scene's stability limit."""
+    fps: float = 60.0
+    """Frames per second of simulated time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(SimulationOptions):
+    """The flags of every run, whatever the scene."""
+
     threads: IntOrAuto = "auto"
     """Threads of the CPU that share the work; this affects speed only. auto: one for each core, fewer for small
     bodies."""
-    integrator: Method = None
-    substeps: Substeps = "auto"
     allow_unstable: Flag = False
     """Accept a step beyond the stability limit."""
     tolerance: float | None = None
@@ -149,7 +152,6 @@ class Options:
     `msdwarp tune`)."""
     duration: float | None = None
     """Simulated time [s]. Default: set by the scene."""
-    fps: Fps = 60.0
     out: Path | None = None
     """Folder for the results. Default: out/SCENE, or out/SCENE-2 ... if that exists."""
     pictures: Pictures = field(default_factory=Pictures)
@@ -204,9 +206,8 @@ class Options:
         return asdict(self) | {"out": self.out and str(self.out), "log": log}
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions:
+class ViewOptions(SimulationOptions):
     """The flags of every view, whatever the scene."""
 
     browser: Flag = False
@@ -221,13 +222,6 @@ class ViewOptions:
     """Origins of other pages that may control this one, such as https://lab.example; may be repeated."""
     paused: Flag = False
     """Start paused, at the first frame."""
-    device: Device = None
-    precision: Precision = None
-    force_algorithm: ForceAlgorithmName = "auto"
-    """How forces are summed; this affects speed only. auto picks the fastest."""
-    integrator: Method = None
-    substeps: Substeps = "auto"
-    fps: Fps = 60.0
     renderer: RendererName = "auto"
     """Renderer of snapshots and films: raster, raycast, opengl, or auto. See `msdwarp run`."""
     verbose: Verbose = False
@@ -235,8 +229,7 @@ class ViewOptions:
     @property
     def of_run(self) -> Options:
         """The options of a run with the same simulation."""
-        shared = ("device", "precision", "force_algorithm", "integrator", "substeps", "fps")
-        return Options(**{name: getattr(self, name) for name in shared})
+        return Options(**{one.name: getattr(self, one.name) for one in fields(SimulationOptions)})
 
 
 @Parameter(name="*")
@@ -287,7 +280,6 @@ class FitOptions:
     verbose: Verbose = False
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Undrawn(Pictures):
     """What to draw of each point: nothing by default."""
@@ -296,7 +288,6 @@ class Undrawn(Pictures):
     video: FilmFormat = "none"
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(Options):
     """The flags of every sweep, whatever the scene."""

@@ -9,13 +9,13 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import runtime
 from . import signals
-from .signals import Interrupted, Terminated, at_once, heard, noted
+from .signals import Interrupted, Terminated, at_once, heard, noted, number_of, word
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,10 +48,8 @@ def _run(command: Callable[[], Any]) -> NoReturn:
     sys.unraisablehook = signals.lost
     try:
         finish(command)
-    except KeyboardInterrupt:
-        signals.leave(signal.SIGINT)
-    except Terminated as termination:
-        signals.leave(termination.args[0])
+    except (KeyboardInterrupt, Terminated) as stop:
+        signals.leave(number_of(stop))
     finally:
         signals.ignore()
 
@@ -81,12 +79,9 @@ def finish(command: Callable[[], Any]) -> NoReturn:
             raise
         print(f"error: {printable_lines(text)}", file=sys.stderr)
         code = 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        code = 130
-    except Terminated as termination:
-        print("terminated", file=sys.stderr)
-        code = 128 + termination.args[0]
+    except (KeyboardInterrupt, Terminated) as stop:
+        print(word(number_of(stop)), file=sys.stderr)
+        code = 128 + number_of(stop)
     sys.exit(code)
 
 
@@ -108,19 +103,14 @@ def _set_up() -> None:
         os.environ["COLUMNS"] = str(LEAST_COLUMNS)
 
 
-@contextmanager
-def stop_requests(talk: "Console") -> Iterator[list[int]]:
-    """Yield a list to which the first signal that asks to stop is added, announced on a terminal.
-
-    A second signal acts as usual; so does the first, at the end, if nothing was done about it.
-    """
+def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
+    """Return `noted`, announced on a terminal."""
 
     def announce() -> None:
         if talk.is_terminal:
             talk.print("stopping after this frame; press again to stop at once")
 
-    with noted(announce) as requested:
-        yield requested
+    return noted(announce)
 
 
 def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":

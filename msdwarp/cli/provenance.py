@@ -36,8 +36,8 @@ from .scene_files import Origin
 from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
-def about(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return what made a run as JSON data: the scene, how to build it again, and the program."""
+def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
+    """Return what a run is of, as JSON data: the scene, how to build it again, and the program."""
     return {
         "scene": origin.place,
         "parameters": parameters_of(origin),
@@ -60,10 +60,7 @@ def parameters_of(origin: Origin) -> dict[str, Any]:
 
 
 def built_again(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
-    """Return the scene that a file's attributes name, built again; its script is run if it may.
-
-    Raise ValueError if they do not name it, it cannot be built, or the script may not run.
-    """
+    """Return the scene that a file's attributes name, built again; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
     found = script.found(place, attributes)
@@ -136,12 +133,6 @@ def _fits(value: Any, kind: Any) -> bool:
     return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
 
 
-def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored options with those of the pictures among them."""
-    flat = {**options, **options.get("pictures", {})}
-    return {name: value for name, value in flat.items() if name != "pictures"}
-
-
 def digest(scene: Scene) -> str:
     """Return a short text, equal for scenes with the same bodies and surroundings.
 
@@ -194,7 +185,6 @@ def _parts(scene: Scene) -> Iterator[bytes]:
 
 
 def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[bytes]:
-    """Yield a body's pose at some times."""
     for time in times:
         for part in pose(float(time)):
             yield np.asarray(part, dtype=float).tobytes()

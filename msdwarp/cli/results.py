@@ -40,12 +40,11 @@ def check_names(name: str, out: Path) -> None:
         most = os.pathconf(there, "PC_NAME_MAX")
     except (AttributeError, OSError, ValueError):
         most = 255  # what most systems take
-    longest = len(os.fsencode(f".{name}.unfinished.webp"))
-    if longest > most:
-        length = len(os.fsencode(name))
+    length, most = len(os.fsencode(name)), most - len(".") - len(".unfinished.webp")
+    if length > most:
         raise ValueError(
-            f"the name of scene {name[:20]!r}... is {length} bytes long; it must be at most "
-            f"{length - (longest - most)}, since files are named after it"
+            f"the name of scene {name[:20]!r}... is {length} bytes long; it must be at most {most}, since files "
+            "are named after it"
         )
 
 
@@ -53,8 +52,8 @@ def check_names(name: str, out: Path) -> None:
 def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
     """Create and lock the folder for results; by default the first that no other run uses.
 
-    Raise FileExistsError, ValueError or OSError if `out` is given and is not empty without `force`, is in use by
-    another run, or cannot be written to.
+    Raise FileExistsError if `out` is not empty and `force` is False, ValueError if another run uses it, and
+    OSError if it cannot be written to.
     """
     taken: set[Path] = set()
     while True:

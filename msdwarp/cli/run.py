@@ -22,7 +22,7 @@ from ..world import FRAME, SUBSTEP, Scene, Stored, probe_columns, probes_by, sce
 from .draw import draw
 from .options import Options
 from .process import progress_on, status_on, stop_requests
-from .provenance import about
+from .provenance import source_of
 from .results import (
     PROBES,
     PROBES_BY_SUBSTEP,
@@ -45,12 +45,8 @@ MOST_CHANGES_SHOWN = 6
 def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     """Simulate a scene, keep its frames, draw them, and print a summary; return the simulation at its end.
 
-    Raises
-    ------
-    ValueError, OSError
-        If an option is out of range or `out` cannot be used: before anything is written.
-    SimulationDiverged, Interrupted
-        If the simulation ends early; the frames until then are kept.
+    Raise ValueError or OSError for an option that is out of range, before anything is written. If
+    SimulationDiverged or Interrupted ends it early, the frames until then are kept.
     """
     talk = Console(stderr=True, quiet=options.quiet)
     options = replace(options, duration=scene.duration if options.duration is None else options.duration)
@@ -69,7 +65,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     made_by = {}
     if options.trajectory != "none":
         with at_once():
-            made_by = about(origin, scene) | used(simulation, options)
+            made_by = about(origin, scene, simulation, options)
     with ExitStack() as stack:
         folder = None
         if wanted:
@@ -115,10 +111,10 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
     return Simulation.from_scene(scene, **method_of(options), **more)
 
 
-def used(simulation: Simulation, options: Options) -> dict[str, Any]:
-    """Return how a scene is simulated, and the options, as JSON data."""
+def about(origin: Origin, scene: Scene, simulation: Simulation, options: Options) -> dict[str, Any]:
+    """Return what made a run as JSON data: the scene, how it is simulated, and the options."""
     model = simulation.model
-    return {
+    return source_of(origin, scene) | {
         "integrator": options.integrator or DEFAULT,
         "precision": model.precision,
         "substeps": simulation.substeps,
@@ -161,7 +157,6 @@ class Run:
     """Where progress is shown."""
 
     def __post_init__(self) -> None:
-        """Find out what is to be kept."""
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
         self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
@@ -175,10 +170,7 @@ class Run:
     def to(self, last: int, *, behind: int = 0) -> None:
         """Simulate up to frame `last`, keep the frames after the first `behind`, draw all, and print a summary.
 
-        Raises
-        ------
-        SimulationDiverged, Interrupted, OSError
-            If it ends early; the frames until then are kept, and drawn unless it was interrupted.
+        An error that ends it early leaves the frames until then; after SimulationDiverged they are drawn, too.
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
@@ -268,14 +260,14 @@ class Run:
                 except SimulationDiverged:
                     self._save(writer)  # of the frame before
                     raise
+            readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
+            readings = {every: rows for every, rows in readings.items() if rows.size}
             if writer is not None:
-                readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
-                rows = {every: values for every, values in readings.items() if values.size}
-                writer.write_pending(readback.take() if writer.wants_next() else None, rows)
+                writer.write_pending(readback.take() if writer.wants_next() else None, readings)
             if log is not None:
                 log.write(simulation.time, simulation.measure(), simulation.substeps)
-            for every, table in self._tables.items() if k else ():
-                for numbers in simulation.readings.last(every):
+            for every, table in self._tables.items():
+                for numbers in readings.get(every, ()):
                     table.write_line(numbers)
             if requests:
                 self._save(writer)

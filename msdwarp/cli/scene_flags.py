@@ -1,13 +1,12 @@
 """The flags of a scene: a command made of the parameters of its `build` and of the options of the command."""
 
 import inspect
-from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
-from itertools import cycle
-from typing import Annotated, Any, get_args
+from dataclasses import asdict
+from typing import Annotated, Any
 
-from cyclopts import App, CoercionError, Parameter, Token, convert
+from cyclopts import App, Parameter, convert
 
+from .options import flattened
 from .scene_files import Origin
 
 COMMON = {
@@ -34,8 +33,8 @@ def new_app(name: str, **options: Any) -> App:
 def flags_app(origin: Origin, command: str, options_type: type) -> App:
     """Return the command whose flags are the parameters of `build` and the fields of `options_type`.
 
-    It returns the origin with its parameters, and the options; None if help was shown. Raise ValueError if a
-    parameter has the name of an option.
+    It returns the origin with its parameters, and the options; None if help was shown. A parameter must not have
+    the name of an option.
     """
     defaults = options_type()
 
@@ -44,7 +43,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
 
     keyword = inspect.Parameter.KEYWORD_ONLY
     own = inspect.signature(origin.build, eval_str=True).parameters
-    if clash := own.keys() & _names(defaults):
+    if clash := own.keys() & flattened(asdict(defaults)).keys():
         raise ValueError(
             f"build of scene {origin.name!r} has parameters with the names of common flags: {sorted(clash)}"
         )
@@ -66,32 +65,12 @@ def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Paramet
     return parameter.replace(annotation=Annotated[parameter.annotation, common])
 
 
-def _names(options: Any) -> set[str]:
-    """Return the names of options, with those of nested ones."""
-    names = set()
-    for one in fields(options):
-        value = getattr(options, one.name)
-        names |= _names(value) if is_dataclass(value) else {one.name}
-    return names
-
-
 def _convert(kind: Any, tokens: Any) -> Any:
     """Convert words as cyclopts does, but refuse 1.5 for a whole number, which cyclopts rounds to 2."""
-    value = convert(kind, tokens)
-    several = isinstance(value, tuple | list | set)
-    for token, found in zip(tokens, cycle(_flat(value)), strict=False):
-        if isinstance(token, Token) and type(found) is int and "." in token.value and float(token.value) != found:
-            others = () if several else {float, str} & set(get_args(kind))
-            if not others:
-                raise CoercionError(token=token, target_type=int if several else kind)
-            value = convert(float if float in others else str, tokens)
-    return value
 
+    def converted(kind: Any, word: str) -> Any:
+        if kind is int and "." in word and not float(word).is_integer():
+            raise ValueError
+        return convert(kind, [word])
 
-def _flat(value: Any) -> Iterable[Any]:
-    """Yield the numbers of nested lists and tuples."""
-    if isinstance(value, tuple | list | set):
-        for one in value:
-            yield from _flat(one)
-    else:
-        yield value
+    return convert(kind, tokens, converted)

@@ -33,6 +33,11 @@ class Interrupted(RuntimeError):
         self.number, self.code = number, 128 + number
 
 
+def number_of(stop: BaseException) -> int:
+    """Return the number of the signal that has raised KeyboardInterrupt or Terminated."""
+    return stop.args[0] if isinstance(stop, Terminated) else signal.SIGINT
+
+
 def word(number: int) -> str:
     """Return what a signal did."""
     return "interrupted" if number == signal.SIGINT else "terminated"
@@ -62,7 +67,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 def lost(found: "sys.UnraisableHookArgs") -> None:
     """Send a signal again whose exception Python ignored, as in a `__del__`: a hook for unraisable exceptions."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
-        _hear_again(found.exc_value.args[0] if found.exc_value.args else signal.SIGINT)
+        _hear_again(number_of(found.exc_value))
     else:
         sys.__unraisablehook__(found)
 
@@ -87,12 +92,12 @@ def _is_fragile(frame: FrameType | None) -> bool:
 
 
 @contextlib.contextmanager
-def handled(handler: Callable[[int, Any], Any], *names: str) -> Iterator[None]:
-    """Use a handler for signals, all or some; only the main thread receives any."""
+def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+    """Use a handler for signals; only the main thread receives any."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in heard(*(names or ALL))}
+    before = {number: signal.getsignal(number) for number in heard(*ALL)}
     for number in before:
         signal.signal(number, handler)
     try:

@@ -1,6 +1,7 @@
 """Runs on disk, continued or repeated from what their files say of them."""
 
 import contextlib
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,16 +11,17 @@ import numpy as np
 from rich.console import Console
 
 from .. import checks
+from ..bodies import Frame
 from ..disk import TRAJECTORY, alone_in
 from ..files import Trajectory, probe, read_restart
 from ..live import FIRST_FRAME, Handling, read_deeds, within_reach
 from ..simulation import Simulation
-from ..studies import EnergyLog, compare
+from ..studies import EnergyLog
 from ..world import Scene
 from .options import Options, Pictures
-from .provenance import about, built_again, digest, restored_options
+from .provenance import built_again, digest, restored_options
 from .results import RESTART, own_folder, pictures_in
-from .run import Run, last_frame, simulation_by, used
+from .run import Run, about, last_frame, simulation_by
 from .script_signatures import UNTRUSTED, Script
 
 
@@ -34,17 +36,8 @@ def resume_run(
 ) -> None:
     """Continue a run from its restart file, to its end or another duration [s], and draw it.
 
-    The result equals that of an uninterrupted run, to the last bit if the algorithm sums in a fixed order and the
-    device is the same.
-
-    Raises
-    ------
-    ValueError
-        If the restart file or the trajectory is invalid, or the scene has changed.
-    FileExistsError
-        If pictures would be replaced, and `force` is False.
-    SimulationDiverged, Interrupted, OSError
-        As by `run_scene`.
+    Raise ValueError if a file is invalid or the scene has changed, FileExistsError if pictures would be replaced
+    without `force`, and as `run_scene` does.
     """
     if not (folder / RESTART).exists():
         raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
@@ -83,14 +76,11 @@ def resume_run(
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what made a run, and its checkpoint's numbers; raise ValueError if a part of them is missing."""
-    parts = []
-    wanted = {"run": ("scene", "parameters", "digest", "device", "options"), "checkpoint": ("frame_index",)}
-    for part, names in wanted.items():
-        found = checks.member(str(path), attributes, part)
-        for name in names:
-            checks.member(f"{path}: {part}", found, name)
-        parts.append(found)
-    return parts[0], parts[1]
+    made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
+    for name in ("scene", "parameters", "digest", "device", "options"):
+        checks.member(f"{path}: run", made_by, name)
+    checks.member(f"{path}: checkpoint", checkpoint, "frame_index")
+    return made_by, checkpoint
 
 
 def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
@@ -99,36 +89,20 @@ def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], eve
         same = all(kept.attributes.get(name) == made_by[name] for name in ("scene", "parameters", "digest"))
         k, between = divmod(simulation.frame_index, every)
         if same and not between and k < len(kept):
-            pairs = zip(kept.frame(k)[1:], simulation.frame()[1:], strict=True)
-            same = all(np.array_equal(one, other) for one, other in pairs)
+            same = all(map(np.array_equal, kept.frame(k)[1:], simulation.frame()[1:]))
         if not same:
             raise ValueError(f"{path} is of another run than {path.with_name(RESTART)}")
 
 
 def rerun(
-    path: Path, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
+    trajectory: Trajectory, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
 ) -> str | None:
     """Repeat the run of a trajectory; return how the result differs, None if it does not.
 
-    Parameters
-    ----------
-    path
-        The trajectory.
-    device
-        Device to simulate on; by default the one used before.
-    out
-        Folder to keep the result in, with the pictures that the run asked for; by default it is not kept.
-    quiet
-        Show no progress.
-    script
-        Which script may run.
-
-    Raises
-    ------
-    ValueError
-        If the file does not say what made it, or that cannot be built or simulated here.
+    The result, with the pictures that the run asked for, is kept in the folder `out` if one is given. Raise
+    ValueError if the file does not say what made it, or that cannot be built or simulated here.
     """
-    with Trajectory(path) as trajectory, contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
         origin, scene = built_again(attributes, script)
         device = device or checks.member("the file", attributes, "device")
@@ -142,51 +116,58 @@ def rerun(
         else:
             folder = stack.enter_context(own_folder(origin.name, out, False))
         if not len(trajectory):
-            raise ValueError(f"{path} has no frames to repeat")
+            raise ValueError(f"{trajectory.path} has no frames to repeat")
         if FIRST_FRAME in attributes:
             if out is not None:
                 raise ValueError("out is given; what was recorded live is compared as it is made, and not kept")
-            return _live_difference(trajectory, scene, options, read_deeds(path.parent))
+            start = checks.count("first_frame of the file", attributes[FIRST_FRAME], 0)
+            deeds, last = read_deeds(trajectory.path.parent), start + len(trajectory) - 1
+            return _difference(trajectory, _live_frames(scene, options, deeds, start, last))
         simulation = simulation_by(scene, options)
-        new = about(origin, scene) | used(simulation, options)
+        new = about(origin, scene, simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
         Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
         with Trajectory(folder / TRAJECTORY) as again:
-            if again.positions.shape != trajectory.positions.shape:
-                return f"it has {again.positions.shape[1]} particles now, not {trajectory.positions.shape[1]}"
-            found = compare(trajectory, again)
-        if found.first is None:
-            return None
-        size = float(np.ptp(trajectory.positions[0], axis=0).max()) or 1.0
-        return (
-            f"it differs from frame {found.first} ({trajectory.times[found.first]:.4g} s) on, by at most "
-            f"{found.largest:.2g} m, {found.largest / size:.1g} of the body's size, in frame {found.frame}"
-            f"{_causes(attributes, new)}"
-        )
+            difference = _difference(trajectory, again)
+        return None if difference is None else difference + _causes(attributes, new)
 
 
-def _live_difference(
-    trajectory: Trajectory, scene: Scene, options: Options, deeds: list[dict[str, Any]]
-) -> str | None:
-    """Repeat a live recording with the user's actions; return how the result differs, None if it does not."""
+def _live_frames(
+    scene: Scene, options: Options, deeds: list[dict[str, Any]], first: int, last: int
+) -> Iterator[Frame]:
+    """Repeat a live recording with the user's actions, and yield its frames."""
     handled = within_reach(scene)
     simulation = simulation_by(handled, options)
     handling = Handling(handled, simulation)
-    first = checks.count("first_frame of the file", trajectory.attributes[FIRST_FRAME], 0)
-    for k in range(first + len(trajectory)):
+    for k in range(last + 1):
         if k:
             handling.do_due(deeds)
             simulation.step()
         if k >= first:
-            was, found = trajectory.frame(k - first), simulation.frame()
-            if not all(map(np.array_equal, was[1:], found[1:])):
-                return f"it differs from frame {k - first} ({was.time:.4g} s) on"
-    return None
+            yield simulation.frame()
+
+
+def _difference(before: Trajectory, again: Iterable[Frame]) -> str | None:
+    """Return how the frames of a trajectory differ from others; None if they are equal bit for bit."""
+    first, largest, at = None, 0.0, 0
+    for k, (was, now) in enumerate(zip(before, again, strict=False)):
+        if was.position.shape != now.position.shape:
+            return f"it has {len(now.position)} particles now, not {len(was.position)}"
+        if not all(map(np.array_equal, was[1:], now[1:])):
+            first = k if first is None else first
+            apart = float(np.linalg.norm(was.position.astype(float) - now.position, axis=1).max())
+            largest, at = max((largest, at), (apart, k))
+    if first is None:
+        return None
+    size = float(np.ptp(before.positions[0], axis=0).max()) or 1.0
+    return (
+        f"it differs from frame {first} ({before.times[first]:.4g} s) on, by at most {largest:.2g} m, "
+        f"{largest / size:.1g} of the body's size, in frame {at}"
+    )
 
 
 def _causes(before: dict, now: dict) -> str:
-    """Return what has changed since and may be the cause."""
     other = [
         f"{name} was {checks.repr_short(before.get(name))}, and is {now[name]!r}"
         for name in ("digest", "versions", "commit", "device_name", "force_algorithm", "precision", "substeps")

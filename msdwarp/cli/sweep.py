@@ -12,28 +12,16 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
+from .. import studies
 from ..simulation import frame_count
-from ..studies import (
-    RESULTS,
-    Asked,
-    Point,
-    check_size,
-    complete,
-    final_numbers,
-    import_xarray,
-    in_words,
-    plain,
-    points,
-    values_of,
-)
 from .error_messages import user_message
-from .options import SweepOptions
+from .options import SweepOptions, flattened
 from .process import progress_on, start_warp
-from .provenance import as_json, flattened, parameters_of
+from .provenance import as_json, parameters_of
 from .run import method_of, run_scene
 from .scene_files import Origin, find_scene
 from .scene_flags import flags_app
-from .signals import Interrupted, Terminated, word
+from .signals import Interrupted, Terminated, number_of, word
 
 _LONG = 86400.0
 """Seconds over which the speed is averaged: a point may take minutes."""
@@ -48,26 +36,55 @@ class Words(NamedTuple):
     script: str | None
     words: tuple[str, ...]
 
+    def chosen(self) -> tuple[Origin, SweepOptions]:
+        """Return the scene and options; raise ValueError if the script has changed."""
+        found = find_scene(self.place)
+        if found.script != self.script:
+            raise ValueError(f"{self.place} has changed since the sweep began")
+        return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
+
+    def asked(self) -> studies.Asked:
+        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        origin, options = self.chosen()
+        scene = origin.scene()
+        duration = scene.duration if options.duration is None else options.duration
+        options.check(frame_count(duration, options.fps))
+        if options.tolerance is not None:
+            raise ValueError("its method and substeps are chosen by a tolerance")
+        return studies.Asked(scene, duration, method_of(options))
+
+    def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
+        """Run the scene in a folder, and return its final numbers."""
+        try:
+            origin, options = self.chosen()
+            start_warp(options.verbose)
+            scene = origin.scene()
+            return studies.final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
+        except Interrupted as error:
+            if parent_process() is not None:  # a worker that was ended: the sweep handles it
+                os._exit(error.code)
+            if error.number == signal.SIGINT:
+                raise KeyboardInterrupt from None
+            raise Terminated(error.number) from None
+        except Exception as error:
+            if (message := user_message(error)) is None:
+                raise
+            raise ValueError(message) from error
+
 
 def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     """Simulate a scene at all points of the lists and ranges among some flags, and print a summary.
 
-    Raises
-    ------
-    ValueError
-        If a flag is wrong, or none is a list or a range, or xarray is missing: before any file is touched.
-    OSError
-        If the folder cannot be written to, or holds something else.
-    Interrupted
-        If a signal ends it; the same command continues.
+    Raise ValueError for a wrong flag before any file is touched, OSError if the folder cannot be used, and
+    Interrupted if a signal ends it; the same command continues.
     """
     fixed, grid = _read(flags)
     app = flags_app(origin, command, SweepOptions)
     chosen = app(fixed)
     if chosen is None:  # help was shown
         return
-    base, options = _identity(*chosen), chosen[1]
-    import_xarray()
+    options = chosen[1]
+    studies.import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
@@ -78,79 +95,47 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
         if len(set(several)) < len(several):
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
-    check_size(values)
-    planned = []
-    for given, texts in zip(points(values), points(grid), strict=True):
+    studies.check_size(values)
+    # All parameters identify a point, and options that are not usual: a later version may have more of them.
+    parameters = {name: _whole(value) for name, value in parameters_of(chosen[0]).items()}
+    own, usual, planned = _flat(options), _flat(SweepOptions()), []
+    for given, texts in zip(studies.points(values), studies.points(grid), strict=True):
+        changed = own | {name: value for name, value in given.items() if name in usual}
+        identity = {
+            "scene": origin.name,
+            "script": origin.script,
+            "parameters": parameters | {name: value for name, value in given.items() if name not in usual},
+            "options": {name: value for name, value in changed.items() if value != usual[name]},
+        }
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(Point(_with(base, given), Words(origin.place, origin.script, words)))
+        planned.append(studies.Point(identity, Words(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
-    together: list[str] = []
     try:
         with progress_on(talk, over=_LONG) as progress:
             task = progress.add_task("sweeping", total=None)
-            results = complete(
+            results, worlds, refused = studies.complete(
                 values,
                 planned,
                 folder,
-                simulate_words,
                 options.keep == "run",
                 jobs=options.jobs,
                 device=options.device,
                 report=lambda done, all_: progress.update(task, completed=done, total=all_),
-                ask=asked_by_words,
-                say=lambda done, refused: together.append(in_words(done, refused)),
             )
-    except (KeyboardInterrupt, Terminated) as error:
-        number = error.args[0] if isinstance(error, Terminated) else signal.SIGINT
+    except (KeyboardInterrupt, Terminated) as stop:
+        number = number_of(stop)
         raise Interrupted(f"{word(number)}: what is done is kept, and the same command goes on", number) from None
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
-        print(*together, sep="\n", end="\n" if together else "")
+        if worlds or options.jobs == studies.ENSEMBLE:
+            print(studies.in_words(worlds, refused))
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for message in sorted(wrong)[:3]:
             print(f"  {message}")
-        print(f"wrote {folder / RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
-
-
-def simulate_words(task: Words, folder: Path, keeps_files: bool) -> dict[str, float]:
-    """Run a scene by its command line in a folder, and return its final numbers; for workers."""
-    try:
-        origin, options = _chosen_by(task)
-        start_warp(options.verbose)
-        scene = origin.scene()
-        return final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
-    except Interrupted as error:
-        if parent_process() is not None:  # a worker that was ended: the sweep handles it
-            os._exit(error.code)
-        if error.number == signal.SIGINT:
-            raise KeyboardInterrupt from None
-        raise Terminated(error.number) from None
-    except Exception as error:
-        if (message := user_message(error)) is None:
-            raise
-        raise ValueError(message) from error
-
-
-def asked_by_words(task: Words) -> Asked:
-    """Return the simulation that a command line requests; raise ValueError if only a run of its own can do it."""
-    origin, options = _chosen_by(task)
-    scene = origin.scene()
-    duration = scene.duration if options.duration is None else options.duration
-    options.check(frame_count(duration, options.fps))
-    if options.tolerance is not None:
-        raise ValueError("its method and substeps are chosen by a tolerance")
-    return Asked(scene, duration, method_of(options))
-
-
-def _chosen_by(task: Words) -> tuple[Origin, SweepOptions]:
-    """Return the scene and options of a command line; raise ValueError if its script has changed."""
-    found = find_scene(task.place)
-    if found.script != task.script:
-        raise ValueError(f"{task.place} has changed since the sweep began")
-    return flags_app(found, "msdwarp sweep", SweepOptions)(task.words)
+        print(f"wrote {folder / studies.RESULTS}; `msdwarp plot {shlex.quote(str(folder))}` draws it")
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
@@ -162,7 +147,7 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
         if match and text is None and k + 1 < len(flags):
             taken, text = 2, flags[k + 1]
         name = match.group(1).replace("_", "-") if match else ""
-        several = values_of(name, text) if match and text is not None else None
+        several = studies.values_of(name, text) if match and text is not None else None
         if several is None:
             fixed.append(flags[k])
             k += 1
@@ -176,33 +161,9 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
     return fixed, grid
 
 
-def _identity(chosen: Origin, options: SweepOptions) -> dict[str, Any]:
-    """Return what identifies a simulation, as JSON data: all parameters, and the options of the run."""
-    return {
-        "scene": chosen.name,
-        "script": chosen.script,
-        "parameters": {name: _whole(value) for name, value in parameters_of(chosen).items()},
-        "options": _unusual(_flat(options)),
-    }
-
-
 def _flat(options: SweepOptions) -> dict[str, Any]:
     """Return the options of a run by name, those of pictures among them."""
     return {name: _whole(value) for name, value in flattened(options.as_stored()).items() if name not in _ONCE}
-
-
-def _unusual(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that differ from their defaults: a later version may have more."""
-    usual = _flat(SweepOptions())
-    return {name: value for name, value in sorted(options.items()) if value != usual[name]}
-
-
-def _with(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """Return what identifies the simulation of a point."""
-    usual = _flat(SweepOptions())
-    own = {name: value for name, value in given.items() if name not in usual}
-    others = {name: value for name, value in given.items() if name in usual}
-    return base | {"parameters": base["parameters"] | own, "options": _unusual(base["options"] | others)}
 
 
 def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
@@ -211,7 +172,7 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
         raise ValueError(f"{name} is not a parameter that can be swept")
-    return plain(name, as_json(held[name]))
+    return studies.plain(name, as_json(held[name]))
 
 
 def _whole(value: Any) -> Any:

@@ -14,10 +14,7 @@ from .scene_files import Origin
 
 
 def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
-    """Print every method's error and cost on a scene, and the flags of the cheapest within the tolerance.
-
-    Raise ValueError if an option is out of range, or no method is within the tolerance.
-    """
+    """Print every method's error and cost on a scene, and the flags of the cheapest within the tolerance."""
     with status_on(Console(stderr=True), "tuning") as report:
         device, horizon = options.device, options.horizon
         found, horizon = tune(scene, options.tolerance, device=device, horizon=horizon, report=report)

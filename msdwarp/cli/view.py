@@ -15,8 +15,7 @@ from ..pictures import no_display
 from ..world import Scene
 from .options import Pictures, ViewOptions
 from .process import stop_requests
-from .provenance import about
-from .run import simulation_by, used
+from .run import about, simulation_by
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
@@ -35,10 +34,8 @@ def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
 
     Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
-    source = _running(origin, scene, options)
     shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
-
-    return _view(source, options, scenes=shelf)
+    return _view(_running(origin, scene, options), options, scenes=shelf)
 
 
 def _view(source: Source, options: ViewOptions, **more: Any) -> View:
@@ -51,11 +48,10 @@ def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: Vi
 
 
 def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
-    """Return a scene as it is simulated."""
     of_run = options.of_run
     handled = within_reach(scene)
     simulation = simulation_by(handled, of_run)
-    made_by = about(origin, scene) | used(simulation, of_run)
+    made_by = about(origin, scene, simulation, of_run)
     source = Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
 
     def rebuilt(**parameters: Any) -> Running:

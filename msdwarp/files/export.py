@@ -5,7 +5,6 @@ import importlib.util
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import in_space
-from ..disk import replacing, reserve
+from ..disk import failure_named, replacing, reserve
 from .trajectory import Trajectory
 
 
@@ -28,26 +27,10 @@ def export(
 ) -> list[Path]:
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
-    Parameters
-    ----------
-    trajectory
-        The frames.
-    path
-        The file. Several frames become several files, `cube_0012.obj` for frame 12; usd and npz hold all in one.
-    to
-        obj, stl, ply, gltf, usd or npz (positions, velocities, times and connections); the path's ending.
-    frames
-        A frame's number, a slice, or several numbers.
-    force
-        Replace existing files.
-
-    Raises
-    ------
-    ValueError
-        If the format is unknown, is not the path's ending, cannot hold the body, or needs a missing package; or if
-        there are no such frames.
-    FileExistsError
-        If a file exists and `force` is False: before anything is written.
+    Of obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
+    velocities, times and connections) hold all in one. Raise ValueError if the format is unknown, is not the
+    path's ending, cannot hold the body, or needs a missing package, or if there are no such frames; and
+    FileExistsError if a file exists and `force` is False, before anything is written.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))
@@ -70,22 +53,13 @@ def export(
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
-        with _failure_named(path), replacing(path) as unfinished:
+        with failure_named(path), replacing(path) as unfinished:
             _WHOLE[to](trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
-        with _failure_named(one), replacing(one) as unfinished:
+        with failure_named(one), replacing(one) as unfinished:
             _MESHES[to](unfinished, points, cells, uv)
     return paths
-
-
-@contextmanager
-def _failure_named(path: Path) -> Iterator[None]:
-    """Raise OSError that names the file for one that does not."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
@@ -120,7 +94,6 @@ def _finite(trajectory: Trajectory, k: int, name: str) -> NDArray:
 
 
 def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
-    """Write one frame with PyVista."""
     import pyvista as pv
 
     counted = np.insert(cells, 0, cells.shape[1], axis=1).ravel()
@@ -134,7 +107,6 @@ def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None)
 
 
 def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
-    """Write one frame as glTF 2.0 with its data inside."""
     vertices, corners = points.astype("<f4").tobytes(), cells.astype("<u4").tobytes()
     uri = "data:application/octet-stream;base64," + base64.b64encode(vertices + corners).decode()
     bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
@@ -159,7 +131,6 @@ def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> No
 
 
 def _usd(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
-    """Write frames as one USD stage, a time code each."""
     from pxr import Gf, Usd, UsdGeom, Vt  # pyright: ignore[reportMissingImports]
 
     path.unlink(missing_ok=True)

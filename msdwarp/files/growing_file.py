@@ -23,9 +23,9 @@ _SLACK = 1 << 18
 class GrowingFile:
     """The file, which one thread fills.
 
-    HDF5 keeps no journal, so the order of writes matters: a frame's data first, then the number of frames, then
-    the frame's time; and nothing moves that a reader of earlier frames needs. Room on disk is reserved before
-    HDF5 learns of a frame, because HDF5 does not recover from a full disk.
+    HDF5 keeps no journal, so the order of writes matters: a frame's data, the number of frames, then the frame's
+    time. What a reader of earlier frames needs is not moved. HDF5 does not recover from a full disk either, so
+    room is reserved before it learns of a frame.
 
     When an existing file is continued, frames that are written again as they are stay. The first one that differs
     replaces all later ones, once there is room for as many.
@@ -65,7 +65,7 @@ class GrowingFile:
         self.frame_count = self.found = found
 
     def sync(self) -> None:
-        """Have the system put the file on the disk."""
+        """Sync the file to disk."""
         if self._file is not None:
             os.fsync(self._room)
 

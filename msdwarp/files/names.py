@@ -1,9 +1,11 @@
 """Names in the file of a trajectory, and how arrays are stored in it."""
 
 import json
+import math
 import zlib
 from collections.abc import Mapping
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +40,38 @@ def store(group: Any, name: str, values: NDArray, compress: bool = False) -> Non
     item.attrs[_SUM] = np.uint32(_sum(values))
 
 
-def create_growing(group: Any, name: str, width: tuple[int, ...], dtype: Any, rows: int, **options: Any) -> Any:
-    """Create an array without rows, in chunks of so many rows."""
-    shape = {"shape": (0, *width), "maxshape": (None, *width), "chunks": (rows, *width)}
-    return group.create_dataset(name, dtype=dtype, **{"fill_time": "never", **shape, **options})
+class Growing(NamedTuple):
+    """An array to which rows are added."""
+
+    name: str
+    width: tuple[int, ...]
+    """Shape of a row."""
+    dtype: Any
+    chunk: int
+    """Rows of a chunk, which HDF5 allocates whole."""
+    options: Mapping[str, Any] = MappingProxyType({})
+    """Further options of HDF5."""
+
+    def create(self, group: Any) -> Any:
+        """Create it without rows."""
+        shape = {"shape": (0, *self.width), "maxshape": (None, *self.width), "chunks": (self.chunk, *self.width)}
+        options = {"fill_time": "never", **shape, **self.options}
+        return group.create_dataset(self.name, dtype=self.dtype, **options)
+
+    def open(self, group: Any) -> Any:
+        """Return it; raise ValueError if it is missing, or rows of this shape cannot be added."""
+        item = group.get(self.name)
+        shape, kind = getattr(item, "maxshape", None), np.dtype(self.dtype).kind
+        if shape is None or (shape[:1], shape[1:]) != ((None,), self.width) or item.dtype.kind != kind:
+            raise ValueError(
+                f"{group.file.filename} is a damaged trajectory: no rows can be added to its {self.name}"
+            )
+        return item
+
+    def growth(self, before: int, after: int) -> int:
+        """Return the bytes that it grows by when there are more rows."""
+        chunks = -(-after // self.chunk) - -(-before // self.chunk)
+        return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
 
 def restored(item: Any) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Series
-from .names import OWN, READINGS, create_growing, restored, same, store_text
+from .names import OWN, READINGS, Growing, restored, same, store_text
 from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
@@ -25,9 +25,9 @@ _CHUNK = 1 << 14
 
 
 class ReadingTables:
-    """The tables of a file that grows by frames."""
+    """The tables of a file that grows by frames, of which so many are foreseen."""
 
-    def __init__(self, columns: Columns) -> None:
+    def __init__(self, columns: Columns, foreseen: int = 1) -> None:
         for name, (every, _) in columns.items():
             checks.one_of(f"every of readings[{name!r}]", every, EVERY)
         self.columns = {name: (every, list(names)) for name, (every, names) in columns.items()}
@@ -37,6 +37,11 @@ class ReadingTables:
             if any(when == every for when, _ in self.columns.values())
         }
         """Numbers in a row of each table."""
+        self._arrays = {
+            every: Growing(f"{READINGS}/by_{every}", (width,), np.float64, max(1, _CHUNK // (8 * width)))
+            for every, width in self.widths.items()
+        }
+        self._of_ends = Growing(f"{READINGS}/ends", (len(EVERY),), np.int64, foreseen)
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
         self._at: dict[str, int] = {}
@@ -47,32 +52,23 @@ class ReadingTables:
         """Return a file's tables, None if it has none; raise ValueError if they are damaged."""
         if READINGS not in file[OWN]:
             return None
-        group = file[OWN][READINGS]
-        columns = json.loads(restored(group["description"]))
+        columns = json.loads(restored(file[OWN][READINGS]["description"]))
         for name, (_, names) in checks.mapping("readings", columns).items():
             if not all(isinstance(one, str) for one in names):
                 raise ValueError(f"the columns of readings[{name!r}] are {names!r}; they must be names")
         tables = cls(columns)
-        tables._tables = {every: group[f"by_{every}"] for every in tables.widths}
-        tables._ends = group["ends"]
+        tables._tables = {every: one.open(file[OWN]) for every, one in tables._arrays.items()}
+        tables._ends = tables._of_ends.open(file[OWN])
         tables._at = {every: len(table) for every, table in tables._tables.items()}
-        each = [(tables._tables[every], width, "f") for every, width in tables.widths.items()]
-        for item, width, kind in [*each, (tables._ends, len(EVERY), "i")]:
-            if (item.maxshape, item.dtype.kind) != ((None, width), kind):
-                raise ValueError(f"{item.name} is no table of {width} columns")
         return tables
 
-    def begin(self, group: Any, foreseen: int) -> None:
+    def begin(self, group: Any) -> None:
         """Create the tables in the group `msdwarp` of a file."""
         store_text(group, f"{READINGS}/description", json.dumps(self.columns))
-        tables = [
-            create_growing(group, f"{READINGS}/by_{every}", (width,), np.float64, max(1, _CHUNK // (8 * width)))
-            for every, width in self.widths.items()
-        ]
-        tables.append(create_growing(group, f"{READINGS}/ends", (len(EVERY),), np.int64, foreseen))
-        for table in tables:
+        for one in (*self._arrays.values(), self._of_ends):
             # HDF5 makes the chunk index with the first row, and the file does not open while it is being made.
             # So it is made here, before the file has its name.
+            table = one.create(group)
             table.resize(1, axis=0)
             table[0] = 0
             table.resize(0, axis=0)
@@ -81,9 +77,7 @@ class ReadingTables:
         """Return the most bytes that frame k and rows add to the tables."""
         size = 0 if k < len(self._ends) else self._ends.chunks[0] * len(EVERY) * 8
         for every, values in rows.items():
-            table = self._tables[every]
-            chunk = table.chunks[0]
-            size += (-(-len(values) // chunk) + 1) * chunk * self.widths[every] * 8
+            size += self._arrays[every].growth(0, len(values) + self._arrays[every].chunk)
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
@@ -111,8 +105,8 @@ class ReadingTables:
 
     def go_on_behind(self, k: int, kept_until: float, until: float) -> None:
         """Continue at the end of a frame, `until` [s]; the first k kept frames end at `kept_until` [s]."""
-        for column, (every, table) in self._columns():
-            end = int(self._ends[k - 1, column]) if k else 0
+        for every, table in self._tables.items():
+            end = self._end(k, every)
             rounded = 1e-9 * until
             if until > kept_until + rounded:  # the frames after it are not kept, but have readings
                 while end < len(table) and (time := float(table[end, 0])) <= until + rounded:
@@ -123,15 +117,16 @@ class ReadingTables:
                     raise ValueError(f"{table.file.filename} lacks readings by {every} up to {until:g} s")
             self._at[every] = end
 
-    def _columns(self) -> Any:
-        return ((EVERY.index(every), (every, table)) for every, table in self._tables.items())
+    def _end(self, k: int, every: str) -> int:
+        """Return how many rows of a table the first k frames have."""
+        return int(self._ends[k - 1, EVERY.index(every)]) if k else 0
 
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:
         """Return the time series of each probe up to the last frame; raise ValueError if they are damaged."""
         read: dict[str, NDArray] = {}
         done: dict[str, int] = dict.fromkeys(EVERY, 1)
-        for column, (every, table) in self._columns():
-            end = int(self._ends[frame_count - 1, column]) if frame_count else 0
+        for every, table in self._tables.items():
+            end = self._end(frame_count, every)
             if not 0 <= end <= len(table):
                 raise ValueError(f"it has {len(table)} readings by {every}, and its frames {end}")
             if wrong := too_large(table, end * self.widths[every], file_size):

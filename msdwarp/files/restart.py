@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..disk import replacing
+from ..disk import failure_named, replacing
 from .names import restored, store
 
 FORMAT = 1
@@ -17,25 +17,10 @@ _MARK = "msdwarp_restart_format"
 
 
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
-    """Write arrays and attributes to a file, and replace an earlier one.
+    """Write arrays of numbers or truth values, and attributes as in JSON, to a file, and replace an earlier one.
 
-    After a crash or a power cut there is the whole old file or the whole new one.
-
-    Parameters
-    ----------
-    path
-        The file.
-    arrays
-        Arrays of numbers or truth values, of any shape.
-    attributes
-        Numbers, texts, or lists and mappings of these, as in JSON.
-
-    Raises
-    ------
-    ValueError
-        If an array has another type, or JSON cannot hold the attributes.
-    OSError
-        If it cannot be written; the old file stays.
+    After a crash or a power cut there is the whole old file or the whole new one. Raise ValueError for what the
+    file cannot hold, and OSError if it cannot be written; the old file stays.
     """
     import h5py
 
@@ -57,22 +42,15 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
         for k, values in enumerate(given.values()):  # whose names may have a slash
             store(file, f"arrays/{k}", values.ravel())
-    try:
-        with replacing(path, durable=True) as unfinished:
-            unfinished.write_bytes(image.getbuffer())
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror or error}") from error
+    with failure_named(path), replacing(path, durable=True) as unfinished:
+        unfinished.write_bytes(image.getbuffer())
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return the arrays and attributes of a file by `write_restart`.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If it is not a restart file, is damaged or truncated, or has an unknown format.
+    Raise FileNotFoundError if there is none, and ValueError if it is not such a file, damaged, or of another
+    format.
     """
     import h5py
 

@@ -62,7 +62,6 @@ def read_system(file: Any) -> System:
 
 
 def _read(group: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the arrays in a group, without those in groups within it."""
     for name, item in group.items():
         if hasattr(item, "shape"):
             yield name, restored(item)

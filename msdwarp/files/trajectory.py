@@ -35,11 +35,9 @@ class FrameArray:
         self.dtype, self.ndim = dataset.dtype, len(self.shape)
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return self.shape[0]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
-        """Return all of it."""
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
@@ -76,14 +74,14 @@ class FrameArray:
 
 
 def _chosen(count: int, key: Any) -> NDArray[np.intp]:
-    """Return the numbers of what an index chooses among so many."""
     return np.atleast_1d(np.arange(count)[key])
 
 
 class Trajectory:
     """A trajectory on disk: its frames, which are read on access, and the system.
 
-    It can be opened while it is being written, and then has the frames so far.
+    It can be opened while it is being written, and then has the frames so far. Attributes that are read later
+    raise ValueError where the file is damaged.
 
     Parameters
     ----------
@@ -154,11 +152,9 @@ class Trajectory:
         self._file.close()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def __repr__(self) -> str:
@@ -175,21 +171,17 @@ class Trajectory:
         return "\n  ".join(lines)
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return len(self.times)
 
     @cached_property
     def system(self) -> System:
-        """The system at the start; ValueError if that part of the file is damaged."""
+        """The system at the start."""
         with self._damage_named("its system cannot be read: "):
             return read_system(self._file)
 
     @cached_property
     def scene(self) -> tuple[dict[str, Any], dict[str, NDArray]] | None:
-        """The data of the scene for pictures, as given to the writer; None if there is none.
-
-        ValueError if that part of the file is damaged.
-        """
+        """The data of the scene for pictures, as given to the writer; None if there is none."""
         own = self._file[OWN]
         if "scene" not in own:
             return None
@@ -209,35 +201,29 @@ class Trajectory:
 
     @property
     def strains(self) -> FrameArray:
-        """Strain of each connection, shape [frame_count, connection_count]; only indexed parts are read.
-
-        ValueError if the trajectory was written without it.
-        """
+        """Strain of each connection, shape [frame_count, connection_count]; ValueError if it was not stored."""
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
         return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
 
     @property
     def contact_forces(self) -> FrameArray:
-        """Contact force on each particle [N], shape [frame_count, particle_count, d]; only indexed parts are read.
+        """Contact force on each particle [N], shape [frame_count, particle_count, d]; ValueError if not stored.
 
         Averaged over the preceding frame interval, like `Simulation.contact_force`; 0 in the first frame.
-        ValueError if the trajectory was written without it.
         """
         if CONTACT not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without contact forces")
         return self._of_particles(CONTACT)
 
     def _of_particles(self, name: str) -> FrameArray:
-        """Return an array of vectors, one for each particle and frame."""
         return FrameArray(self._file[ROOT][name], len(self), self._points, self._particles, AXES[self._dim])
 
     @property
     def broken_at(self) -> NDArray[np.float32]:
         """When each connection broke [s], shape [connection_count]: 0 from the start, inf if it is whole.
 
-        `msdwarp.bodies.broken_before` gives those that are broken in a frame. ValueError if that part of the file
-        is damaged.
+        `msdwarp.bodies.broken_before` gives those that are broken in a frame.
         """
         kept = self._file[ROOT].get(BROKEN_AT)
         if kept is None:  # nothing can break, or could when the file was written
@@ -254,8 +240,7 @@ class Trajectory:
     def substeps(self) -> NDArray[np.int32] | None:
         """Number of substeps of each frame, shape [frame_count]; None in old files without it.
 
-        For the first frame it is the number for the next one; 0 is unknown. ValueError if that part of the file is
-        damaged.
+        For the first frame it is the number for the next one; 0 is unknown.
         """
         kept = self._file[OWN].get(SUBSTEPS)
         if kept is None:
@@ -274,18 +259,14 @@ class Trajectory:
 
     @property
     def probes(self) -> dict[str, tuple[str, list[str]]] | None:
-        """For each probe, how often it was read, "frame" or "substep", and the names of its columns.
-
-        None in files without readings; ValueError if that part of the file is damaged.
-        """
+        """For each probe, how often it was read ("frame" or "substep") and its columns; None without readings."""
         return None if self._tables is None else self._tables.columns
 
     @cached_property
     def readings(self) -> dict[str, Series]:
         """Readings of the probes up to the last frame, by name: `times, values = trajectory.readings["foot"]`.
 
-        They include frames that were not stored; empty if there are no readings. ValueError if that part of the
-        file is damaged.
+        They include frames that were not stored; empty if there are no readings.
         """
         if self._tables is None:
             return {}
@@ -305,7 +286,6 @@ class Trajectory:
         return (self.frame(i) for i in range(len(self))[k]) if isinstance(k, slice) else self.frame(k)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Return an iterator over all frames."""
         return self[:]
 
 

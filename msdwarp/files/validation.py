@@ -26,16 +26,9 @@ _GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
 
 
 def probe(path: str | Path) -> None:
-    """Return if HDF5 can walk through a file, and every array in it has the size that it states.
+    """Raise ValueError unless HDF5 can walk through a file, and every array in it has the size that it states.
 
     The contents are not checked. A file that HDF5 itself refuses is left to whoever opens it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If it is damaged, or not to be read; it says why.
     """
     path = Path(path)
     with path.open("rb") as file:

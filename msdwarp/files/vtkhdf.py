@@ -4,6 +4,7 @@ Functions take open h5py files, so that HDF5 is loaded only where one is opened.
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from .names import (
     STRAIN,
     SUBSTEPS,
     VELOCITY,
-    create_growing,
+    Growing,
     same,
     store,
     store_text,
@@ -63,20 +64,8 @@ class Record(NamedTuple):
 class Layout:
     """How a system's frames are laid out: what is stored once, and what each frame adds.
 
-    Parameters
-    ----------
-    system
-        The system at the start.
-    dtype
-        Type of the frames' numbers, float32 or float64.
-    frame_count
-        Number of frames, None if unknown.
-    compress, strain, contact_forces
-        Whether arrays are compressed, and whether there are strains and contact forces.
-    tears
-        Whether there is a time at which each connection broke; by default where any can.
-    readings
-        The probes' columns, if there are probes.
+    `frame_count` is None if it is unknown. `tears` says whether there is a time at which each connection broke; by
+    default where any can.
     """
 
     def __init__(
@@ -106,13 +95,14 @@ class Layout:
         self._tears = system.tears if tears is None else tears
         self._edges = Edges(system) if self._tears else None
         self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
-        self._readings = ReadingTables(readings) if readings else None
+        self._readings = ReadingTables(readings, self._foreseen) if readings else None
 
     @classmethod
     def of(cls, file: Any, system: System) -> "Layout":
         """Return the layout of an existing file."""
         root = file[ROOT]
-        values, times = cls._growing(root, POINTS, (3,), "f"), cls._growing(file, _TIMES, (), "f")
+        values = Growing(POINTS, (3,), np.float32, 0).open(root)
+        times = Growing(_TIMES, (), np.float64, 0).open(file)
         compressed, strain, tears = values.compression is not None, STRAIN in root, BROKEN_AT in root
         contact = CONTACT in root
         return cls(system, values.dtype, times.chunks[0], compressed, strain, tears, contact_forces=contact)
@@ -127,16 +117,7 @@ class Layout:
     def growth(self, k: int, rows: Rows, kept: bool = True) -> int:
         """Return the most bytes that readings, and frame k if it is kept, add: chunks are allocated whole."""
         size = 0 if self._readings is None else self._readings.growth(k, rows)
-        if not kept:
-            return size
-        if k % self._foreseen == 0:
-            numbers = 2 + sum(stride.size for stride in self._offsets().values())
-            size += self._foreseen * numbers * 8
-        for name, count in self._per_frame.items():
-            each = self._chunk(name)
-            chunks = -(-(k + 1) * count // each) - -(-k * count // each)
-            size += chunks * each * self._row_size(name)
-        return size
+        return size + sum(one.growth(k * each, (k + 1) * each) for one, each in self._arrays() if kept)
 
     def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
         """Write what is stored once: the run's attributes, the scene, the system and its cells."""
@@ -150,7 +131,7 @@ class Layout:
                 store(group, f"scene/arrays/{k}", values, compress=True)  # mostly images
         write_system(group, self._system, self._compress)
         if self._readings is not None:
-            self._readings.begin(group, self._foreseen)
+            self._readings.begin(group)
         root = file.create_group(ROOT)
         root.attrs["Version"] = np.array([2, 2])
         root.attrs["Type"] = np.bytes_("PolyData")
@@ -165,16 +146,15 @@ class Layout:
             at_start = np.where(self._system.broken, 0.0, np.inf)
             root.create_dataset(BROKEN_AT, data=self._broken_cells(at_start, self._edges))
         root.create_group("Steps").attrs["NSteps"] = np.int64(0)
-        for name, width, dtype, rows, options in self._arrays():
-            create_growing(file, name, width, dtype, rows, **options)
+        for one, _ in self._arrays():
+            one.create(file)
 
     def open(self, file: Any) -> None:
         """Prepare to append frames to a file; raise ValueError if one of its arrays cannot grow."""
         self._file, self._steps = file, file[ROOT]["Steps"]
+        # Early files have no substeps.
         arrays = {
-            name: self._growing(file, name, width, np.dtype(dtype).kind)
-            for name, width, dtype, *_ in self._arrays()
-            if name in file or name != _SUBSTEPS  # early files have none
+            one.name: one.open(file) for one, _ in self._arrays() if one.name in file or one.name != _SUBSTEPS
         }
         self._times, self._substeps = arrays[_TIMES], arrays.get(_SUBSTEPS)
         self._datasets = {name: arrays[f"{ROOT}/{name}"] for name in self._per_frame}
@@ -182,15 +162,6 @@ class Layout:
         if self._broken_at is not None:
             self._known = self._broken_at[: self._system.connection_count]
         self._readings = ReadingTables.of(file)
-
-    @staticmethod
-    def _growing(group: Any, name: str, width: tuple[int, ...], kind: str) -> Any:
-        """Return an array of numbers to which rows of this shape can be added; raise ValueError if it is none."""
-        item = group.get(name)
-        shape = getattr(item, "maxshape", None)
-        if shape is None or (shape[:1], shape[1:]) != ((None,), width) or item.dtype.kind != kind:
-            raise ValueError(f"{group.file.filename} is a damaged trajectory: no rows can be added to its {name}")
-        return item
 
     def go_on_behind(self, k: int, until: float) -> None:
         """Continue after the first k frames, and after the readings up to `until` [s]."""
@@ -269,15 +240,19 @@ class Layout:
             self._readings.add(rows)
             self._file.flush()
 
-    def _arrays(self) -> Iterator[tuple[str, tuple[int, ...], Any, int, dict[str, Any]]]:
-        """Yield the arrays that grow: name, shape of a row, type, rows in a chunk, and further options of HDF5."""
-        yield _SUBSTEPS, (), np.int32, self._foreseen, {}
-        yield _TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}
+    def _arrays(self) -> Iterator[tuple[Growing, int]]:
+        """Yield the arrays that grow, and how many rows a frame has in each."""
+        yield Growing(_SUBSTEPS, (), np.int32, self._foreseen), 1
+        yield Growing(_TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}), 1
         for name, stride in self._offsets().items():
-            yield f"{ROOT}/Steps/{name}", stride.shape, np.int64, self._foreseen, {}
-        for name in self._per_frame:
-            width, gzip = () if name == STRAIN else (3,), GZIP if self._compress else {}
-            yield f"{ROOT}/{name}", width, self._dtype, self._chunk(name), gzip
+            yield Growing(f"{ROOT}/Steps/{name}", stride.shape, np.int64, self._foreseen), 1
+        for name, rows in self._per_frame.items():
+            width: tuple[int, ...] = () if name == STRAIN else (3,)
+            size = self._dtype.itemsize * math.prod(width)
+            # A compressed chunk is compressed again whenever a part of it is written.
+            frames = 1 if self._compress else max(1, _LEAST_CHUNK // (rows * size))
+            chunk = min(frames * rows, _MOST_CHUNK // size)
+            yield Growing(f"{ROOT}/{name}", width, self._dtype, chunk, GZIP if self._compress else {}), rows
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
         """Return the difference from frame to frame in each array of offsets in Steps."""
@@ -299,16 +274,6 @@ class Layout:
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
         """Return when each connection broke [s], 0 for those broken from the start."""
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
-
-    def _row_size(self, name: str) -> int:
-        return self._dtype.itemsize * (1 if name == STRAIN else 3)
-
-    def _chunk(self, name: str) -> int:
-        """Return the rows of a chunk of an array."""
-        count, size = self._per_frame[name], self._row_size(name)
-        # A compressed chunk is compressed again whenever a part of it is written.
-        frames = 1 if self._compress else max(1, _LEAST_CHUNK // (count * size))
-        return min(frames * count, _MOST_CHUNK // size)
 
     def _in_space(self, values: NDArray) -> NDArray:
         """Return vectors of particles as those of VTK's points, shape [point_count, 3]."""
@@ -372,6 +337,5 @@ def _cells(system: System) -> dict[str, NDArray]:
 
 
 def _at_least(dataset: Any, rows: int) -> None:
-    """Extend an array to so many rows, if it has fewer."""
     if len(dataset) < rows:
         dataset.resize(rows, axis=0)

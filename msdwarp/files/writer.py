@@ -46,8 +46,8 @@ class TrajectoryWriter:
 
     Parameters
     ----------
-    path
-        The file, `*.vtkhdf`; see docs/files.md for what is in it.
+    path, force
+        The file, `*.vtkhdf` (see docs/files.md), and whether an existing one is replaced.
     system
         The system at the start.
     fps
@@ -58,29 +58,25 @@ class TrajectoryWriter:
         Compress losslessly (gzip 1 after shuffling bytes): smaller, and several times slower.
     every
         Keep every Nth frame, starting with the first.
-    strain
-        Write the strain of every connection. In a lattice these are many more numbers than the positions.
-    contact_forces
-        Write the contact force on each particle; it must then be given with every frame.
+    strain, contact_forces
+        Write the strain of every connection (in a lattice many more numbers than the positions), and the contact
+        force on each particle, which must then be given with every frame.
     attributes
         Information about the run: numbers, texts, or lists and mappings of these, as in JSON.
     readings
         For each probe, by name: how often it is read ("frame" or "substep"), and the names of its columns.
-        Readings of all frames are written, including frames that are not kept. `Trajectory.readings` returns them.
+        Readings are also written of frames that are not kept.
     scene
-        Data of the surroundings for pictures: JSON data, and arrays by name. `Trajectory.scene` returns it.
-    force
-        Replace an existing file.
+        Data of the surroundings for pictures: JSON data, and arrays by name.
     behind
-        Continue the existing file after this many frames that were passed to `write`. Later frames in it stay as
-        long as the same ones are written again, and are dropped where another one is, once there is room on disk
-        for as many. Its layout and attributes stay the same.
+        Continue the existing file, its layout and attributes, after this many frames that were passed to `write`.
+        Later frames in it stay as long as the same ones are written again. The first that differs replaces them,
+        once there is room on disk for as many.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, the name does not end in .vtkhdf, or the file to continue has another
-        system or lacks frames.
+        If an argument is out of range, or the file to continue has another system or lacks frames.
     FileExistsError
         If the file exists and `force` is False.
     OSError
@@ -118,15 +114,8 @@ class TrajectoryWriter:
         self._system, self._offered = system, checks.count("behind", behind, 0)
         if self.path.exists() and not force and not behind:
             raise FileExistsError(f"path is {self.path}, which exists; name another file or add --force")
-        layout = partial(
-            Layout,
-            system,
-            frame_count=frame_count,
-            compress=compress,
-            strain=strain,
-            readings=readings,
-            contact_forces=contact_forces,
-        )
+        stored: dict[str, Any] = {"compress": compress, "strain": strain, "contact_forces": contact_forces}
+        layout = partial(Layout, system, frame_count=frame_count, readings=readings, **stored)
         self._contact_forces = contact_forces
         self._widths = ReadingTables(readings or {}).widths
         self._file = GrowingFile(self.path, force, layout, about)
@@ -170,15 +159,10 @@ class TrajectoryWriter:
         [connection_count], is not given, it is computed from the positions and the system's rest lengths.
         `broken_at`, of the same shape, is when connections broke [s], inf if they are whole; it is stored if the
         system can tear. `readings` are the new rows of the tables "frame" and "substep": times [s], followed by
-        the numbers of all such probes, in order. `contact_force` is the contact force on each particle [N], shape
-        [particle_count, d], stored if `contact_forces` is set.
+        the numbers of all such probes, in order. `contact_force` [N] has the shape [particle_count, d].
 
-        Raises
-        ------
-        ValueError
-            If an array has the wrong shape, or the writer is closed.
-        OSError
-            If an earlier frame could not be written.
+        Raises ValueError if an array has the wrong shape or the writer is closed, and OSError if an earlier frame
+        could not be written.
         """
         frame = Frame(*frame)
         vectors = {"position": frame.position, "velocity": frame.velocity}
@@ -220,25 +204,13 @@ class TrajectoryWriter:
         self._offered += 1
 
     def flush(self) -> None:
-        """Wait until all frames so far are synced to disk.
-
-        Raises
-        ------
-        OSError
-            If a frame could not be written.
-        """
+        """Wait until all frames so far are synced to disk; raise OSError if one could not be written."""
         self._queue.join()
         self._raise_error(again=True)
         self._file.sync()
 
     def close(self) -> None:
-        """Wait until all frames are written, and close the file. It may be called again.
-
-        Raises
-        ------
-        OSError
-            If a frame could not be written and `write` has not raised it yet.
-        """
+        """Wait until all frames are written, and close the file; raise OSError unless `write` has raised it."""
         if not self._ended:
             self._queue.put(None)
             self._ended = True  # not before: an interrupt may come while the queue is full
@@ -247,11 +219,9 @@ class TrajectoryWriter:
         self._raise_error(again=False)
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:
@@ -285,7 +255,7 @@ class TrajectoryWriter:
             self._error = self._error or self._explained(error)
 
     def _explained(self, error: Exception) -> Exception:
-        """Return an error that names the file and says what was kept."""
+        """Return an error that names the file and says how much of it is kept."""
         if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these two kinds
             return error
         n, number = self.frame_count, getattr(error, "errno", None)

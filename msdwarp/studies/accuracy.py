@@ -91,14 +91,9 @@ def tune(
     """Measure every method on a scene, with the substeps that bring its error under a tolerance.
 
     Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time for which
-    the reference is certain to a tenth of the tolerance. `report` is called with a line about each run before it
-    starts. Returns all measurements, the default method with its automatic substeps first, and the horizon used.
-
-    Raises
-    ------
-    ValueError
-        If the scene has a schedule, the tolerance or the horizon is not positive, or the reference is not certain
-        to a tenth of the tolerance for as long as a single frame.
+    the reference is certain to a tenth of the tolerance. Returns all measurements, the default method with its
+    automatic substeps first, and the horizon used. `report` is called with a line about each run before it starts.
+    Raises ValueError for a scene with a schedule, or if the reference is certain for less than a frame.
     """
     checks.positive("tolerance", tolerance)
     if scene.schedule:
@@ -112,18 +107,20 @@ def tune(
             f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
             f"{error[1]:.1g} after one frame"
         )
-    horizon, reference = (frames - 1) / 60.0, Reference(position[:frames], error[:frames], size)
+    reference = Reference(position[:frames], error[:frames], size)
     found: list[Measurement] = []
     for k, name in enumerate(METHODS, 1):
         label = f"method {k} of {len(METHODS)}, {name}"
-        found += _measure_method(scene, name, tolerance, reference, horizon, device, report, label)
+        found += _measure_method(
+            scene, name, tolerance, reference, device, lambda line, label=label: report(f"{label}, {line}")
+        )
     enough = [one for one in found if one.error <= tolerance or one is found[0]]
     least = min(one.evaluations for one in enough)
     chosen = [one for one in enough if one.evaluations <= 16 * least]
     report(f"computing times of {len(chosen)} that are cheap")
     for one, seconds in zip(chosen, _seconds(scene, chosen, device), strict=True):
         found[found.index(one)] = one._replace(seconds=float(seconds))
-    return found, horizon
+    return found, (frames - 1) / 60.0
 
 
 def _measure_method(
@@ -131,13 +128,11 @@ def _measure_method(
     name: str,
     tolerance: float,
     reference: Reference,
-    horizon: float,
     device: str | None,
     report: Callable[[str], None],
-    label: str,
 ) -> Iterator[Measurement]:
     """Yield measurements from the automatic substeps on, until one is under the tolerance."""
-    method = METHODS[name]
+    method, horizon = METHODS[name], (len(reference.position) - 1) / 60.0
     if name == "leapfrog-extrapolated" and not scene.system.damping.any():
         return  # the same as leapfrog
     substeps: int | str = "auto"
@@ -145,7 +140,7 @@ def _measure_method(
     precision, before, least = next(precisions), math.inf, 0
     for _ in range(6):
         options = {"integrator": method, "substeps": substeps, "precision": precision, "device": device}
-        report(f"{label}, {precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
+        report(f"{precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
         try:
             simulation, position = simulate(scene, horizon, **options)
         except UnstableStep:  # a method that wants a damper beside every spring

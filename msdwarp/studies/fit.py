@@ -174,7 +174,7 @@ def fit(
     method = Leapfrog(damper_extrapolation=0.5) if integrator is None else integrator
     options = {"integrator": method, "precision": precision, "device": device}
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
-    problem = Problem(worlds, channels, sought, precision, loss)
+    problem = Problem(worlds, precision, loss)
     theta = _starts(problem, starts, seed)
     for doubt in doubts_of_times(channels, worlds.substeps):
         warnings.warn(doubt, checks.FitWarning, stacklevel=2)

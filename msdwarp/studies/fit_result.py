@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..world import Scene
-from .plots import BLUE, DARK, RED, add_grid
+from .plots import BLUE, DARK, RED, add_grid, new_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +70,7 @@ class FitResult:
 
     def plot(self, path: str | Path) -> None:
         """Plot the residuals against time, and their histogram, into a file such as residuals.png."""
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(8, 2.8 * len(self.residuals)), layout="constrained")
+        figure = new_figure(8, 2.8 * len(self.residuals))
         grid = figure.subplots(len(self.residuals), 2, width_ratios=(3, 1), squeeze=False, sharey="row")
         for (name, (time, left)), (over_time, often) in zip(self.residuals.items(), grid, strict=True):
             unit = self.residual_units[name]

@@ -1,7 +1,6 @@
-"""Frames of trajectories: the system as it was in one, and two trajectories compared."""
+"""Frames of trajectories: the system as it was in one, and the energies of its particles."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,30 +58,3 @@ def particle_energies(system: System) -> NDArray[np.float64]:
     for end in system.connections.T:
         energy += np.bincount(end, weights=half, minlength=system.particle_count)
     return energy
-
-
-class Comparison(NamedTuple):
-    """How far two trajectories differ."""
-
-    frame_count: int
-    """Frames compared."""
-    first: int | None
-    """The first frame that differs in any bit of a position or velocity; None if none does."""
-    largest: float
-    """The largest distance between a particle in one and in the other [m]."""
-    frame: int
-    """The frame with that distance."""
-
-
-def compare(one: Trajectory, other: Trajectory) -> Comparison:
-    """Compare as many frames as both have, of the same particles."""
-    first, largest, at = None, 0.0, 0
-    count = min(len(one), len(other))
-    for k in range(count):
-        a, b = one.frame(k), other.frame(k)
-        same = np.array_equal(a.position, b.position) and np.array_equal(a.velocity, b.velocity)
-        if not same:
-            first = k if first is None else first
-            apart = float(np.linalg.norm(a.position.astype(float) - b.position, axis=1).max())
-            largest, at = max((largest, at), (apart, k))
-    return Comparison(count, first, largest, at)

@@ -1,6 +1,5 @@
 """History: what happens in a trajectory over time, by its file alone, and a plot of it."""
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,9 +11,9 @@ from ..bodies import AXES
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
-from .energy_log import COLUMNS
 from .frames import changes_made, system_in
-from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, output_path
+from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path
+from .table import COLUMNS, GrowingTable
 
 
 class Moment(NamedTuple):
@@ -27,7 +26,7 @@ class Moment(NamedTuple):
     lowest: float
     """Height of the lowest particle, its last coordinate [m]."""
     mean: float
-    """Height of the centre of mass of the particles that are not pinned; of all, if all are [m]."""
+    """Height of the centre of mass of the free particles; of all, if all are pinned [m]."""
     highest: float
     """Height of the highest particle [m]."""
 
@@ -67,13 +66,12 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
         yield Moment(float(trajectory.times[k]), measure(assembly, state), *heights)
 
 
-def _columns(axes: Sequence[str]) -> list[str]:
-    """Return the names of the columns of a history."""
-    return ["time_s", *COLUMNS, *(f"momentum_{axis}_kg_m_s" for axis in axes), "lowest_m", "mean_m", "highest_m"]
+def _columns(trajectory: Trajectory) -> list[str]:
+    momenta = [f"momentum_{axis}_kg_m_s" for axis in _axes(trajectory)]
+    return ["time_s", *COLUMNS, *momenta, "lowest_m", "mean_m", "highest_m"]
 
 
 def _line(moment: Moment) -> tuple[float, ...]:
-    """Return a line of a history."""
     time, measures, *heights = moment
     return (time, *(of(measures) for of in COLUMNS.values()), *measures.momentum, *heights)
 
@@ -92,11 +90,10 @@ def write_history(
     highest height. Raises as `history` and `output_path` do.
     """
     path = output_path(path, ".csv", force)
-    moments, columns = history(trajectory, gravity=gravity, schedule=schedule), _columns(_axes(trajectory))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows([f"{number:.9g}" for number in _line(moment)] for moment in moments)
+    moments, columns = history(trajectory, gravity=gravity, schedule=schedule), _columns(trajectory)
+    with GrowingTable(path, columns) as table:
+        for moment in moments:
+            table.write_line(_line(moment))
     return path
 
 
@@ -112,22 +109,20 @@ def plot_history(
 
     Raises ValueError if there are fewer than two frames, and as `history` and `output_path` do.
     """
-    from matplotlib.figure import Figure
-
     path = output_path(path, ".png", force)
     if len(trajectory) < 2:
         frames = f"{len(trajectory)} frame{'' if len(trajectory) else 's'}"
         raise ValueError(f"{trajectory.path} has {frames}; a plot over time takes at least 2")
-    system, names = trajectory.system, _axes(trajectory)
+    system = trajectory.system
     moments = history(trajectory, gravity=gravity, schedule=schedule)
-    table = np.fromiter(map(_line, moments), dtype=[(name, np.float64) for name in _columns(names)])
+    table = np.fromiter(map(_line, moments), dtype=[(name, np.float64) for name in _columns(trajectory)])
 
-    figure = Figure(figsize=(8, 9), layout="constrained")
+    figure = new_figure(8, 9)
     panels = energies, momentum, heights = figure.subplots(3, sharex=True)
     draw_energies(energies, table)
     size = {"size": (table["momentum_kg_m_s"], DARK)}
     colours = dict(zip("xyz", (RED, GREEN, BLUE), strict=True))
-    components = {name: (table[f"momentum_{name}_kg_m_s"], colours[name]) for name in names}
+    components = {axis: (table[f"momentum_{axis}_kg_m_s"], colours[axis]) for axis in _axes(trajectory)}
     draw_curves(momentum, table["time_s"], size | components, "momentum [kg m/s]")
     curves = {
         "highest": (table["highest_m"], RED),
@@ -148,5 +143,4 @@ def plot_history(
 
 
 def _axes(trajectory: Trajectory) -> list[str]:
-    """Return the names of the coordinates."""
     return ["xyz"[axis] for axis in AXES[trajectory.system.dim]]

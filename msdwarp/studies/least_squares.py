@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .measured import Channel, spread
-from .parameters import Parameter
+from .measured import spread
 from .worlds import Worlds
 
 DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
@@ -64,20 +63,14 @@ class Problem:
     """What is measured against what is simulated."""
 
     worlds: Worlds
-    channels: list[Channel]
-    parameters: list[Parameter]
     precision: str
     loss: str
 
     def __post_init__(self) -> None:
-        """Find the bounds of θ."""
+        self.channels, self.parameters = self.worlds.channels, self.worlds.parameters
+        self.count = len(self.parameters)
         limits = np.array([(one.low / one.start, one.high / one.start) for one in self.parameters])
         self.low, self.high = np.log(limits).T
-
-    @property
-    def count(self) -> int:
-        """Number of parameters."""
-        return len(self.parameters)
 
     def values(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return values for θ of shape [..., parameters]."""
@@ -86,8 +79,8 @@ class Problem:
     def floor(self, end: float) -> float:
         """Return the least change of a residual by a unit of θ that can be seen."""
         rows = [one.until(end).sum() for one in self.channels]
-        sums = [(spread(one) / one.noise) ** 2 * count for one, count in zip(self.channels, rows, strict=True)]
-        return FLOOR[self.precision] * float(np.sqrt(sum(sums) / sum(rows)))
+        squares = [(spread(one) / one.noise) ** 2 for one in self.channels]
+        return FLOOR[self.precision] * float(np.sqrt(np.average(squares, weights=rows)))
 
     def weights(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the weight of each residual, by the loss."""

@@ -48,7 +48,6 @@ class TrackedPoints:
     position: ArrayLike
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         time, position = checks.array("time", self.time), checks.array("position", self.position)
         particle = checks.array("particle", self.particle)
         if time.ndim != 1 or particle.shape != time.shape or position.ndim != 2 or len(position) != len(time):
@@ -161,7 +160,6 @@ def spread(channel: Channel) -> float:
 
 
 def _tracked(measured: TrackedPoints, scene: Scene) -> Channel:
-    """Return tracked points as a channel."""
     time, particle, position = (np.asarray(getattr(measured, n)) for n in ("time", "particle", "position"))
     count, dim = scene.system.particle_count, scene.system.dim
     if position.shape[1] != dim:

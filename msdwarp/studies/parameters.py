@@ -69,7 +69,6 @@ def parameters_of(scene: Scene, requested: Any, bounds: Any) -> list[Parameter]:
 
 
 def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
-    """Return one parameter, which starts at the scene's value or the one given."""
     pattern, own, unit = _pattern(scene, name)
     if start is None and not own > 0:
         raise ValueError(

@@ -14,7 +14,7 @@ RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 
 
 def output_path(path: str | Path, suffix: str, force: bool) -> Path:
-    """Return where a file goes; raise ValueError or OSError that names what is wrong with that."""
+    """Return where a file goes; raise ValueError or OSError if it cannot go there."""
     path = Path(path)
     if path.suffix != suffix:
         raise ValueError(f"path is {path}; its name must end in {suffix}")
@@ -24,14 +24,19 @@ def output_path(path: str | Path, suffix: str, force: bool) -> Path:
     return path
 
 
-def plot_log(csv_path: Path, png_path: Path) -> None:
-    """Draw the energies of a log against time."""
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of a size in inches."""
     from matplotlib.figure import Figure
 
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def plot_log(csv_path: Path, png_path: Path) -> None:
+    """Draw the energies of a log against time."""
     table = np.atleast_1d(np.genfromtxt(csv_path, delimiter=",", names=True))
     if not table.size:
         return
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    figure = new_figure(8, 4.5)
     axes = figure.subplots()
     draw_energies(axes, table)
     axes.set_xlabel("time [s]")

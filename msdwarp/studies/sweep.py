@@ -1,6 +1,7 @@
 """Sweeps: a scene at all points of a grid, each point a run of its own, on as many machines as there are."""
 
 import inspect
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,17 +17,16 @@ from ..files import TrajectoryWriter
 from ..integrators import METHODS
 from ..simulation import Readback, Simulation, frame_count
 from ..world import Scene
-from .grid import checked_grid, points
-from .sweep_arguments import OPTIONS, as_json, check_names, check_travels, found, source
-from .sweep_ensembles import ENSEMBLE, Asked, as_worlds, in_words
+from .grid import OPTIONS, as_json, check_names, check_travels, checked_grid, found, points, source
+from .sweep_ensembles import ENSEMBLE, as_worlds, in_words
 from .sweep_points import (
     LOST,
     MISSING,
     RESULTS,
     RUNS,
+    Asked,
     Point,
     Row,
-    Simulate,
     carry_out,
     dataset,
     final_numbers,
@@ -44,8 +44,6 @@ _PAUSE = 0.05
 
 Report = Callable[[int, int], None]
 """Called with how many of the points that were to be simulated are, and how many there are."""
-Say = Callable[[int, Mapping[int, str]], None]
-"""Called with how many points were worlds of ensembles, and why the others, by number, were not."""
 
 
 def sweep(
@@ -77,8 +75,8 @@ def sweep(
         sequence of numbers or texts, or a text such as "1,2,5", "0:100", "1:3:5" or "1e3:1e5:log:20".
     folder
         Folder of the runs and results. It may contain those of an earlier sweep.
-    parameters
-        Parameters of the scene that are the same at all points.
+    parameters, **options
+        What is the same at all points: parameters of the scene, options of `Simulation` and the `duration` [s].
     observe
         Functions by name. Each is called with the `Simulation` at its end and returns a number.
     executor
@@ -94,8 +92,6 @@ def sweep(
         "summary" keeps the parameters and results of a point, "run" also its trajectory.
     report
         A function that is called with the number of finished points and the total.
-    **options
-        Options of `Simulation` that are the same at all points, and the `duration` [s].
 
     Returns
     -------
@@ -128,81 +124,77 @@ def sweep(
         simulated = options | {key: value for key, value in given.items() if key not in built_with}
         own = {"parameters": defaults | built_with, "options": simulated}
         stored = {kind: {key: as_json(value) for key, value in each.items()} for kind, each in own.items()}
-        planned.append(Point(always | stored, Task(build, built_with, simulated, watched)))
+        planned.append(Point(always | stored, FunctionTask(build, built_with, simulated, watched)))
     if executor is None and jobs != 1:
         check_travels({"scene": build} | {f"observe[{key!r}]": one for key, one in watched.items()})
-    refusals: list[str] = []
-
-    def say(done: int, refused: Mapping[int, str]) -> None:
-        if refused and jobs == ENSEMBLE:
-            refusals.append(in_words(done, refused))
-
-    how: dict[str, Any] = {"device": options.get("device"), "report": report, "ask": asked_of, "say": say}
-    results = complete(values, planned, Path(folder), simulate_task, keep == "run", executor, jobs, **how)
-    for message in refusals:
-        warnings.warn(message, stacklevel=2)
+    results, worlds, refused = complete(
+        values,
+        planned,
+        Path(folder),
+        keep == "run",
+        executor=executor,
+        jobs=jobs,
+        device=options.get("device"),
+        report=report,
+    )
+    if refused and jobs == ENSEMBLE:
+        warnings.warn(in_words(worlds, refused), stacklevel=2)
     return results
 
 
-class Task(NamedTuple):
-    """What a worker is given to simulate."""
+class FunctionTask(NamedTuple):
+    """A scene by its function, and the arguments of a simulation."""
 
     build: Callable[..., Scene]
     parameters: dict[str, Any]
     options: dict[str, Any]
     observe: dict[str, Callable[[Simulation], float]]
 
+    def asked(self) -> Asked:
+        """Build the scene, and return what is to be simulated."""
+        scene = self.build(**self.parameters)
+        checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
+        options = dict(self.options)
+        duration, integrator = options.pop("duration", scene.duration), options.pop("integrator", None)
+        if isinstance(integrator, str):
+            checks.one_of("integrator", integrator, METHODS)
+            integrator = METHODS[integrator]
+        return Asked(scene, duration, options | {"integrator": integrator}, self.observe)
 
-def asked_of(task: Task) -> Asked:
-    """Build the scene of a task, and return what is to be simulated."""
-    scene = task.build(**task.parameters)
-    checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
-    options = dict(task.options)
-    duration, integrator = options.pop("duration", scene.duration), options.pop("integrator", None)
-    if isinstance(integrator, str):
-        checks.one_of("integrator", integrator, METHODS)
-        integrator = METHODS[integrator]
-    return Asked(scene, duration, options | {"integrator": integrator}, task.observe)
-
-
-def simulate_task(task: Task, folder: Path, keeps_files: bool) -> dict[str, float]:
-    """Simulate a scene to its end, and return the numbers that are kept of it."""
-    scene, duration, options, observe = asked_of(task)
-    simulation = Simulation.from_scene(scene, **options)
-    frames = frame_count(duration, simulation.fps)
-    if not keeps_files:
-        simulation.step(frames)
+    def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
+        """Simulate the scene to its end, with its trajectory if files are kept; return the final numbers."""
+        scene, duration, options, observe = self.asked()
+        simulation = Simulation.from_scene(scene, **options)
+        frames = frame_count(duration, simulation.fps)
+        if not keeps_files:
+            simulation.step(frames)
+            return final_numbers(simulation, scene, observe)
+        about = {} if callable(scene.gravity) else {"gravity": np.asarray(scene.gravity).tolist()}
+        how: dict[str, Any] = {"fps": simulation.fps, "frame_count": frames + 1, "attributes": about}
+        with TrajectoryWriter(folder / disk.TRAJECTORY, scene.system, **how) as writer:
+            readback = Readback(simulation)
+            for k in range(frames + 1):
+                if k:
+                    simulation.step()
+                writer.write_pending(readback.take())
         return final_numbers(simulation, scene, observe)
-    about = {} if callable(scene.gravity) else {"gravity": np.asarray(scene.gravity).tolist()}
-    how: dict[str, Any] = {"fps": simulation.fps, "frame_count": frames + 1, "attributes": about}
-    with TrajectoryWriter(folder / "trajectory.vtkhdf", scene.system, **how) as writer:
-        readback = Readback(simulation)
-        writer.write_pending(readback.take(), {})
-        for _ in range(frames):
-            simulation.step()
-            writer.write_pending(readback.take(), {})
-    return final_numbers(simulation, scene, observe)
 
 
 def complete(
     grid: Mapping[str, Sequence[Any]],
     planned: Sequence[Point],
     folder: Path,
-    simulate: Simulate,
     keeps_files: bool,
+    *,
     executor: Any = None,
     jobs: int | str = "auto",
     device: str | None = None,
     report: Report | None = None,
-    *,
-    ask: Callable[[Any], Asked],
-    say: Say | None = None,
-) -> Any:
-    """Simulate the planned points that are not in the folder yet, write the results of all, and return them.
+) -> tuple[Any, int, dict[int, str]]:
+    """Simulate the planned points that are not in the folder yet, and write the results of all.
 
-    `simulate` is what a worker does for the task of a point, and `ask` returns what is to be simulated for it,
-    should it become a world of an ensemble. Without a `device` the processes share the GPUs. The others are those
-    of `sweep`, as are the errors raised.
+    Return the results, how many points were worlds of ensembles, and why others, by number, were not. Without a
+    `device` the processes share the GPUs. Other arguments and the errors raised are those of `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -225,11 +217,11 @@ def complete(
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
         for point in left.values():  # what a power cut has left of a run
-            disk.remove_folder(runs / point.digest)
-        count = len(left)
-        worlds = _in_ensembles(left, runs, ask, jobs != ENSEMBLE, say) if together else ()
+            shutil.rmtree(runs / point.digest, ignore_errors=True)
+        count, refused = len(left), dict[int, str]()
+        worlds = _in_ensembles(left, runs, refused, fixed_only=jobs != ENSEMBLE) if together else ()
         try:
-            for done, (k, row) in enumerate(chain(worlds, _alone(left, simulate, runs, keeps_files, executor)), 1):
+            for done, (k, row) in enumerate(chain(worlds, _alone(left, runs, keeps_files, executor)), 1):
                 rows[k] = row
                 if report is not None:
                     report(done, count)
@@ -238,34 +230,28 @@ def complete(
             rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
             results = dataset(grid, planned, rows)
             write_results(results, folder)
-    return results
+    return results, count - len(left), refused
 
 
 def _in_ensembles(
-    left: dict[int, Point], runs: Path, ask: Callable[[Any], Asked], fixed_only: bool, say: Say | None
+    left: dict[int, Point], runs: Path, refused: dict[int, str], *, fixed_only: bool
 ) -> Iterator[tuple[int, Row]]:
     """Yield (number, row) of points that can be worlds of ensembles, and take these out of those left."""
-    refused: dict[int, str] = {}
-    tasks, done = {k: point.task for k, point in left.items()}, 0
-    for k, simulate, seconds in as_worlds(tasks, ask, refused, fixed_only=fixed_only):
+    tasks = {k: point.task for k, point in left.items()}
+    for k, simulate, seconds in as_worlds(tasks, refused, fixed_only=fixed_only):
         yield k, carry_out(simulate, left.pop(k), runs, False, spent=seconds)
-        done += 1
-    if say is not None and (done or not fixed_only):
-        say(done, refused)
 
 
-def _alone(
-    left: Mapping[int, Point], simulate: Simulate, runs: Path, keeps_files: bool, executor: Any
-) -> Iterator[tuple[int, Row]]:
+def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:
     """Yield (number, row) of points as they are done, each a run of its own."""
     if executor is None:
         for k, point in left.items():
-            yield k, carry_out(simulate, point, runs, keeps_files)
+            yield k, carry_out(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
         """Return the tries, (number, attempt), by future; submitit gets all at once, as one job array of Slurm."""
-        calls = [(simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
+        calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
             futures = executor.map_array(carry_out, *zip(*calls, strict=True))
         else:

@@ -4,9 +4,10 @@ import hashlib
 import pickle
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
 from ..simulation import Ensemble, Simulation, frame_count
-from ..world import Scene
-from .sweep_points import Observe, Simulate, final_numbers
+from .sweep_points import Asked, Simulate, Task, final_numbers
 from .workers import gpus_for
 
 ENSEMBLE = "ensemble"
@@ -32,27 +32,13 @@ MOST_NUMBERS = 1 << 23
 """Particles and springs of all worlds at most: some hundred megabytes of what differs."""
 
 
-class Asked(NamedTuple):
-    """What is to be simulated at a point."""
-
-    scene: Scene
-    duration: float
-    """[s]"""
-    options: dict[str, Any]
-    """Arguments that `Ensemble` and `Simulation` share."""
-    observe: Observe | None = None
-    """Functions whose results are kept."""
-
-
 Numbered = tuple[int, Asked]
 """The number of a point, and what is to be simulated there."""
 World = tuple[int, Simulate, float]
 """The number of a point, a function that returns the numbers of its world, and its share of the time taken [s]."""
 
 
-def as_worlds(
-    tasks: Mapping[int, Any], ask: Callable[[Any], Asked], refused: dict[int, str], *, fixed_only: bool
-) -> Iterator[World]:
+def as_worlds(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
     """Simulate points in ensembles, by their tasks, yield the worlds, and note in `refused` why others are none.
 
     A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
@@ -61,7 +47,7 @@ def as_worlds(
     alike: dict[bytes, list[Numbered]] = {}
     for number, task in tasks.items():
         try:
-            asked = ask(task)
+            asked = task.asked()
             if fixed_only and asked.options.get("substeps", "auto") == "auto":
                 raise ValueError("its number of substeps is automatic, and changes while it runs")
             if asked.scene.probes and asked.observe:
@@ -102,16 +88,8 @@ def _digest_of_shared(asked: Asked) -> bytes:
     obstacles: Sequence[Any] = scene.colliders
     rough = [replace(one, friction=0.0) for one in obstacles]
     gravity = scene.gravity if callable(scene.gravity) else None
-    parts = (
-        shared,
-        rough,
-        scene.loads,
-        scene.schedule,
-        dict(scene.probes),
-        gravity,
-        asked.duration,
-        asked.options,
-    )
+    around = scene.loads, scene.schedule, dict(scene.probes), gravity
+    parts = (shared, rough, around, asked.duration, asked.options)
     try:
         return hashlib.sha256(pickle.dumps(parts)).digest()
     except Exception as error:  # of functions that have no name
@@ -119,7 +97,6 @@ def _digest_of_shared(asked: Asked) -> bytes:
 
 
 def _most(asked: Asked) -> int:
-    """Return how many worlds an ensemble may have."""
     system = asked.scene.system
     most = MOST_WORLDS if gpus_for(asked.options.get("device")) else MOST_ON_CPU
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
@@ -195,11 +172,11 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
             simulation.step(left)
         return simulation
 
-    def numbers_of(world: int, asked: Asked) -> dict[str, float]:
+    def numbers_of(world: int, asked: Asked, *_: Any) -> dict[str, float]:
         return final_numbers(alone(world, asked), asked.scene, asked.observe)
 
     for world, (number, asked) in enumerate(several):
         if running[world]:
-            yield number, lambda *_, world=world, asked=asked: numbers_of(world, asked), seconds
+            yield number, partial(numbers_of, world, asked), seconds
         else:
             refused[number] = "its world diverges"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from .plots import BLUE, RED, add_grid, output_path
+from .plots import BLUE, RED, add_grid, new_figure, output_path
 from .sweep_points import DONE, WORDS, read_results
 
 _USUAL = ("kinetic_J", "elastic_J", "gravitational_J", "largest_strain")
@@ -51,28 +51,26 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
 
 def _figure(found: Any, names: list[str]) -> Any:
     """Return a figure with a panel for each of some results."""
-    from matplotlib.figure import Figure
-
     longest, *second = sorted(map(str, found.sizes), key=lambda name: -found.sizes[name])[:2]
     drawn = {longest, *(name for name in second if found.sizes[name] > 1)}
     swept = [name for name in map(str, found.sizes) if name in drawn]
     others = [name for name in found.sizes if name not in swept]
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(5.2 * columns, 3.4 * rows + 0.4), layout="constrained")
+    figure = new_figure(5.2 * columns, 3.4 * rows + 0.4)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     ended = (found["status"] == DONE).all(others).transpose(*swept).values
     for axes, name in zip(panels, names, strict=False):
         values = found[name].transpose(*swept, *others)
-        mean = values.mean(others).values if others else values.values
+        mean = values.mean(others) if others else values
         if len(swept) == 1:
-            places = _line(axes, found[swept[0]].values, mean, ended)
+            places = _line(axes, mean, ended)
             if others:
                 least, most = values.min(others).values, values.max(others).values
                 axes.fill_between(places, least, most, color=BLUE, alpha=0.15, lw=0)
             axes.set_ylabel(_label(name))
         else:
-            _map(axes, found[swept[0]].values, found[swept[1]].values, mean, ended, _label(name))
+            _map(axes, mean, ended, _label(name))
             axes.set_ylabel(swept[1])
         axes.set_xlabel(swept[0])
     for axes in panels[len(names) :]:
@@ -82,20 +80,24 @@ def _figure(found: Any, names: list[str]) -> Any:
     return figure
 
 
-def _line(axes: Any, across: NDArray, mean: NDArray, ended: NDArray) -> NDArray[np.float64]:
+def _line(axes: Any, mean: Any, ended: NDArray) -> NDArray[np.float64]:
     """Draw a line with crosses, and return where its points stand."""
-    places = _places(axes.xaxis, axes.set_xscale, across)
-    axes.plot(places, mean, color=BLUE, marker="o" if len(across) <= 60 else "", ms=3.5, lw=1.6)
+    places = _places(axes.xaxis, axes.set_xscale, mean[mean.dims[0]].values)
+    axes.plot(places, mean.values, color=BLUE, marker="o" if len(places) <= 60 else "", ms=3.5, lw=1.6)
     axes.plot(places[~ended], np.full((~ended).sum(), 0.03), "x", color=RED, transform=axes.get_xaxis_transform())
     add_grid(axes)
     return places
 
 
-def _map(axes: Any, across: NDArray, up: NDArray, mean: NDArray, ended: NDArray, label: str) -> None:
-    """Draw a map with crosses."""
-    x, y = _places(axes.xaxis, axes.set_xscale, across), _places(axes.yaxis, axes.set_yscale, up)
-    drawn = axes.pcolormesh(_edges(x), _edges(y), np.ma.masked_invalid(mean.T), cmap="viridis")
-    axes.figure.colorbar(drawn, ax=axes, label=label)
+def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
+    across, up = mean.dims
+    x = _places(axes.xaxis, axes.set_xscale, mean[across].values)
+    y = _places(axes.yaxis, axes.set_yscale, mean[up].values)
+    # Cells end halfway between two places, by ratio on a logarithmic axis.
+    scales = {"xscale": axes.get_xscale(), "yscale": axes.get_yscale()}
+    scales = {name: scale for name, scale in scales.items() if scale == "log"}  # to set a linear one resets ticks
+    how = {"cmap": "viridis", "center": False, "add_labels": False, "cbar_kwargs": {"label": label}}
+    mean.assign_coords({across: x, up: y}).plot.pcolormesh(x=across, y=up, ax=axes, **scales, **how)
     i, j = np.nonzero(~ended)
     axes.plot(x[i], y[j], "x", color=RED)
 
@@ -106,25 +108,9 @@ def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
         axis.set_ticks(range(len(values)), [str(value) for value in values])
         return np.arange(len(values), dtype=float)
     places = values.astype(float)
-    if _is_geometric(places):
+    if places.min() > 0 and places.max() / places.min() >= 10:
         set_scale("log")
     return places
-
-
-def _is_geometric(values: NDArray[np.float64]) -> bool:
-    """Tell whether positive numbers span a decade."""
-    return len(values) > 1 and values.min() > 0 and values.max() / values.min() >= 10
-
-
-def _edges(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of cells around places, halfway between two of them, by ratio on a logarithmic axis."""
-    if len(places) == 1:
-        return np.array([places[0] - 0.5, places[0] + 0.5])
-    log = _is_geometric(places)
-    at = np.log(places) if log else places
-    middle = 0.5 * (at[1:] + at[:-1])
-    edges = np.array([2 * at[0] - middle[0], *middle, 2 * at[-1] - middle[-1]])
-    return np.exp(edges) if log else edges
 
 
 def _label(name: str) -> str:

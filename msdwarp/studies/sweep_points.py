@@ -9,14 +9,15 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from .. import checks, disk
 from ..simulation import Simulation, SimulationDiverged
 from ..world import Scene
-from .energy_log import COLUMNS
+from .table import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
 DONE, DIVERGED, FAILED, LOST, MISSING = "done", "diverged", "failed", "lost", "missing"
@@ -25,10 +26,34 @@ _UNFINISHED = ".unfinished-"
 
 Row = dict[str, Any]
 """Results of a point: its status, a message, and numbers by name."""
-Simulate = Callable[[Any, Path, bool], dict[str, float]]
-"""(task, folder, whether files are kept) -> numbers; a function of a module, which workers can import."""
+Simulate = Callable[[Path, bool], dict[str, float]]
+"""Simulate in a folder, and keep files there or not; return the final numbers."""
 Observe = Mapping[str, Callable[[Simulation], float]]
 """Functions by name that a simulation is given at its end."""
+
+
+class Asked(NamedTuple):
+    """What is to be simulated at a point."""
+
+    scene: Scene
+    duration: float
+    """[s]"""
+    options: dict[str, Any]
+    """Arguments that `Ensemble` and `Simulation` share."""
+    observe: Observe = MappingProxyType({})
+    """Functions whose results are kept."""
+
+
+class Task(Protocol):
+    """What a worker process is given to simulate a point; it can be pickled."""
+
+    def asked(self) -> Asked:
+        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        ...
+
+    def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
+        """Simulate it, and return the final numbers."""
+        ...
 
 
 class Point(NamedTuple):
@@ -36,8 +61,7 @@ class Point(NamedTuple):
 
     parameters: dict[str, Any]
     """All that says what is simulated, as JSON has it."""
-    task: Any
-    """What a worker is given to simulate it."""
+    task: Task
 
     @property
     def digest(self) -> str:
@@ -63,18 +87,19 @@ def remove_unfinished(runs: Path) -> None:
 def carry_out(
     simulate: Simulate, point: Point, runs: Path, keeps_files: bool, attempt: int = 1, spent: float = 0.0
 ) -> Row:
-    """Simulate a point and return its row; its folder appears whole, or not at all. A worker does this.
+    """Simulate a point and return its row; its folder appears whole, or not at all. Workers call this.
 
-    Errors are in the row; an exception means that the worker is lost. `attempt` tells two calls apart, since Dask
-    does not repeat one. `spent` is the time that the point has taken before [s].
+    Errors are in the row; an exception means that the worker is lost. Dask does not repeat equal calls: `attempt`
+    makes them differ. `spent` is the time that the point has taken before [s].
     """
     folder = runs / point.digest
     if (row := stored_row(folder)) is not None:  # of a worker that was taken for lost
         return row
     made = runs / f"{_UNFINISHED}{point.digest}-{secrets.token_hex(4)}"
+    began = time.perf_counter() - spent
     try:
         made.mkdir(parents=True)
-        row = _row(simulate, point.task, made, keeps_files, time.perf_counter() - spent)
+        row = _row(simulate, made, keeps_files) | {"seconds": time.perf_counter() - began}
         if row["status"] == FAILED:
             return row
         if not keeps_files:
@@ -95,12 +120,11 @@ def carry_out(
         shutil.rmtree(made, ignore_errors=True)
 
 
-def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool, began: float) -> Row:
-    """Simulate, and return the row."""
+def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("default")
         try:
-            row: Row = {"status": DONE, "message": "", **simulate(task, folder, keeps_files)}
+            row: Row = {"status": DONE, "message": "", **simulate(folder, keeps_files)}
         except SimulationDiverged as error:
             row = {"status": DIVERGED, "message": str(error), "time_s": error.time}
         except Exception as error:  # of a scene of any kind
@@ -108,10 +132,12 @@ def _row(simulate: Simulate, task: Any, folder: Path, keeps_files: bool, began: 
             row = {"status": FAILED, "message": f"{kind}{error}"}
     if heard and row["status"] == DONE:
         row["message"] = "; ".join(dict.fromkeys(str(one.message) for one in heard))
-    return row | {"seconds": time.perf_counter() - began}
+    return row
 
 
-def final_numbers(simulation: Simulation, scene: Scene, observe: Observe | None = None) -> dict[str, float]:
+def final_numbers(
+    simulation: Simulation, scene: Scene, observe: Observe = MappingProxyType({})
+) -> dict[str, float]:
     """Return what is kept of the end of a run: energies, strain, last values of probes, observed quantities.
 
     Names and units are those of the log of energies and of the table of probes.
@@ -128,7 +154,7 @@ def final_numbers(simulation: Simulation, scene: Scene, observe: Observe | None 
     for name, values in scene.observed(*now).items():
         each = {f"{name}_{k}": value for k, value in enumerate(values.ravel())}
         numbers |= each if values.ndim else {name: values}
-    for name, function in (observe or {}).items():
+    for name, function in observe.items():
         numbers[name] = checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(())
     return {name: float(value) for name, value in numbers.items()}
 
@@ -169,7 +195,6 @@ def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: S
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:
-    """Return swept values as numbers, or as texts unless all are numbers."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([str(value) for value in values], dtype=object)

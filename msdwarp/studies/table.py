@@ -1,32 +1,38 @@
-"""A table of numbers on disk, a CSV file that grows with a run."""
+"""Tables of numbers on disk that grow with a run: CSV files, and among them the log of energies."""
 
 import csv
 import io
-import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from ..disk import replacing
+import numpy as np
+
+from .. import disk
+from ..engine import Measures
+from .plots import plot_log
+
+COLUMNS: dict[str, Callable[[Measures], float]] = {
+    "kinetic_J": lambda m: m.kinetic_energy,
+    "elastic_J": lambda m: m.elastic_energy,
+    "gravitational_J": lambda m: m.gravitational_energy,
+    "total_J": lambda m: m.energy,
+    "dissipated_W": lambda m: m.dissipated_power,
+    "momentum_kg_m_s": lambda m: float(np.linalg.norm(m.momentum)),
+    "angular_momentum_kg_m2_s": lambda m: float(np.linalg.norm(m.angular_momentum)),
+    "largest_strain": lambda m: m.largest_strain,
+}
 
 
 class GrowingTable:
-    """Writes lines of numbers, each at once to disk.
+    """Writes lines of numbers, each at once to disk, under a head of column names.
 
-    When an existing file is continued, its later lines stay as long as the same ones are written again. The first
-    that differs takes the place of all that follow, once it is on disk.
+    An existing file is replaced, or continued after `behind` lines, or after the line `until` a time [s]. Its
+    later lines then stay as long as the same ones are written again; the first that differs takes the place of all
+    that follow, once it is on disk. Files of earlier versions have only the first `columns_before` columns.
 
-    Parameters
-    ----------
-    path, head
-        The CSV file, which is replaced unless it is continued, and the names of its columns.
-    behind, until
-        Continue the existing file after so many lines, or after the line that begins with this time [s]; if it is
-        missing, begin a new one. ValueError is raised if it is not such a table, or lacks lines.
-    word
-        Name of the file in errors.
-    columns_before
-        Columns of files of earlier versions; missing ones stay empty.
+    Raise ValueError, which calls the file by `word`, if the one to continue is not such a table, or lacks lines.
     """
 
     def __init__(
@@ -36,7 +42,7 @@ class GrowingTable:
         *,
         behind: int = 0,
         until: float = 0.0,
-        word: str,
+        word: str = "the table",
         columns_before: int | None = None,
     ) -> None:
         self.path, self._head = path, list(head)
@@ -45,23 +51,23 @@ class GrowingTable:
         self._lines, self._kept = self._existing(behind, until, word)
 
     def _existing(self, behind: int, until: float, word: str) -> tuple[list[list[str]], int]:
-        """Return the existing lines of a file to continue, and how many of them to keep."""
+        """Return the lines of the file to continue, and how many of them to keep."""
         if not (behind or until) or not self.path.exists():
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
-        if until:
-            behind = _lines_until(until, lines)
+        if until:  # more lines than there are if none is of that time
+            of_time = [k + 1 for k, line in enumerate(lines) if line and _is_of_time(line, until)]
+            behind = max(of_time, default=len(lines) + 1)
         if head not in self._heads or len(lines) < behind:
             raise ValueError(f"{word} is {self.path}, which is not what the run had written there; move it away")
         return [line + [""] * (len(self._head) - len(head)) for line in lines], behind
 
     def __enter__(self) -> Self:
-        """Open the file."""
         kept = _as_csv([self._head, *self._lines[: self._kept]])
         whole = kept + _as_csv(self._lines[self._kept :])
         if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or cut short
-            with replacing(self.path) as unfinished:
+            with disk.replacing(self.path) as unfinished:
                 unfinished.write_bytes(whole)
         self._file = self.path.open("r+b")
         self._file.seek(len(kept))
@@ -80,33 +86,60 @@ class GrowingTable:
         """Add a line, unless it is the next one already."""
         assert self._file is not None
         line = _as_csv([[f"{number:.9g}" for number in numbers]])
-        try:
+        with disk.failure_named(self.path, "could not be written further"):
             there = self._file.read(len(line))
             if there != line:
                 self._file.seek(-len(there), io.SEEK_CUR)
                 self._file.write(line)
                 self._file.flush()
                 self._file.truncate()
-        except OSError as error:
-            raise OSError(f"{self.path} could not be written further: {error.strerror or error}") from error
 
 
 def _as_csv(lines: Sequence[Sequence[str]]) -> bytes:
-    """Return lines as they are in the file."""
     text = io.StringIO(newline="")
     csv.writer(text).writerows(lines)
     return text.getvalue().encode()
 
 
-def _lines_until(time: float, lines: Sequence[Sequence[str]]) -> int:
-    """Return how many lines there are up to the last one of a time [s]; more than there are if none is."""
-    found = [k + 1 for k, line in enumerate(lines) if line and abs(_number(line[0]) - time) <= 1e-8 * time]
-    return found[-1] if found else len(lines) + 1
-
-
-def _number(text: str) -> float:
-    """Return the number that a text says, written to nine digits; NaN where it says none."""
+def _is_of_time(line: Sequence[str], time: float) -> bool:
+    """Return whether a line begins with a time [s], written to nine digits."""
     try:
-        return float(text)
+        return abs(float(line[0]) - time) <= 1e-8 * time
     except ValueError:
-        return math.nan
+        return False
+
+
+class EnergyLog(GrowingTable):
+    """Writes a line of measures per frame to a CSV file, at once to disk, and draws it at the end.
+
+    With `behind` it goes on after so many lines of an existing file; see `GrowingTable`.
+
+    Raises ValueError if the path does not end in .csv or has the name of a frame, and FileExistsError if it or its
+    plot exists and `force` is False.
+    """
+
+    def __init__(self, path: Path, *, force: bool = False, behind: int = 0) -> None:
+        if path.suffix != ".csv":
+            raise ValueError(f"log is {path}; its name must end in .csv")
+        if re.fullmatch(r"frame_\d+", path.stem):
+            raise ValueError(f"log is {path}; its plot would have the name of a frame")
+        self.plot_path = path.with_suffix(".png")
+        for existing in (path, self.plot_path):
+            if existing.exists() and not force and not behind:
+                raise FileExistsError(f"log would replace {existing}; name another file or add --force")
+        disk.writable_folder("log", path, path.parent)
+        head = ["time_s", *COLUMNS, "substeps"]  # files of earlier versions have no substeps
+        super().__init__(path, head, behind=behind, word="log", columns_before=-1)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the file, then draw the plot; neither hides an earlier error."""
+        try:
+            super().__exit__(kind, *_)
+            plot_log(self.path, self.plot_path)
+        except (OSError, ValueError) as error:
+            if kind is None:
+                raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
+
+    def write(self, time: float, measures: Measures, substeps: int) -> None:
+        """Add a line: the time [s], its measures, and the substeps of the frame before."""
+        self.write_line([time, *(of(measures) for of in COLUMNS.values()), substeps])

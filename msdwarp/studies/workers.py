@@ -54,7 +54,6 @@ class Workers:
             self._idle.put((gpu, process))
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -35,7 +35,7 @@ class Worlds:
         substeps: int | str,
         options: dict[str, Any],
     ) -> None:
-        self._scene, self._parameters, self._channels, self.fps = scene, parameters, channels, fps
+        self._scene, self.parameters, self.channels, self.fps = scene, parameters, channels, fps
         self._options: dict[str, Any] = options | {"fps": fps, "substeps": substeps}
         self.alone = ""
         """Why worlds are simulated one after the other; empty if they are not."""
@@ -65,13 +65,13 @@ class Worlds:
 
     def scene(self, values: NDArray[np.float64]) -> Scene:
         """Return the scene with these values."""
-        return scene_with(self._scene, self._parameters, values)
+        return scene_with(self._scene, self.parameters, values)
 
     def _corners(self) -> NDArray[np.float64]:
         """Return the corners of the bounds, shape [corners, parameters]."""
-        if len(self._parameters) > MOST_CORNERS:
-            return np.array([[one.low if one.name == "mass" else one.high for one in self._parameters]])
-        return np.array(list(itertools.product(*((one.low, one.high) for one in self._parameters))))
+        if len(self.parameters) > MOST_CORNERS:
+            return np.array([[one.low if one.name == "mass" else one.high for one in self.parameters]])
+        return np.array(list(itertools.product(*((one.low, one.high) for one in self.parameters))))
 
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:
         """Return what each channel would have been up to a time [s], each of shape [worlds, rows, width].
@@ -82,10 +82,10 @@ class Worlds:
         simulated = self._one_by_one(values, frames) if self.alone else self._together(values, frames)
         self.runs += len(values)
         self.batches += 1
-        return [one.at_times(own, self.fps) for one, own in zip(self._channels, simulated, strict=True)]
+        return [one.at_times(own, self.fps) for one, own in zip(self.channels, simulated, strict=True)]
 
     def _ensemble(self, values: NDArray[np.float64]) -> Ensemble:
-        rows: dict[str, Any] = {one.name: one.rows(values[:, k]) for k, one in enumerate(self._parameters)}
+        rows: dict[str, Any] = {one.name: one.rows(values[:, k]) for k, one in enumerate(self.parameters)}
         return Ensemble(self._scene, len(values), **rows, **self._options)
 
     def _simulation(self, values: NDArray[np.float64]) -> Simulation:
@@ -93,9 +93,9 @@ class Worlds:
 
     def _observations(self, ensemble: Ensemble) -> list[Any]:
         """Return what reads each channel from an ensemble; raise ValueError if that cannot be."""
-        observed = {one.name: one.what for one in self._channels if not isinstance(one.what, np.ndarray)}
+        observed = {one.name: one.what for one in self.channels if not isinstance(one.what, np.ndarray)}
         seen = {one.name: one for one in observations(ensemble, observed)}
-        return [seen.get(one.name) or _Positions(ensemble, one.what) for one in self._channels]
+        return [seen.get(one.name) or _Positions(ensemble, one.what) for one in self.channels]
 
     def _together(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
         """Return each channel in each frame by an ensemble, shape [frame_count, worlds, ...]."""
@@ -114,17 +114,17 @@ class Worlds:
         runs = [self._run(one, frames) for one in values]
         self.diverged = len(runs[0]) <= frames
         whole = [run + run[-1:] * (frames + 1 - len(run)) for run in runs]
-        channels = range(len(self._channels))
+        channels = range(len(self.channels))
         return [np.stack([[frame[k] for frame in run] for run in whole], axis=1) for k in channels]
 
     def _run(self, values: NDArray[np.float64], frames: int) -> list[list[NDArray[np.float64]]]:
         """Return the channels in each frame of a simulation, up to its last good one."""
         simulation = self._simulation(values)
-        found = [[_value(simulation, channel) for channel in self._channels]]
+        found = [[_value(simulation, channel) for channel in self.channels]]
         with suppress(SimulationDiverged):
             for _ in range(frames):
                 simulation.step()
-                found.append([_value(simulation, channel) for channel in self._channels])
+                found.append([_value(simulation, channel) for channel in self.channels])
         return found
 
 
@@ -145,7 +145,6 @@ class _Positions:
 
 
 def _value(simulation: Simulation, channel: Channel) -> NDArray[np.float64]:
-    """Return a channel in the present frame."""
     if isinstance(channel.what, np.ndarray):
         return np.asarray(simulation.frame().position[channel.what], dtype=float)
     if isinstance(channel.what, Probe):

@@ -118,7 +118,7 @@ def test_info_says_in_words_and_units_what_a_file_holds(msdwarp, tmp_path):
         "device: cpu",
         "gravity: (0, 0, -1.62) m/s²",
         "schedule: 1 change of parameters on the way",
-        "flags: --duration 0.2 --fps 50.0 --out 'kept folder' --every 2 --frames none --video none",
+        "flags: --fps 50.0 --duration 0.2 --out 'kept folder' --every 2 --frames none --video none",
     ):
         assert f"  {line}" in lines
     assert lines[-1].endswith("restart.h5: `msdwarp resume 'kept folder'` goes on from it")

@@ -90,25 +90,30 @@ def recorded(folder, *, deeds):
     return folder
 
 
+def again(path):
+    with msd.Trajectory(path) as trajectory:
+        return rerun(trajectory, device=None, out=None, quiet=True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("deeds", [True, False], ids=["by hand", "alone"])
 def test_what_was_recorded_live_is_made_again_to_the_last_bit(tmp_path, deeds):
     folder = recorded(tmp_path / "kept", deeds=deeds)
     path = folder / "trajectory.vtkhdf"
     assert (folder / "deeds.json").exists() == deeds
-    assert rerun(path, device=None, out=None, quiet=True) is None
+    assert again(path) is None
     with msd.Trajectory(path) as trajectory:
         assert len(trajectory) == 19
         assert trajectory.times[0] == pytest.approx(6 / 60)
     if deeds:  # without them it is another motion
         (folder / "deeds.json").unlink()
-        assert "differs" in rerun(path, device=None, out=None, quiet=True)
+        assert "differs" in again(path)
         (folder / "deeds.json").write_text('[{"frame": 0, "deed": "nothing"}]')
         with pytest.raises(ValueError, match="deed"):
-            rerun(path, device=None, out=None, quiet=True)
+            again(path)
         (folder / "deeds.json").write_text("{")
         with pytest.raises(ValueError, match="damaged"):
-            rerun(path, device=None, out=None, quiet=True)
+            again(path)
 
 
 def test_the_scenes_on_number_keys_are_there():

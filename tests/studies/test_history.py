@@ -13,8 +13,8 @@ from msdwarp.engine.diagnostics.energies import Measures
 from msdwarp.files.writer import TrajectoryWriter
 from msdwarp.simulation.readback import Readback
 from msdwarp.studies import history
-from msdwarp.studies.energy_log import COLUMNS
 from msdwarp.studies.frames import particle_energies, recovered_rest_length
+from msdwarp.studies.table import COLUMNS
 
 G = 9.82
 
