@@ -7,6 +7,7 @@ from what each method does on paper.
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import problems
@@ -16,7 +17,8 @@ from scipy.optimize import brentq
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEuler, System, box, sheet
 from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.engine.stepping.velocities import Velocities
 
 METHODS = {
     "symplectic euler": SymplecticEuler(),
@@ -128,23 +130,28 @@ class Mode:
 class Run:
     """Substeps launched one by one in float64, without gravity; h may be negative."""
 
-    def __init__(self, system: System, method: Integrator, h: float, *, gravity: float = 0.0) -> None:
+    def __init__(
+        self, system: System, method: Integrator, h: float, *, gravity: Any = 0.0, device: str = "cpu"
+    ) -> None:
         self.method, self.h = method, h
-        self.assembly = assemble(system, gravity=gravity, device="cpu", precision="float64")
+        self.assembly = assemble(system, gravity=gravity, device=device, precision="float64")
         self.state, self.dynamics = (
             State.from_system(system, self.assembly.model, method.method_state),
             Dynamics(self.assembly),
         )
         self.work = method.workspace(self.state)
-        method.start(self.dynamics, self.state, self.work, h)
+        self.velocities = Velocities(self.dynamics, self.state, method.lag * h, method.staggered)
+        self.velocities.start()
 
     def step(self, steps: int = 1) -> None:
         for _ in range(steps):
-            self.method.step(self.dynamics, self.state, self.work, self.h)
+            for stage in self.method.substep(self.state, self.work, self.h):
+                self.dynamics.run(stage)
+            self.state.flip()
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions."""
-        return self.method.velocity(self.dynamics, self.state, self.work, self.h)
+        return self.velocities.read()
 
 
 @functools.cache

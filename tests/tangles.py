@@ -10,7 +10,8 @@ from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
 from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.engine.stepping.stages import Stage
 from msdwarp.kernels.integrators.euler import kick
 
 PRECISIONS = {
@@ -78,7 +79,8 @@ def evaluate(system: System, device: str, precision: str, force_algorithm: str =
     )
     dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model)
     rest, force = state.empty_vectors(2)
-    dynamics.launch(kick, h=1.0, compensation=state.compensation, x=state.x, v=state.v, v_half=rest, v_out=force)
+    fields = {"compensation": state.compensation, "x": state.x, "v": state.v, "v_half": rest, "v_out": force}
+    dynamics.run(Stage(kick, {"h": 1.0, **fields}))
     return force.numpy()
 
 

@@ -162,6 +162,8 @@ def test_integrators_see_the_equation_of_motion_and_not_how_forces_come_about():
     }
     assert seen <= {
         "Dynamics",
+        "Solve",
+        "Stage",
         "State",
         "Rates",
         "Model",

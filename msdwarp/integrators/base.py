@@ -1,28 +1,30 @@
-"""What an integrator is."""
+"""What an integrator is: a method of time stepping as data."""
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
-import warp as wp
-
-from ..engine import Dynamics, Rates, State
+from ..engine import Rates, Solve, Stage, State
 
 
 class Integrator(ABC):
-    """A time-stepping method. It requests forces and launches kernels, independently of how forces are computed.
+    """A time-stepping method: the stages of a substep, as data. `msdwarp.engine` runs them.
 
-    All launches must be capturable in a CUDA graph: the substeps of a frame are recorded once and replayed.
+    All that a stage launches must be capturable in a CUDA graph: a frame is recorded once and replayed.
     """
 
     order: ClassVar[int]
     """Order of convergence. Damping and contact may lower it (see the method)."""
-    one_kernel: ClassVar[bool] = True
-    """Whether a substep launches only stages of one method (see `msdwarp.engine.Stepper`)."""
+    solves: ClassVar[bool] = False
+    """Whether a substep has solves between its stages. Then each stage is a launch."""
 
     lag: ClassVar[float] = 0.0
     """Substeps by which velocities lag behind positions, for the energy (see
     `msdwarp.engine.diagnostics.energy_balance`)."""
+    staggered: ClassVar[bool] = False
+    """Whether given velocities are taken back by `lag` substeps at the start, and forward again where they are
+    read. A method that lags and is not staggered takes and reports them as if they did not lag."""
 
     supports_contact: ClassVar[bool] = True
     """Whether the method supports contact between bodies."""
@@ -36,12 +38,12 @@ class Integrator(ABC):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """Times within a substep at which each launch of `step` evaluates forces, as fractions of the substep."""
+        """Times within a substep at which each stage evaluates forces, as fractions of the substep."""
         return (0.0,)
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each of these launches in an integral over the substep."""
+        """Weight of each of these stages in an integral over the substep."""
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property
@@ -58,25 +60,12 @@ class Integrator(ABC):
         """Return the arrays that the method needs besides the state, by name; None if it needs none."""
         return None
 
-    def start(  # noqa: B027 (most methods keep the state at one instant and need nothing here)
-        self, dynamics: Dynamics, state: State, work: Any, h: float
-    ) -> None:
-        """Shift a state given at one time to the times that the method uses."""
-
     @abstractmethod
-    def step(self, dynamics: Dynamics, state: State, work: Any, h: float) -> None:
-        """Advance the state by one substep of h seconds: write the new state to `state_out`, and flip it.
+    def substep(self, state: State, work: Any, h: float) -> Sequence[Stage | Solve]:
+        """Return the stages of one substep of h seconds, from `state.state_in` to `state.state_out`.
 
         `work` is what `workspace` returned; its contents are not kept between substeps.
         """
-
-    def hand_over(self, dynamics: Dynamics, state: State, work: Any, h: float, h_next: float) -> wp.array:
-        """Return the velocities from which substeps of another length, h_next [s], start."""
-        return self.velocity(dynamics, state, work, h)
-
-    def velocity(self, dynamics: Dynamics, state: State, work: Any, h: float) -> wp.array:
-        """Return the velocities at the same time as the positions [m/s]."""
-        return state.v
 
     @abstractmethod
     def stable_step(self, rates: Rates) -> float:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..engine import Dynamics, Rates, State
+from ..engine import Rates, Stage, State
 from ..kernels.integrators import explicit_euler
 from .base import Integrator
 
@@ -20,13 +20,9 @@ class ExplicitEuler(Integrator):
 
     order: ClassVar[int] = 1
 
-    def step(self, dynamics: Dynamics, state: State, work: None, h: float) -> None:
-        """Advance the state by one substep of h seconds."""
-        now, then = state.state_in, state.state_out
-        dynamics.launch(
-            explicit_euler, h=h, compensation=now.compensation, x=now.x, v=now.v, x_out=then.x, v_out=then.v
-        )
-        state.flip()
+    def substep(self, state: State, work: None, h: float) -> list[Stage]:
+        """Return the only stage of a substep of h seconds."""
+        return [Stage(explicit_euler, {"h": h, **state.motion()})]
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; 0 if a spring has no damper; see `Integrator.stable_step`."""

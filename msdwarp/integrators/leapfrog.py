@@ -1,21 +1,12 @@
 """Leapfrog."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
-
-import warp as wp
+from typing import ClassVar
 
 from .. import checks
-from ..engine import Dynamics, Rates, State
-from ..kernels.integrators import extrapolated_leapfrog, kick, symplectic_euler
+from ..engine import Rates, Stage, State
+from ..kernels.integrators import extrapolated_leapfrog, symplectic_euler
 from .base import Integrator, kick_drift_limit
-
-
-class Work(NamedTuple):
-    """What leapfrog needs beside the state."""
-
-    v: wp.array
-    """Velocities at the instant of the positions [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +35,7 @@ class Leapfrog(Integrator):
 
     order: ClassVar[int] = 2
     lag: ClassVar[float] = 0.5
+    staggered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -59,43 +51,14 @@ class Leapfrog(Integrator):
         """Arrays passed on: the velocities that dampers use, if they differ from those that it steps with."""
         return 1 if self.damper_extrapolation else 0
 
-    def workspace(self, state: State) -> Work:
-        """Return an array for the velocities at the time of the positions."""
-        return Work(*state.empty_vectors(1))
-
-    def start(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
-        """Take the velocities back by half a substep."""
-        now = state.state_in
-        for v_seen in now.method_state:
-            wp.copy(v_seen, now.v)
-        wp.copy(now.v, self._kicked(dynamics, state, work, -0.5 * h))
-
-    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
-        """Advance the state by one substep of h seconds."""
-        now, then = state.state_in, state.state_out
-        arrays = {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
-        if self.damper_extrapolation:
-            arrays |= {
-                "v": now.method_state[0],
-                "v_out": then.method_state[0],
-                "v_half": now.v,
-                "v_half_out": then.v,
-            }
-            dynamics.launch(extrapolated_leapfrog, h=h, theta=self.damper_extrapolation, **arrays)
-        else:
-            dynamics.launch(symplectic_euler, h=h, **arrays)
-        state.flip()
-
-    def velocity(self, dynamics: Dynamics, state: State, work: Work, h: float) -> wp.array:
-        """Return the velocities at the instant of the positions [m/s]."""
-        return self._kicked(dynamics, state, work, 0.5 * h)
-
-    def _kicked(self, dynamics: Dynamics, state: State, work: Work, h: float) -> wp.array:
-        """Return the velocities after a kick of h seconds."""
-        now = state.state_in
-        v = now.method_state[0] if self.damper_extrapolation else now.v
-        dynamics.launch(kick, h=h, compensation=now.compensation, x=now.x, v=v, v_half=now.v, v_out=work.v)
-        return work.v
+    def substep(self, state: State, work: None, h: float) -> list[Stage]:
+        """Return the only stage of a substep of h seconds."""
+        motion = state.motion()
+        if not self.damper_extrapolation:
+            return [Stage(symplectic_euler, {"h": h, **motion})]
+        halves = {"v_half": motion["v"], "v_half_out": motion["v_out"]}
+        motion |= {"v": state.state_in.method_state[0], "v_out": state.state_out.method_state[0]}
+        return [Stage(extrapolated_leapfrog, {"h": h, "theta": self.damper_extrapolation, **motion, **halves})]
 
     def stable_step(self, rates: Rates) -> float:
         """Return the largest stable substep [s]; see `Integrator.stable_step`."""

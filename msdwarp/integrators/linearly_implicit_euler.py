@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import warp as wp
 
 from .. import checks
-from ..engine import Dynamics, Rates, State, add_linearised, write_diagonal_blocks
+from ..engine import Dynamics, Rates, Solve, Stage, State, add_linearised, write_diagonal_blocks
 from ..kernels.integrators import block_inverses, conjugate_gradients, implicit_finish, impulse, mass_product
 from .base import Integrator, kick_drift_limit
 
@@ -62,7 +62,7 @@ class LinearlyImplicitEuler(Integrator):
 
     order: ClassVar[int] = 1
     long_steps: ClassVar[bool] = True
-    one_kernel: ClassVar[bool] = False
+    solves: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -88,22 +88,28 @@ class LinearlyImplicitEuler(Integrator):
         r, dv, p, q, z = state.empty_vectors(5)
         return Work(r, dv, p, q, z, springs, dampers, inverses, numbers)
 
-    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
-        """Advance the state by one substep of h seconds."""
-        now, then, drives = state.state_in, state.state_out, dynamics.drives
-        add = functools.partial(add_linearised, dynamics.model, now.x, everyone=drives)
-        dynamics.launch(impulse, h=h, compensation=now.compensation, x=now.x, v=now.v, out=work.r, given=work.z)
-        add(now.v, work.r, spring=1.0, damper=0.0, scale=-h * h)
+    def substep(self, state: State, work: Work, h: float) -> list[Stage | Solve]:
+        """Return a substep of h seconds: the impulse of forces, the solve, and the advance of particles."""
+        now, motion = state.state_in, state.motion()
+        forces = {"compensation": now.compensation, "x": now.x, "v": now.v, "out": work.r, "given": work.z}
+        return [
+            Stage(impulse, {"h": h, **forces}),
+            Solve(functools.partial(self._solve, x=now.x, v=now.v, work=work, h=h)),
+            Stage(implicit_finish, {"h": h, "dv": work.dv, "impulse": work.r, **motion}),
+        ]
+
+    def _solve(self, dynamics: Dynamics, x: wp.array, v: wp.array, work: Work, h: float) -> None:
+        """Find Δv; `work.r` then holds, of driven particles, the impulse that forces give them."""
+        drives = dynamics.drives
+        add = functools.partial(add_linearised, dynamics.model, x, everyone=drives)
+        add(v, work.r, spring=1.0, damper=0.0, scale=-h * h)
         if drives:  # their Δv is known: it goes to the right-hand side
             add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
-        self._solve(dynamics, now.x, work, h)
+        self._conjugate_gradients(dynamics, x, work, h)
         if drives:  # what the others' Δv, now known, gives to them
             add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
-        motion = {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
-        dynamics.launch(implicit_finish, h=h, dv=work.dv, impulse=work.r, **motion)
-        state.flip()
 
-    def _solve(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:
+    def _conjugate_gradients(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:
         """Solve (M + hB + h²K) dv = r, which ends as the residual.
 
         The solver in warp.optim.linear would serve, but took 2.4 ms an iteration on the CPU for 27 particles.

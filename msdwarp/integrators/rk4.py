@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import warp as wp
 
-from ..engine import Dynamics, Rates, State
+from ..engine import Rates, Stage, State
 from ..kernels.integrators import rk4
 from .base import Integrator
 
@@ -53,12 +53,12 @@ class RK4(Integrator):
         """Return two stages, of positions and velocities, and the sum of accelerations."""
         return Work(*state.empty_vectors(5))
 
-    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
-        """Advance the state by one substep of h seconds."""
+    def substep(self, state: State, work: Work, h: float) -> list[Stage]:
+        """Return the four stages of a substep of h seconds."""
         now, then = state.state_in, state.state_out
         x_a, v_a, x_c, v_c, v_sum = work
         start, a, b, c = (now.x, now.v), (x_a, v_a), (then.x, then.v), (x_c, v_c)
-        stages = (
+        steps = (
             (start, a, h / 2, h / 6),
             (a, b, h / 2, h / 3),
             (b, c, h, h / 3),
@@ -72,10 +72,11 @@ class RK4(Integrator):
             "v_a": v_a,
             "v_b": then.v,
         }
-        for k, ((x, v), (x_out, v_out), reach, weight) in enumerate(stages):
+        stages = []
+        for k, ((x, v), (x_out, v_out), reach, weight) in enumerate(steps):
             fields = {"reach": reach, "weight": weight, "first": int(k == 0), "last": int(k == 3)}
-            dynamics.launch(rk4, x=x, v=v, x_out=x_out, v_out=v_out, **fields, **common)
-        state.flip()
+            stages.append(Stage(rk4, {"x": x, "v": v, "x_out": x_out, "v_out": v_out, **fields, **common}))
+        return stages
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; see `Integrator.stable_step`.

@@ -11,7 +11,7 @@ from numpy.polynomial.chebyshev import Chebyshev
 from numpy.typing import NDArray
 
 from .. import checks
-from ..engine import Dynamics, Rates, State
+from ..engine import Rates, Stage, State
 from ..kernels.integrators import chebyshev
 from .base import Integrator
 
@@ -150,23 +150,24 @@ class RKC2(Integrator):
         a0, *stages = state.empty_vectors(9)
         return Work(a0, StageArrays(*stages[:4]), StageArrays(*stages[4:]))
 
-    def step(self, dynamics: Dynamics, state: State, work: Work, h: float) -> None:
-        """Advance the state by one substep of h seconds."""
+    def substep(self, state: State, work: Work, h: float) -> list[Stage]:
+        """Return the stages of a substep of h seconds."""
         c, now, then = coefficients(self.evaluations), state.state_in, state.state_out
         a0, here, there = work
         common = {"compensation": now.compensation, "x0": now.x, "v0": now.v, "a0": a0}
-        stages = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
-        x, v = now.x, now.v
-        for k, (mu, nu, reach, reach0) in enumerate(stages):
+        rows = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
+        x, v, stages = now.x, now.v, list[Stage]()
+        for k, (mu, nu, reach, reach0) in enumerate(rows):
             nu = nu if k > 1 else 0.0  # D_0 is nothing
-            first, last = k == 0, k == len(stages) - 1
+            first, last = k == 0, k == len(rows) - 1
             x_out, v_out = (then.x, then.v) if last else (there.x, there.v)
+            ways = {"x": x, "v": v, "x_out": x_out, "v_out": v_out}
             numbers = {"mu": mu, "nu": nu, "reach": h * reach, "reach0": h * reach0}
             changes = {"dx": here.dx, "dv": here.dv, "dx_out": there.dx, "dv_out": there.dv}
             flags = {"first": int(first), "last": int(last)}
-            dynamics.launch(chebyshev, x=x, v=v, x_out=x_out, v_out=v_out, **numbers, **changes, **flags, **common)
+            stages.append(Stage(chebyshev, {**ways, **numbers, **changes, **flags, **common}))
             x, v, here, there = x_out, v_out, there, here
-        state.flip()
+        return stages
 
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s], with the given number of stages or the largest automatic one."""

@@ -121,7 +121,7 @@ class Ensemble(Present):
         self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
         system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, contact)
         check_bears_touch(self._method, self._loads)
-        if not self._method.one_kernel:
+        if self._method.solves:
             raise ValueError(
                 f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
             )

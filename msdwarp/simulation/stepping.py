@@ -25,6 +25,7 @@ from ..engine import (
     State,
     Stepper,
     Steps,
+    Velocities,
     is_told_by_frames,
     potential,
     sensors_of,
@@ -95,14 +96,13 @@ class Stepping:
         self._time, self._begun, own = time, time, self.integrator
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
-        self._work = self.integrator.workspace(state)
         self._landing = PinnedStaging()
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
         limit = energy_limit * self.model.of_each(swings)
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
         self.frozen = FrozenWorlds(self.assembly, self.watch, dynamics.frozen) if self.model.in_worlds else None
         self._tracks = Tracks(self.assembly, state, self.frozen.changing if self.frozen is not None else ())
-        substep = partial(self.integrator.step, dynamics, state, self._work, choice.step)
+        self._velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
         pushed_by, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
         summed = self.assembly.sums_contact_forces
         self.contact_forces = ContactForces(self.model, *pushed_by, seconds) if summed else None
@@ -111,8 +111,7 @@ class Stepping:
         self.stepper = Stepper(
             dynamics,
             state,
-            substep,
-            one_kernel=self.integrator.one_kernel,
+            partial(own.substep, state, own.workspace(state), choice.step),
             behind_each=None if self._by_substep is None else self._look_behind,
             blocks=blocks,
         )
@@ -125,9 +124,9 @@ class Stepping:
         """Whether frames can tell their balance; whether the next ones do, else it is summed when asked for."""
         self._runs_ahead = small and tells_all(self.assembly, self.contact_forces, self._sensors, self._by_substep)
         """Whether a frame can be judged while the next one is under way."""
-        self._open_ledger = partial(EnergySums, dynamics, state, self.integrator.lag * choice.step)
+        self._open_ledger = partial(EnergySums, dynamics, state, own.lag * choice.step)
         self._ledger = self._open_ledger() if self._tells else None
-        self.integrator.start(dynamics, state, self._work, choice.step)
+        self._velocities.start()
 
     @property
     def backup(self) -> Backup:
@@ -141,9 +140,9 @@ class Stepping:
 
     def with_choice(self, choice: StepChoice) -> Self:
         """Return what goes on from the present state with other substeps; this one is not used any longer."""
-        now = self.dynamics, self.state, self._work, self.choice.step
-        v = self.integrator.velocity(*now) if self.at_start else self.integrator.hand_over(*now, choice.step)
-        wp.copy(self.state.v, v)
+        own = self.integrator
+        if own.staggered or not self.at_start:
+            self._velocities.hand_over(own.lag * choice.step)
         how = self._how | {"baseline": self.watch.baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choices=[choice], **how)
 
@@ -203,7 +202,7 @@ class Stepping:
         try:
             yield
         finally:
-            self.integrator.start(self.dynamics, self.state, self._work, self.choice.step)
+            self._velocities.start()
 
     def advance(self, time: float, then: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return whether all went well.
@@ -380,7 +379,7 @@ class Stepping:
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions [m/s], on the device."""
-        return self.integrator.velocity(self.dynamics, self.state, self._work, self.choice.step)
+        return self._velocities.read()
 
     def frame(self, time: float) -> Frame:
         """Return the present positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""

@@ -10,7 +10,7 @@ from tangles import FAR, PRECISIONS, assert_forces_are_right, every_route, movin
 from msdwarp import Material, Simulation, System, box, lattice, sheet
 from msdwarp.engine.model.lattice import find_lattice, step_of
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 
 CONSTANTS = {"stiffness": 300.0, "damping": 0.5, "mass": 0.1, "bending": 5.0}
 NOTCHED = np.ones((7, 6), dtype=bool)

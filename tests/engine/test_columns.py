@@ -10,9 +10,9 @@ from tangles import FAR, assert_forces_are_right, lattices, moving
 from msdwarp import RK4, SymplecticEuler, System, box, sheet
 from msdwarp.engine.model.lattice import find_lattice
 from msdwarp.engine.model.model import Model
-from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping import per_stage
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 
 # Algorithms are compared from wherever bodies start, in the floor too.
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
@@ -22,12 +22,12 @@ pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 def in_columns(monkeypatch) -> None:
     """Advance lattices that have layers in columns, on the CPU too, however small they are."""
 
-    def choose(model: Model, columns=dynamics.columns) -> int:
+    def choose(model: Model, columns=per_stage.columns) -> int:
         gpu = SimpleNamespace(is_cuda=True)
         return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
 
-    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
-    monkeypatch.setattr(dynamics, "columns", choose)
+    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(per_stage, "columns", choose)
 
 
 LAYERED = (
@@ -47,7 +47,7 @@ LAYERED = (
 def test_forces_in_columns(plain_device, in_columns, name, damping):
     system = moving(lattices(damping)[name])
     stride = find_lattice(system).stride
-    assert dynamics.columns(Model(system, device="cpu", force_algorithm="stencil")) in range(
+    assert per_stage.columns(Model(system, device="cpu", force_algorithm="stencil")) in range(
         system.particle_count // 2, system.particle_count // 2 + stride + 1
     )
     assert_forces_are_right(system, plain_device, "float64", "stencil")
@@ -103,7 +103,7 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
 def test_lattices_without_layers_have_no_columns(in_columns, name):
     assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
     made = Dynamics(assemble(lattices(2.0)[name], device="cpu", force_algorithm="stencil"))
-    assert made.composition.force_algorithm.column_forces is None or made._columns == 0
+    assert per_stage.column_count(made.model, made.composition.force_algorithm) == 0
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from msdwarp import (
     chain,
 )
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.composition import Composition

@@ -10,7 +10,7 @@ from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.force_algorithm import scatter_order
 from msdwarp.engine.springs import force_algorithms as forces
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 
 # Algorithms are compared from wherever bodies start, in the floor too.
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")

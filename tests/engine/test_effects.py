@@ -14,7 +14,7 @@ from msdwarp.engine.model.effect import Effect
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import assemble as effects
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.compensation import compensated_sum
 from msdwarp.kernels.effect import ForceTerm
@@ -102,11 +102,11 @@ def test_its_force_acts(with_anchors, device, dim, method, blocks):
 
 
 def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
-    from msdwarp.engine.stepping import launcher as dynamics
+    from msdwarp.engine.stepping import per_stage
 
-    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
     monkeypatch.setattr(
-        dynamics,
+        per_stage,
         "columns",
         lambda model: -(-model.particle_count // (2 * model.lattice.stride)) * model.lattice.stride,
     )

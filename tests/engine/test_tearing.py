@@ -122,13 +122,13 @@ def test_a_torn_lattice_moves_as_one_built_so(plain_device, force_algorithm, pre
 
 @pytest.mark.slow
 def test_columns_of_a_lattice_tear(monkeypatch, plain_device):
-    from msdwarp.engine.stepping import launcher as dynamics
+    from msdwarp.engine.stepping import per_stage
 
     ends = []
     for least in (10**9, 0):
-        monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", least)
+        monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", least)
         if not least:
-            monkeypatch.setattr(dynamics, "columns", lambda model: -(-model.particle_count // 24) * 12)
+            monkeypatch.setattr(per_stage, "columns", lambda model: -(-model.particle_count // 24) * 12)
         simulation = burst(plain_device, force_algorithm="stencil", blocks=None)
         simulation.step(6)
         ends.append(simulation.snapshot())

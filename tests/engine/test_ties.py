@@ -10,9 +10,9 @@ from tangles import FAR, assert_forces_are_right, evaluate, moving
 from msdwarp import RK4, CoulombDamper, Simulation, System, box, chain, join, sheet
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.model.model import Model
-from msdwarp.engine.stepping import launcher as dynamics
+from msdwarp.engine.stepping import per_stage
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
+from msdwarp.engine.stepping.dynamics import Dynamics
 
 SMALL = {"mass": 0.01, "stiffness": 40.0, "damping": 0.02}
 GAP = 0.13
@@ -36,12 +36,12 @@ def options(device: str, **more) -> dict:
 def in_columns(monkeypatch) -> None:
     """Advance lattices that have layers in columns, on the CPU too, however small they are."""
 
-    def choose(model: Model, columns=dynamics.columns) -> int:
+    def choose(model: Model, columns=per_stage.columns) -> int:
         gpu = SimpleNamespace(is_cuda=True)
         return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
 
-    monkeypatch.setattr(dynamics, "LEAST_IN_COLUMNS", 0)
-    monkeypatch.setattr(dynamics, "columns", choose)
+    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(per_stage, "columns", choose)
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -73,7 +73,9 @@ def test_ties_obey_the_dampers_law(plain_device):
 def test_columns_feel_ties(plain_device, in_columns):
     tied = pair()
     made = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil"))
-    assert made._columns > 0  # one stencil for both bodies, as without ties
+    assert (
+        per_stage.column_count(made.model, made.composition.force_algorithm) > 0
+    )  # one stencil for both bodies, as without ties
     assert_forces_are_right(moving(tied), plain_device, "float64", "stencil")
 
 

@@ -5,10 +5,14 @@ import math
 import numpy as np
 import problems
 import pytest
+import warp as wp
+from modes import METHODS
 from scipy.optimize import brentq
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, Simulation, SymplecticEuler, System, box, chain
 from msdwarp.engine.diagnostics.rate_bounds import Rates
+from msdwarp.engine.model.model import Model
+from msdwarp.engine.model.state import State
 
 EULER, LEAPFROG, RUNGE_KUTTA = SymplecticEuler(), Leapfrog(), RK4()
 EXTRAPOLATED = Leapfrog(damper_extrapolation=0.5)
@@ -331,3 +335,16 @@ def test_rk4_stable_step_is_the_largest_for_these_rates_to_8_percent(ratio):
 @every_integrator
 def test_without_forces_any_step_is_stable(integrator):
     assert integrator.stable_step(Rates(0.0, 0.0, math.inf)) == math.inf
+
+
+@pytest.mark.parametrize("integrator", METHODS.values(), ids=METHODS.keys())
+def test_a_substep_is_data_and_launches_nothing(integrator, monkeypatch):
+    state = State.from_system(chain(3), Model(chain(3), device="cpu"), integrator.method_state)
+    before, work = state.state_in, integrator.workspace(state)
+    monkeypatch.setattr(wp, "launch", None)
+    stages = integrator.substep(state, work, 0.01)
+    assert state.state_in is before
+    assert len(stages) == len(integrator.stage_times) == len(integrator.weights)
+    # The last stage writes where the next instant's positions and velocities lie.
+    assert stages[-1].fields["x_out"] is state.state_out.x
+    assert stages[0].fields["x"] is state.state_in.x

@@ -6,11 +6,9 @@ import re
 import numpy as np
 import problems
 import pytest
+from modes import Run
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
-from msdwarp.engine.model.state import State
-from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.launcher import Dynamics
 from msdwarp.kernels.colliders.collide import fixed_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
 from msdwarp.kernels.integrators.stages import particle_acceleration
@@ -188,15 +186,11 @@ def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
     # By a recorded graph, and launched by hand.
     system = problems.tumbling_box(damping=0.1)
     simulation = Simulation(system, integrator=integrator, fps=10, substeps=8, device=device, precision="float64")
-    assembly = assemble(system, device=device, precision="float64")
-    dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model, integrator.method_state)
-    work, h = integrator.workspace(state), 1 / 80
-    integrator.start(dynamics, state, work, h)
+    by_hand = Run(system, integrator, 1 / 80, gravity=9.82, device=device)
     for _ in range(3):
         simulation.step()
-        for _ in range(8):
-            integrator.step(dynamics, state, work, h)
-    velocity = integrator.velocity(dynamics, state, work, h)
+        by_hand.step(8)
+    state, velocity = by_hand.state, by_hand.velocity()
     # On a CPU a frame is one kernel, compiled apart: it may round a product and a sum at once where others do not;
     # on a GPU atomics may add in another order. 24 substeps of roundings of a few m/s.
     np.testing.assert_allclose(simulation.frame().position, state.x.numpy(), rtol=0, atol=1e-12)
@@ -307,7 +301,9 @@ def test_divergence_names_time_particle_and_substeps(device, precision):
     assert 0 <= error.particle < 27
     assert f"particle {error.particle}," in str(error)
     assert f"{error.time:.4g} s" in str(error)
-    SymplecticEuler().step(simulation.stepping.dynamics, simulation.state, (), simulation.dt)
+    for stage in SymplecticEuler().substep(simulation.state, None, simulation.dt):
+        simulation.stepping.dynamics.run(stage)
+    simulation.state.flip()
     x, v = simulation.state.x.numpy(), simulation.state.v.numpy()
     finite = np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1)
     assert error.particle == np.argmin(finite)  # the first that is not finite

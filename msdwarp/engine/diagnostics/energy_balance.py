@@ -4,12 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...kernels.integrators import kick
 from ...kernels.reductions import columns
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
-from ..stepping.launcher import Dynamics
+from ..stepping.dynamics import Dynamics
+from ..stepping.velocities import kicked
 from .energies import Sums
 from .readout import Found
 
@@ -59,9 +59,7 @@ class EnergySums:
         """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
         now = self._state.state_in
         if self._lag:
-            seen = now.method_state[0] if now.method_state else now.v  # by dampers
-            fields = {"compensation": now.compensation, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
-            self._dynamics.launch(kick, h=self._lag, **fields)
+            kicked(self._dynamics, self._state, self._lag, self._v)
         if self._work is not None and self._shares is not None:
             self._work.launch(now.x, now.v, self._shares)
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, self._shares, found.state_out)

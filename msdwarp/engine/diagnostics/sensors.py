@@ -13,7 +13,8 @@ from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, POSITION, STRAIN,
 from ..collision.contact_forces import ContactForces
 from ..model.model import CONSTANTS, Model
 from ..model.state import State
-from ..stepping.launcher import Dynamics
+from ..stepping.dynamics import Dynamics
+from ..stepping.stages import Stage
 
 MOST_THREADS = 65536
 """Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
@@ -68,7 +69,8 @@ class Sensors:
         now, rows = self._state.state_in, self._rows[k]
         assert isinstance(rows, wp.array)
         if self._force is not None:
-            self._dynamics.launch(force_on_each, compensation=now.compensation, x=now.x, v=v, force=self._force)
+            fields = {"compensation": now.compensation, "x": now.x, "v": v, "force": self._force}
+            self._dynamics.run(Stage(force_on_each, fields))
         values = {POSITION: now.x, STRAIN: now.x, VELOCITY: v, FORCE: self._force}
         lost = {POSITION: now.compensation.x, STRAIN: now.compensation.x, VELOCITY: now.compensation.v}
         if self._contact_forces is not None:

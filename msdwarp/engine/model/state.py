@@ -93,6 +93,11 @@ class State:
         """What sums have lost by rounding."""
         return self.state_in.compensation
 
+    def motion(self) -> dict[str, Any]:
+        """Return what a stage that takes a whole substep reads and writes, by the names of its `Step`."""
+        now, then = self.state_in, self.state_out
+        return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
+
     def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
         """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
         return self.model.vectors_together(count)

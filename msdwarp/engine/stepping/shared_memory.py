@@ -11,7 +11,7 @@ from ...kernels.springs import COLUMN
 from ..model.model import Model
 from ..model.state import Instant, State
 from ..springs.force_algorithms import MANY_NEIGHBOURS
-from .launcher import Dynamics
+from .dynamics import Dynamics
 from .worlds import power_of_two, threads_at_a_time
 
 LEAST_ROOM = 1024

@@ -1,26 +1,21 @@
-"""Stepper: takes substeps, by a launch for each stage or one for all."""
+"""Stepper: takes the substeps of a frame, by a launch for each stage or by one for all."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import warp as wp
 
 from ... import checks
 from ...kernels.integrators import MOST_THREADS
-from ..model.model import Model
 from ..model.state import State
-from .launcher import Dynamics
+from .dynamics import Dynamics
+from .persistent import CLUSTER, launch_persistent, persistent_blocks
 from .shared_memory import Chip, on_chip
-from .worlds import power_of_two, threads_of_world
+from .stages import Solve, Stage
+from .worlds import threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
 """How many blocks of threads, and threads in each, take the substeps of a frame in one launch."""
-MOST_IN_ONE_BLOCK = 350
-"""More particles, or connections, are faster in a cluster of blocks that wait for each other."""
-CLUSTER = 8
-"""Blocks in a cluster: as many as every GPU that has clusters allows."""
-MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 4_096}
-"""More connections, or particles, are faster with a launch for each stage."""
 
 
 class Stepper:
@@ -29,13 +24,11 @@ class Stepper:
     Parameters
     ----------
     dynamics
-        What launches.
+        Runs stages.
     state
-        What it moves.
-    take_substep
-        A method's `step`, for this state.
-    one_kernel
-        Whether all that a substep launches is stages of one method.
+        What they advance.
+    stages
+        Returns the stages of a substep that begins at the state's present instant.
     behind_each
         Launches what looks at the state behind each substep, given its number in the frame; None for nothing.
     blocks
@@ -47,14 +40,17 @@ class Stepper:
         self,
         dynamics: Dynamics,
         state: State,
-        take_substep: Callable[[], None],
+        stages: Callable[[], Sequence[Stage | Solve]],
         *,
-        one_kernel: bool = True,
         behind_each: Callable[[int], None] | None = None,
         blocks: Blocks | int | str = "auto",
     ) -> None:
-        self._dynamics, self._state, self._take_substep = dynamics, state, take_substep
-        self._behind_each = behind_each
+        self._dynamics, self._state, self._behind_each = dynamics, state, behind_each
+        self._substeps = list[Sequence[Stage | Solve]]()
+        """The stages of two substeps: each swaps the instants of the state, so the third equals the first."""
+        for _ in range(2):
+            self._substeps.append(stages())
+            state.flip()
         self._chip: Chip | None = None
         model, chosen = dynamics.model, blocks == "auto"
         if model.in_worlds:
@@ -64,68 +60,53 @@ class Stepper:
         elif blocks == "auto":
             blocks = persistent_blocks(model, dynamics.composition.force_algorithm.lanes)
         assert not isinstance(blocks, int | str)
-        one_kernel = one_kernel and behind_each is None and not dynamics.launches_before_forces
-        self.blocks: tuple[int, int] | None = blocks if one_kernel else None
+        everything = [one for substep in self._substeps for one in substep]
+        only_stages = [one for one in everything if isinstance(one, Stage)]
+        launches_between = behind_each is not None or dynamics.launches_before_forces
+        one_launch = len(only_stages) == len(everything) and not launches_between
+        self.blocks: tuple[int, int] | None = blocks if one_launch else None
         """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
-        if self.blocks is None and not (model.in_worlds and one_kernel and chosen):
+        if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             return
-        # Each substep flips the state: the third is the first again.
-        stages = dynamics.record(lambda: (take_substep(), take_substep()))
-        (method, _), self._per_substep = stages[0], len(stages) // 2
-        self._method, self._kept = method, [step for _, step in stages]
+        self._method, self._per_substep = only_stages[0].method, len(only_stages) // 2
+        self._kept = [one.step(dynamics.composition) for one in only_stages]
         if model.in_worlds and chosen:
-            self._chip = on_chip(dynamics, state, method, self._kept[: self._per_substep])
+            self._chip = on_chip(dynamics, state, self._method, self._kept[: self._per_substep])
         if self._chip is not None:
             self.blocks = model.worlds, self._chip.threads
         elif self.blocks is not None:
-            self._kernel = dynamics.persistent(method, *self.blocks)
-            self._steps = wp.array(self._kept, dtype=method(dynamics.composition).Step, device=model.device)
+            self._kernel = dynamics.persistent(self._method, *self.blocks)
+            Step = self._method(dynamics.composition).Step
+            self._steps = wp.array(self._kept, dtype=Step, device=model.device)
 
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
         if self.blocks is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
-                self._take_substep()
+                for stage in self._substeps[k % 2]:
+                    self._dynamics.run(stage)
+                self._state.flip()
                 if self._behind_each is not None:
                     self._behind_each(first + k)
         else:
-            self._persist(*self.blocks, substeps * self._per_substep, first)
+            self._take_at_once(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2 and self._chip is None:
                 self._state.flip()
         self._dynamics.rest()
         self._state.settle()
 
-    def _persist(self, blocks: int, threads: int, stages: int, first: int) -> None:
-        model, everyone = self._dynamics.model, blocks * threads
-        self._dynamics.go_to(first)
-        partition = self._dynamics.partition
+    def _take_at_once(self, blocks: int, threads: int, stages: int, first: int) -> None:
+        """Take stages from substep number `first` on in one launch, or in one for each thread of the CPU."""
+        dynamics, partition = self._dynamics, self._dynamics.partition
+        dynamics.go_to(first)
         if partition is not None and partition.is_recording:
-            partition.launch(self._method, self._dynamics.scene, self._steps, stages)
+            partition.launch(self._method, dynamics.scene, self._steps, stages)
         elif self._chip is not None:
-            self._chip.launch(self._dynamics, self._method, stages)
+            self._chip.launch(dynamics, self._method, stages)
         else:
-            share = threads if model.in_worlds else everyone
-            inputs = [self._dynamics.scene, self._steps, stages, model.connection_count, share]
-            wp.launch(self._kernel, everyone, inputs, device=model.device, block_dim=threads)
-        self._dynamics.have_begun()
-
-
-def persistent_blocks(model: Model, lanes: int = 1) -> tuple[int, int] | None:
-    """Return (blocks, threads in each) with which a body is best advanced in one launch; None where it is not.
-
-    `lanes` threads share a particle.
-    """
-    device = model.device
-    if not device.is_cuda:
-        return 1, 1
-    work = model.connection_count if model.force_algorithm == "scatter" else model.particle_count * lanes
-    if work <= MOST_IN_ONE_BLOCK:
-        return 1, power_of_two(work)
-    most = MOST_IN_CLUSTER[model.force_algorithm] if lanes == 1 else CLUSTER * MOST_THREADS
-    if device.arch < 90 or work > most:
-        return None
-    return CLUSTER, min(MOST_THREADS, power_of_two(-(-work // CLUSTER)))
+            launch_persistent(self._kernel, dynamics.model, dynamics.scene, self._steps, stages, blocks, threads)
+        dynamics.have_begun()
 
 
 def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:

@@ -1,6 +1,6 @@
 """Dynamics: the equation of motion x'' = f(x, x')/m + g with contact, as integrators see it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -15,35 +15,30 @@ from ...kernels.integrators import (
     Differences,
     begin_each_connection,
     beginning,
-    each_column,
-    each_connection,
-    each_masked,
-    each_particle,
     force_on_each,
-    persistent,
     scene,
 )
-from ...kernels.springs import COLUMN, NO_SUBSTEP
+from ...kernels.springs import NO_SUBSTEP
 from ..model.effect import Effect, Steps
-from ..model.model import Model
 from ..model.state import State
 from ..springs.constants_by_world import ensemble_forces
 from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
 from .assemble import Assembly
 from .cpu_partition import CpuPartition
-from .worlds import differences, fill_world_data, threads_at_a_time
+from .per_stage import PerStage, column_count, of_each_world
+from .persistent import launch_persistent, persistent_kernel
+from .stages import Solve, Stage, StageArrays
+from .worlds import differences, fill_world_data
 
 MOST_MARKS = 8
 """Bits that say which selective effects act on a particle."""
-LEAST_IN_COLUMNS = 100_000
-"""Fewer particles are too few columns to keep a GPU busy."""
 MOST_IN_SECOND_PASS = 0.25
 """Share of particles with marks up to which these are advanced apart."""
 
 
 class Dynamics:
-    """Joins a model, an algorithm for its forces, and its effects, and launches integrators' stages.
+    """Joins a model, an algorithm for its forces, and its effects, and runs the stages of methods.
 
     Parameters
     ----------
@@ -66,11 +61,11 @@ class Dynamics:
         model = self.model = assembly.model
         forces, differs = self._forces()
         pieces = [effect.piece for effect in assembly.all]
-        self._columns = columns(model) if forces.force_algorithm.column_forces and not model.in_worlds else 0
+        in_columns = column_count(model, forces.force_algorithm) > 0
         effect_mask = self._effect_mask()
         self._preceding = [one for one in assembly.all if one.precedes]
         precedes = bool(self._preceding)
-        few = 0 < np.count_nonzero(effect_mask) <= MOST_IN_SECOND_PASS * model.particle_count
+        few = 0 < int(np.count_nonzero(effect_mask)) <= MOST_IN_SECOND_PASS * model.particle_count
         others = [one for one in pieces if isinstance(one, ForceTerm) and one.force is not None]
         self.composition = Composition(
             dim=model.dim,
@@ -86,12 +81,11 @@ class Dynamics:
             and not model.in_worlds
             and all(one.selective for one in others)
             and (
-                bool(self._columns and few and any(one.works for one in others))
-                or (bool(effect_mask.any()) and precedes)
+                (in_columns and few and any(one.works for one in others)) or (bool(effect_mask.any()) and precedes)
             ),
             differs=differs,
         )
-        self._side = wp.Stream(model.device, priority=-1) if precedes and self.composition.second_pass else None
+        self._per_stage = PerStage(model, self.composition, precedes)
         self.scene = scene(self.composition)()
         self.scene.forces, self.scene.inverse_mass = forces.data, model.inverse_mass
         self.scene.gravity = model.gravity
@@ -111,7 +105,6 @@ class Dynamics:
         self._in_frame = self._begins = self._within = False
         self._due: list[Effect] = []
         self._stage = 0
-        self._recorded: list[tuple[Any, Any]] | None = None
         self.threads = threads
         self.partition = CpuPartition(model, self.composition, threads) if threads > 1 else None
         """What has threads share the stages of a frame that is recorded; None where one thread takes them."""
@@ -119,7 +112,7 @@ class Dynamics:
             effect.use_partition(self.partition)
         self._in_stages = not assembly.begins_substeps
         self._by_one_thread = not model.device.is_cuda and bool(self._preceding) and self._in_stages
-        self._kept: dict[bytes, NDArray[np.uint8]] = {}
+        self._arrays = StageArrays()
 
     def _forces(self) -> tuple[Any, Differences | None]:
         """Return the algorithm as kernels read it, and what differs between worlds, if there are many."""
@@ -217,7 +210,9 @@ class Dynamics:
                 step = force_on_each(self.composition).Step()
                 step.compensation, step.x = now.compensation, now.x
                 inputs = [self.scene, step]
-            wp.launch(kernel, self._of_each_world(self.model.connection_count), inputs, device=self.model.device)
+            wp.launch(
+                kernel, of_each_world(self.model, self.model.connection_count), inputs, device=self.model.device
+            )
         self._due = [effect for effect in self._searching if substep % effect.rebuild_interval == 0]
         self._within = substep > 0
         self._in_frame = self._begins = True
@@ -237,37 +232,40 @@ class Dynamics:
         if self.composition.force_algorithm.tears:
             self.scene.forces.breaking.substep = NO_SUBSTEP
 
-    def launch(self, method: Any, **fields: Any) -> None:
-        """Launch a stage of a method: evaluate the forces that it asks for at its x and v, advance all particles.
+    def run(self, stage: Stage | Solve) -> None:
+        """Run a stage: launch what effects need before forces, then advance all particles.
 
-        In the first one of a substep connections break.
-
-        Parameters
-        ----------
-        method
-            One of the functions of `msdwarp.kernels.integrators`.
-        fields
-            The fields of its `Step`.
+        Particles are advanced by a launch with a thread for each (`PerStage`), by threads of the CPU that share
+        them (`CpuPartition`), or by one thread of the CPU (`launch_persistent`). In the first stage of a substep
+        connections break.
         """
-        Step, _, forced = method(self.composition)
-        step = Step()
-        for name, value in fields.items():
-            setattr(step, name, value)
-        if self._recorded is not None:
-            self._recorded.append((method, step))
+        if isinstance(stage, Solve):
+            stage.launch(self)
             return
+        method, step = stage.method, stage.step(self.composition)
+        forced = method(self.composition).forced
         if forced and self._preceding:
-            with self._beside():
+            with self._per_stage.beside():
                 self._precede(step)
-        if forced and (self._by_one_thread or self._is_shared):
-            self._take_stage(method, step)
+        partition, looking = self.partition, self._looking
+        if forced and partition is not None and partition.is_recording and self._in_stages and not looking:
+            steps = self._arrays.of_one(step, partition.kernel(method), self.model.device)
+            partition.launch(method, self.scene, steps, 1)
+        elif forced and self._by_one_thread:
+            kernel = self.persistent(method, 1, 1)  # a thread for each particle would copy its arguments first
+            steps = self._arrays.of_one(step, kernel, self.model.device)
+            launch_persistent(kernel, self.model, self.scene, steps, 1, self.model.worlds, 1)
         else:
-            self.launch_stage(method, step, forced)
-        if self.composition.timed and not self._looking and self.scene.stage < self._last_stage:
+            self._per_stage.launch(self.scene, method, step)
+        if self.composition.timed and not looking and self.scene.stage < self._last_stage:
             self.scene.stage += 1
-        if not self._looking:
+        if not looking:
             self._stage += 1
         self.have_begun()
+
+    def persistent(self, method: Any, blocks: int, threads: int) -> Any:
+        """Return the kernel that takes many stages by blocks of threads; a world takes one block."""
+        return persistent_kernel(self.assembly, self.composition, method, blocks, threads)
 
     def _precede(self, step: Any) -> None:
         """Launch what effects need before the forces of a stage are taken."""
@@ -282,83 +280,6 @@ class Dynamics:
         self._begins = self._begins and self._looking
 
     @property
-    def _is_shared(self) -> bool:
-        """Whether threads share the stage that is launched."""
-        return self.partition is not None and self.partition.is_recording and self._in_stages and not self._looking
-
-    @contextmanager
-    def _beside(self) -> Iterator[None]:
-        """Have what is launched meanwhile run beside what is launched next, up to `each_masked`, if it may."""
-        if self._side is None:
-            yield
-            return
-        self._side.wait_event(wp.get_stream(self.model.device).record_event())
-        with wp.ScopedStream(self._side, sync_enter=False):
-            yield
-
-    def _take_stage(self, method: Any, step: Any) -> None:
-        """Launch a stage on one thread of the CPU, as where all stages of a frame are one launch.
-
-        With a thread for each particle and connection, each would begin with a copy of its arguments.
-        """
-        if self.partition is not None and self._is_shared:
-            self.partition.launch(method, self.scene, self._as_steps(step, self.partition.kernel(method), 1), 1)
-            return
-        kernel: Any = self.persistent(method, 1, 1)
-        inputs = [self.scene, self._as_steps(step, kernel, 1), 1, self.model.connection_count, 1]
-        wp.launch(kernel, self.model.worlds, inputs, device=self.model.device)
-
-    def persistent(self, method: Any, blocks: int, threads: int) -> Any:
-        """Return the kernel that takes many steps by so many blocks of threads; a world takes one block."""
-        if self.model.in_worlds:
-            return persistent(self.composition, method, 1, threads, threads_at_a_time(self.assembly))
-        return persistent(self.composition, method, blocks)
-
-    def _of_each_world(self, count: int) -> int | tuple[int, int]:
-        """Return the threads of a launch: so many, in an ensemble for each world."""
-        return (self.model.worlds, count) if self.model.in_worlds else count
-
-    def _as_steps(self, step: Any, kernel: Any, argument: int) -> wp.array:
-        """Return a step as the array that an argument of a kernel takes."""
-        # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
-        # composition, with the same fields.
-        Step: Any = kernel.adj.args[argument].type.dtype
-        raw = bytes(step.__ctype__())
-        if raw not in self._kept:  # not copied by Warp, which would record that; and kept, as it is read again
-            self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
-        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=self.model.device)
-
-    def launch_stage(self, method: Any, step: Any, forced: bool) -> None:
-        """Launch a stage with a thread for each connection, and one for each particle or column of such."""
-        model = self.model
-        if forced and self.composition.force_algorithm.evaluate is not None and model.connection_count:
-            threads = self._of_each_world(model.connection_count)
-            if model.in_worlds:
-                inputs, kernel = [self.scene, step], each_connection(self.composition, method)
-            else:
-                inputs = [self.scene.forces, step.compensation, step.x, step.v]
-                kernel = each_connection(self.composition)
-            wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
-        if forced and self._columns:
-            kernel, threads = each_column(self.composition, method), self._columns
-        else:
-            lanes = self.composition.force_algorithm.lanes
-            kernel = each_particle(self.composition, method)
-            threads = self._of_each_world(model.particle_count * lanes)
-        wp.launch(
-            kernel,
-            threads,
-            [self.scene, step],
-            device=model.device,
-            block_dim=self.composition.force_algorithm.block,
-        )
-        if forced and self.composition.second_pass:
-            if self._side is not None:
-                wp.get_stream(model.device).wait_event(self._side.record_event())
-            kernel, threads = each_masked(self.composition, method), len(self.scene.masked_particles)
-            wp.launch(kernel, threads, [self.scene, step], device=model.device)
-
-    @property
     def drives(self) -> bool:
         """Whether any particle is driven."""
         return any(piece.drive is not None for piece in self.composition.pieces)
@@ -367,20 +288,3 @@ class Dynamics:
     def launches_before_forces(self) -> bool:
         """Whether anything is launched before the forces of a stage are taken."""
         return bool(self._preceding)
-
-    def record(self, take_substeps: Callable[[], Any]) -> list[tuple[Any, Any]]:
-        """Return the stages (method, step) that `take_substeps` would launch, without launching them."""
-        self._recorded = []
-        try:
-            take_substeps()
-            return self._recorded
-        finally:
-            self._recorded = None
-
-
-def columns(model: Model) -> int:
-    """Return how many columns of particles are advanced at a time; 0 where particles are, one by one."""
-    stride = model.lattice.stride if model.lattice else 0
-    if stride <= 0 or not model.device.is_cuda or model.particle_count < LEAST_IN_COLUMNS:
-        return 0
-    return -(-model.particle_count // (COLUMN * stride)) * stride

@@ -1,0 +1,90 @@
+"""PerStage: launches each stage by itself, with a thread for each particle or column of particles."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import warp as wp
+
+from ...kernels.integrators import Composition, each_column, each_connection, each_masked, each_particle
+from ...kernels.springs import COLUMN
+from ..model.model import Model
+
+LEAST_IN_COLUMNS = 100_000
+"""Fewer particles are too few columns to keep a GPU busy."""
+
+
+class PerStage:
+    """Launches a stage at a time.
+
+    Where effects act on few particles, these are advanced by a second launch (`each_masked`), and what effects
+    launch before forces runs on a stream of its own beside the first one.
+
+    Parameters
+    ----------
+    model
+        The particles.
+    composition
+        What kernels are composed from.
+    launches_before_forces
+        Whether effects launch anything before forces.
+    """
+
+    def __init__(self, model: Model, composition: Composition, launches_before_forces: bool) -> None:
+        self._model, self._composition = model, composition
+        self.columns = column_count(model, composition.force_algorithm)
+        """How many columns of particles are advanced at a time; 0 where particles are."""
+        beside = launches_before_forces and composition.second_pass
+        self._side = wp.Stream(model.device, priority=-1) if beside else None
+
+    @contextmanager
+    def beside(self) -> Iterator[None]:
+        """Have launches made meanwhile run beside those made next, up to `each_masked`, if they may."""
+        if self._side is None:
+            yield
+            return
+        self._side.wait_event(wp.get_stream(self._model.device).record_event())
+        with wp.ScopedStream(self._side, sync_enter=False):
+            yield
+
+    def launch(self, scene: Any, method: Any, step: Any) -> None:
+        """Launch a stage with a thread for each connection, and one for each particle or column of particles."""
+        model, composition, forced = self._model, self._composition, method(self._composition).forced
+        algorithm = composition.force_algorithm
+        if forced and algorithm.evaluate is not None and model.connection_count:
+            threads = of_each_world(model, model.connection_count)
+            if model.in_worlds:
+                inputs, kernel = [scene, step], each_connection(composition, method)
+            else:
+                inputs = [scene.forces, step.compensation, step.x, step.v]
+                kernel = each_connection(composition)
+            wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
+        if forced and self.columns:
+            kernel, threads = each_column(composition, method), self.columns
+        else:
+            kernel = each_particle(composition, method)
+            threads = of_each_world(model, model.particle_count * algorithm.lanes)
+        wp.launch(kernel, threads, [scene, step], device=model.device, block_dim=algorithm.block)
+        if forced and composition.second_pass:
+            if self._side is not None:
+                wp.get_stream(model.device).wait_event(self._side.record_event())
+            kernel, threads = each_masked(composition, method), len(scene.masked_particles)
+            wp.launch(kernel, threads, [scene, step], device=model.device)
+
+
+def column_count(model: Model, algorithm: Any) -> int:
+    """Return how many columns of particles are advanced at a time by an algorithm; 0 where particles are."""
+    return columns(model) if algorithm.column_forces and not model.in_worlds else 0
+
+
+def columns(model: Model) -> int:
+    """Return how many columns the particles of a lattice make; 0 where they are too few, or have no layers."""
+    stride = model.lattice.stride if model.lattice else 0
+    if stride <= 0 or not model.device.is_cuda or model.particle_count < LEAST_IN_COLUMNS:
+        return 0
+    return -(-model.particle_count // (COLUMN * stride)) * stride
+
+
+def of_each_world(model: Model, count: int) -> int | tuple[int, int]:
+    """Return the threads of a launch: `count`, in an ensemble for each world."""
+    return (model.worlds, count) if model.in_worlds else count
