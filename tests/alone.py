@@ -8,12 +8,17 @@ from msdwarp import Ensemble, Simulation
 from msdwarp.engine.springs import force_algorithms as forces
 
 
-def simulation_alone(ensemble: Ensemble, world: int, **how) -> Simulation:
-    """Return `ensemble.simulation_of(world)` with one thread to a particle, as worlds have.
+def one_lane():
+    """Have simulations that are made or restored meanwhile use one thread to a particle, as worlds do.
 
-    With several lanes the order of sums is another.
+    On a GPU small bodies have several, and so another order of sums.
     """
-    with mock.patch.object(forces, "lanes", return_value=1):
+    return mock.patch.object(forces, "lanes", return_value=1)
+
+
+def simulation_alone(ensemble: Ensemble, world: int, **how) -> Simulation:
+    """Return `ensemble.simulation_of(world)` with one thread to a particle."""
+    with one_lane():
         return ensemble.simulation_of(world, **how)
 
 

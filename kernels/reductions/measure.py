@@ -106,7 +106,15 @@ def difference(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def sum_up(
-    dim: int, scalar: type, everything: bool, compensated: bool, law: Law, tears: bool, chosen: bool, block: int
+    dim: int,
+    scalar: type,
+    in_worlds: bool,
+    everything: bool,
+    compensated: bool,
+    law: Law,
+    tears: bool,
+    chosen: bool,
+    block: int,
 ):
     """Compose the kernel that finds all that is asked of a state, in all of `columns`.
 
@@ -146,8 +154,11 @@ def sum_up(
         # Out:
         found: wp.array2d(dtype=wp.float64),  # shape [worlds, columns or more]
     ):
-        w = wp.tid() / threads
-        thread = wp.tid() % threads
+        w = int(0)
+        thread = wp.tid()
+        if wp.static(in_worlds):  # a division takes a single world 1 % of a frame
+            w = wp.tid() / threads
+            thread = wp.tid() % threads
         start = w * stride
         g = gravity[w % gravity.shape[0]]
         row = w % inverse_mass.shape[0]

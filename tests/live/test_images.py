@@ -64,6 +64,7 @@ def drawn(device="cpu"):
 
 
 def test_a_client_is_shown_what_pictures_show_from_there(device):
+    pytest.importorskip("viser")
     images, _, client = drawn(device)
     images._on_cpu = False  # with shadows, as pictures have
     client.camera.image_height, client.camera.image_width = LEAST_ROWS, 256

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from alone import assert_each_is_as_alone, simulation_alone
+from alone import assert_each_is_as_alone, one_lane, simulation_alone
 
 from msdwarp import (
     RK4,
@@ -252,7 +252,8 @@ def test_a_world_goes_on_alone_from_its_checkpoint(plain_device, method, precisi
     ensemble.step(20)
     for world in range(3):
         alone = simulation_alone(ensemble, world)
-        alone.restore(*reached[world])
+        with one_lane():
+            alone.restore(*reached[world])
         alone.step(20)
         assert alone.time == ensemble.time
         np.testing.assert_array_equal(alone.frame().position, ensemble.frame().position[world])
@@ -269,7 +270,13 @@ def test_a_reset_brings_back_what_has_yielded_and_the_work_done(plain_device):
     assert (ensemble.system_of(1).rest_length == system.rest_length.astype(np.float32)).all()
     ensemble.step(20)
     for one, other in zip(first, ensemble.checkpoints(), strict=True):
-        assert one[1] == other[1]
+        assert one[1].keys() == other[1].keys()
+        for name, value in one[1].items():
+            if name.startswith("rates.") or name in ("limit", "least"):
+                # On a GPU the iteration that finds the rates adds up in no order.
+                assert value == pytest.approx(other[1][name], rel=1e-12), name
+            else:
+                assert value == other[1][name], name
         for name, values in one[0].items():
             np.testing.assert_array_equal(values, other[0][name], err_msg=name)
 

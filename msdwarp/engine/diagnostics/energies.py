@@ -109,7 +109,8 @@ class Sums:
         `x_lost` is what x has lost by rounding, and `work` has shares of what loads have done [J].
         """
         model = self._model
-        compensated, how = model.compensated and x_lost is not None, (model.dim, model.scalar, self._everything)
+        compensated = model.compensated and x_lost is not None
+        how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
         inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, work]
         self._sweep.launch(partial(sum_up, *how, compensated, *self._what), inputs, found)
