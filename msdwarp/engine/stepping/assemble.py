@@ -65,7 +65,7 @@ class Surroundings(NamedTuple):
     contact_forces: bool = False
     """Whether the contact force on each particle is requested."""
 
-    def requests(self, *quantities: str) -> bool:
+    def asks_for(self, *quantities: str) -> bool:
         """Return whether a probe measures one of these, or all contact forces are requested."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
@@ -76,7 +76,7 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
         return None
     if model.in_worlds:
         return BodyContactWorlds(model, rules)
-    return BodyContact(model, rules, around.requests(CONTACT_FORCE, BODY_CONTACT_FORCE))
+    return BodyContact(model, rules, around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE))
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
@@ -88,7 +88,7 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
     lambda model, around: (
-        Colliders(model, around.colliders, around.collider_rule, around.requests(CONTACT_FORCE))
+        Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE))
         if around.colliders
         else None
     ),
@@ -120,7 +120,7 @@ class Assembly:
 
     def __init__(self, model: Model, around: Surroundings) -> None:
         self.model, self.probes = model, around.probes
-        self.sums_contact_forces = around.requests(CONTACT_FORCE, BODY_CONTACT_FORCE)
+        self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
         self.all: list[Effect] = []
         for make in EFFECTS:
             effects = make(model, around)
