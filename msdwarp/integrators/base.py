@@ -1,4 +1,4 @@
-"""What an integrator is: a method of time stepping as data."""
+"""Integrator: a method of time stepping as data."""
 
 import math
 from abc import ABC, abstractmethod
@@ -57,7 +57,7 @@ class Integrator(ABC):
         return 0
 
     def workspace(self, state: State) -> Any:
-        """Return the arrays that the method needs besides the state, by name; None if it needs none."""
+        """Return the arrays that the method needs besides the state; None if it needs none."""
         return None
 
     @abstractmethod

@@ -13,10 +13,10 @@ from .base import Integrator, kick_drift_limit
 
 
 class Work(NamedTuple):
-    """What a solve needs: vectors and blocks of shape [particle_count]."""
+    """Workspace of a solve: vectors and blocks of shape [particle_count]."""
 
     r: wp.array
-    """Right-hand side, later the residual; of driven particles, the impulse that forces give them [kg m/s]."""
+    """Right-hand side, later the residual; for driven particles the impulse of their forces [kg m/s]."""
     dv: wp.array
     """The solution, changes of velocity [m/s]."""
     p: wp.array
@@ -24,7 +24,7 @@ class Work(NamedTuple):
     q: wp.array
     """Its product with the system."""
     z: wp.array
-    """The residual, preconditioned; before that, how the velocities of driven particles change [m/s]."""
+    """The preconditioned residual; before the solve, the velocity changes of driven particles [m/s]."""
     springs: wp.array
     """Diagonal blocks of K, float64 [N/m]."""
     dampers: wp.array
@@ -32,7 +32,7 @@ class Work(NamedTuple):
     inverses: wp.array
     """Inverses of the system's diagonal blocks [1/kg]."""
     numbers: wp.array
-    """Numbers of conjugate gradients, float64."""
+    """Scalars of conjugate gradients, float64."""
 
 
 @dataclass(frozen=True)
@@ -90,29 +90,29 @@ class LinearlyImplicitEuler(Integrator):
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage | Solve]:
         """Return a substep of h seconds: the impulse of forces, the solve, and the advance of particles."""
-        now, motion = state.state_in, state.motion()
-        forces = {"compensation": now.compensation, "x": now.x, "v": now.v, "out": work.r, "given": work.z}
+        start, motion = state.state_in, state.motion()
+        forces = {"compensation": start.compensation, "x": start.x, "v": start.v, "out": work.r, "given": work.z}
         return [
             Stage(impulse, {"h": h, **forces}),
-            Solve(functools.partial(self._solve, x=now.x, v=now.v, work=work, h=h)),
+            Solve(functools.partial(self._solve, x=start.x, v=start.v, work=work, h=h)),
             Stage(implicit_finish, {"h": h, "dv": work.dv, "impulse": work.r, **motion}),
         ]
 
     def _solve(self, dynamics: Dynamics, x: wp.array, v: wp.array, work: Work, h: float) -> None:
-        """Find Δv; `work.r` then holds, of driven particles, the impulse that forces give them."""
+        """Solve for Δv; `work.r` then holds the impulse of the forces on driven particles."""
         drives = dynamics.drives
         add = functools.partial(add_linearised, dynamics.model, x, everyone=drives)
         add(v, work.r, spring=1.0, damper=0.0, scale=-h * h)
-        if drives:  # their Δv is known: it goes to the right-hand side
+        if drives:  # their known Δv goes to the right-hand side
             add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
         self._conjugate_gradients(dynamics, x, work, h)
-        if drives:  # what the others' Δv, now known, gives to them
+        if drives:  # forces on them from the others' Δv
             add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
 
     def _conjugate_gradients(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:
-        """Solve (M + hB + h²K) dv = r, which ends as the residual.
+        """Solve (M + hB + h²K) dv = r; r ends as the residual.
 
-        The solver in warp.optim.linear would serve, but took 2.4 ms an iteration on the CPU for 27 particles.
+        The solver in warp.optim.linear took 2.4 ms an iteration on the CPU for 27 particles.
         """
         model, (r, dv, p, q, z, springs, dampers, inverses, numbers) = dynamics.model, work
         size, kinds = model.particle_count, (model.dim, model.scalar)

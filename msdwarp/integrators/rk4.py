@@ -12,14 +12,14 @@ from .base import Integrator
 
 
 class Work(NamedTuple):
-    """What the method needs beside the state: stages a and c; stage b lies where the next instant will."""
+    """Workspace: stages a and c. Stage b uses the arrays of `state_out`."""
 
     x_a: wp.array
     v_a: wp.array
     x_c: wp.array
     v_c: wp.array
     v_sum: wp.array
-    """Sum of the stages' accelerations, weighted [m/s]."""
+    """Weighted sum of the stages' accelerations, times h [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -55,23 +55,17 @@ class RK4(Integrator):
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:
         """Return the four stages of a substep of h seconds."""
-        now, then = state.state_in, state.state_out
+        state_in, state_out = state.state_in, state.state_out
         x_a, v_a, x_c, v_c, v_sum = work
-        start, a, b, c = (now.x, now.v), (x_a, v_a), (then.x, then.v), (x_c, v_c)
+        start, a, b, c = (state_in.x, state_in.v), (x_a, v_a), (state_out.x, state_out.v), (x_c, v_c)
         steps = (
             (start, a, h / 2, h / 6),
             (a, b, h / 2, h / 3),
             (b, c, h, h / 3),
-            (c, b, 0.0, h / 6),  # nobody else reads b any longer
+            (c, b, 0.0, h / 6),  # b is not read after this
         )
-        common = {
-            "compensation": now.compensation,
-            "x0": now.x,
-            "v0": now.v,
-            "v_sum": v_sum,
-            "v_a": v_a,
-            "v_b": then.v,
-        }
+        common = {"compensation": state_in.compensation, "x0": state_in.x, "v0": state_in.v}
+        common |= {"v_sum": v_sum, "v_a": v_a, "v_b": state_out.v}
         stages = []
         for k, ((x, v), (x_out, v_out), reach, weight) in enumerate(steps):
             fields = {"reach": reach, "weight": weight, "first": int(k == 0), "last": int(k == 3)}

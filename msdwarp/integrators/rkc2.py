@@ -17,11 +17,11 @@ from .base import Integrator
 
 MOST_STAGES = 40
 MOST_AUTOMATIC_STAGES = 5
-"""With more, substeps grow so long that a body thrown on a floor leaves the linear regime within one."""
+"""With more stages, substeps are so long that a body thrown on a floor leaves the linear regime within one."""
 
 
 class Coefficients(NamedTuple):
-    """What stage j of s does: Y_j − Y0 = mu D_{j−1} + nu D_{j−2} + h (reach F_{j−1} + reach0 F0)."""
+    """Coefficients of stage j of s: Y_j − Y0 = mu D_{j−1} + nu D_{j−2} + h (reach F_{j−1} + reach0 F0)."""
 
     first: float
     mu: NDArray
@@ -52,7 +52,7 @@ def coefficients(stages: int) -> Coefficients:
 
 @functools.cache
 def real_reach(stages: int) -> float:
-    """Return how far stability reaches along the negative real axis: about 0.653 (s² − 1)."""
+    """Return the stability limit along the negative real axis: about 0.653 (s² − 1)."""
     s, c = stages, coefficients(stages)
     T = Chebyshev.basis(s)
     return float((c.w0 + 1) * T.deriv(2)(c.w0) / T.deriv(1)(c.w0))
@@ -82,7 +82,7 @@ def disc_reach(stages: int) -> float:
 
 
 class StageArrays(NamedTuple):
-    """A stage: its changes from the start of the substep, and where and how fast particles are in it."""
+    """A stage: changes since the start of the substep, positions and velocities."""
 
     dx: wp.array
     dv: wp.array
@@ -91,12 +91,12 @@ class StageArrays(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What the method needs beside the state."""
+    """Workspace: the initial acceleration, and two stages."""
 
     a0: wp.array
     """Accelerations at the start of the substep [m/s²]."""
-    here: StageArrays
-    there: StageArrays
+    previous: StageArrays
+    current: StageArrays
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,7 @@ class RKC2(Integrator):
 
     order: ClassVar[int] = 2
     long_steps: ClassVar[bool] = True
-    supports_contact: ClassVar[bool] = (
-        False  # its steps are too long for a collision, which then gains or loses energy
-    )
+    supports_contact: ClassVar[bool] = False  # a collision in so long a step would gain or lose energy
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -152,21 +150,21 @@ class RKC2(Integrator):
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:
         """Return the stages of a substep of h seconds."""
-        c, now, then = coefficients(self.evaluations), state.state_in, state.state_out
-        a0, here, there = work
-        common = {"compensation": now.compensation, "x0": now.x, "v0": now.v, "a0": a0}
+        c, start, end = coefficients(self.evaluations), state.state_in, state.state_out
+        a0, previous, current = work
+        common = {"compensation": start.compensation, "x0": start.x, "v0": start.v, "a0": a0}
         rows = [(0.0, 0.0, c.first, 0.0), *zip(c.mu, c.nu, c.reach, c.reach0, strict=True)]
-        x, v, stages = now.x, now.v, list[Stage]()
+        x, v, stages = start.x, start.v, list[Stage]()
         for k, (mu, nu, reach, reach0) in enumerate(rows):
-            nu = nu if k > 1 else 0.0  # D_0 is nothing
+            nu = nu if k > 1 else 0.0  # D_0 = 0
             first, last = k == 0, k == len(rows) - 1
-            x_out, v_out = (then.x, then.v) if last else (there.x, there.v)
-            ways = {"x": x, "v": v, "x_out": x_out, "v_out": v_out}
+            x_out, v_out = (end.x, end.v) if last else (current.x, current.v)
+            motion = {"x": x, "v": v, "x_out": x_out, "v_out": v_out}
             numbers = {"mu": mu, "nu": nu, "reach": h * reach, "reach0": h * reach0}
-            changes = {"dx": here.dx, "dv": here.dv, "dx_out": there.dx, "dv_out": there.dv}
+            changes = {"dx": previous.dx, "dv": previous.dv, "dx_out": current.dx, "dv_out": current.dv}
             flags = {"first": int(first), "last": int(last)}
-            stages.append(Stage(chebyshev, {**ways, **numbers, **changes, **flags, **common}))
-            x, v, here, there = x_out, v_out, there, here
+            stages.append(Stage(chebyshev, {**motion, **numbers, **changes, **flags, **common}))
+            x, v, previous, current = x_out, v_out, current, previous
         return stages
 
     def stable_step(self, rates: Rates) -> float:

@@ -20,9 +20,9 @@ from ..engine import Rates, rate_bounds
 from .base import Integrator
 
 SAFETY = 0.8
-"""Share of the limit at rest that held in every scene measured, strongly stretched ones included."""
+"""Share of the limit at rest that was stable in every measured scene, including strongly stretched bodies."""
 MOST_SUBSTEPS = 100_000
-"""More substeps a frame are not chosen automatically: recording them would take longer than anyone waits."""
+"""The most automatic substeps a frame: recording more would take too long."""
 
 
 class UnstableStep(ValueError):
@@ -44,7 +44,7 @@ class StepChoice:
     fps: float
     """Frames per second."""
     refinement: float = 1.0
-    """How many times as many as the stability limit asks for, since energy grew or the frame could not be done."""
+    """Factor on the substeps that stability requires, raised because energy grew or a frame diverged."""
 
     def refined(self, refinement: float) -> "StepChoice":
         """Return the choice with this multiple of the substeps that the stability limit requires."""
@@ -59,14 +59,14 @@ class StepChoice:
     def energy_swing(self) -> float:
         """Largest over smallest energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
 
-        What a kick-drift method conserves is v² + ω²x² − h ω² x v; its extremes over an oscillation lie at
-        1 ± hω/2. Past the limit nothing is conserved, and this is 1.
+        Kick-drift methods conserve v² + ω²x² − h ω² x v; its extremes over an oscillation are at 1 ± hω/2. Above
+        the limit nothing is conserved, and this is 1.
         """
         share = self.step / self.limit if self.limit > 0 else 1.0
         return (1 + share) / (1 - share) if share < 1 else 1.0
 
     def __str__(self) -> str:
-        """Say it in a line."""
+        """Describe the choice in a line."""
         frequency = math.sqrt(self.rates.stiffness) / (2 * math.pi)
         zeta = f"{self.rates.damping_ratio:.2g}"
         finer = f"; {self.refinement:.3g} times as many as for small motions" if self.refinement > 1 else ""
@@ -90,7 +90,7 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
-    """Return a choice of `substeps`, whatever the limit; where no step is stable it is 0, and `least` too."""
+    """Return a choice of `substeps` whatever the limit; if no step is stable, limit and `least` are 0."""
     limit = integrator.stable_step(rates)
     least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
     return StepChoice(rates, limit, least, substeps, fps)
@@ -99,7 +99,7 @@ def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: in
 def choose_stable(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:
-    """Return the same as `choose_substeps`; raise UnstableStep too if the substeps given are too few."""
+    """Return `choose_substeps`, and raise UnstableStep also if the given substeps are too few."""
     choice = choose_substeps(rates, integrator, fps, substeps, safety)
     if choice.substeps < choice.least:
         raise UnstableStep(

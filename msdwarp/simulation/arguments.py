@@ -1,4 +1,4 @@
-"""What the arguments of a simulation and of a run stand for, checked."""
+"""Checks of the arguments of simulations and runs."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from ..integrators import MOST_SUBSTEPS
 from ..world import Change, Load
 
 MOST_FRAMES = 10**9
-"""Frames of the longest run."""
+"""The most frames of a run."""
 
 
 def frame_count(duration: float, fps: float) -> int:
@@ -24,8 +24,8 @@ def frame_count(duration: float, fps: float) -> int:
     return count
 
 
-def forced(substeps: int | str) -> int | None:
-    """Return the number of substeps asked for, None if they are chosen; raise ValueError if it is none."""
+def given_substeps(substeps: int | str) -> int | None:
+    """Return the requested number of substeps, or None for "auto"; raise ValueError for anything else."""
     if isinstance(substeps, str):
         if substeps != "auto":
             raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")
@@ -36,10 +36,10 @@ def forced(substeps: int | str) -> int | None:
 
 
 def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) -> list[Change]:
-    """Return changes in the order of their times; raise ValueError for what cannot be applied to these."""
+    """Return changes sorted by time; raise ValueError if one cannot be applied to this system and these loads."""
     changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
     for change in changes:
-        change.applied_to(system)  # what is wrong with it is said before anything runs
+        change.applied_to(system)  # raise before anything runs
     changes = sorted(changes, key=lambda change: change.time)
     for change in changes:
         loads = change.released_from(loads, system)

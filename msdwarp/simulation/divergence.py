@@ -1,4 +1,4 @@
-"""What is said when a run cannot go on: where, when and why."""
+"""The error when a run cannot continue: where, when and why."""
 
 from typing import NamedTuple
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from ..bodies import System
 
 INSIDE_MATTERS = 1.0
-"""How long what started inside an obstacle or a body explains why a run has diverged [s]."""
+"""Until this time [s] an initial overlap with an obstacle or a body explains a divergence."""
 
 
 class Divergence(NamedTuple):
-    """What was found out about a frame that went wrong."""
+    """Where a frame diverged."""
 
     position: NDArray
-    """Positions after the last substep that went well [m], shape [particle_count, d]."""
+    """Positions before the first bad substep [m], shape [particle_count, d]."""
     substep: int
-    """The substep that went wrong, from 1."""
+    """The first bad substep, from 1."""
     particle: int
     """The first particle concerned."""
 
@@ -53,7 +53,7 @@ class SimulationDiverged(RuntimeError):
 
 def describe(
     system: System,
-    trouble: Divergence,
+    divergence: Divergence,
     time: float,
     dt: float,
     substeps: int,
@@ -61,25 +61,18 @@ def describe(
     inside: str | None = None,
     gained: float | None = None,
 ) -> SimulationDiverged:
-    """Return the exception for a frame of substeps of `dt` [s], in which trouble was found.
+    """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
 
-    Parameters
-    ----------
-    system, time
-        The system as it was when the frame began, and when that was [s].
-    needed
-        How many substeps would have been stable when the frame began; 0 where none are.
-    inside
-        Words about what started inside an obstacle or a body: that is then the cause.
-    gained
-        The share of its scale by which energy has grown from nothing though substeps were refined, if that is why.
+    `system` and `time` [s] are those at the frame's start, and `needed` is the least stable number of substeps
+    there, or 0. `inside` is text about an initial overlap, which is then the cause. `gained` is the unexplained
+    rise of energy as a share of its scale, if that ended the run.
     """
-    position, substep, particle = trouble
+    position, substep, particle = divergence
     connection, strain, stretched = None, float("nan"), ""
     mine = np.flatnonzero((system.connections == particle).any(axis=1))
     if len(mine):
         i, j = system.connections[mine].T
-        with np.errstate(over="ignore", invalid="ignore"):  # what diverges may be large beyond all numbers
+        with np.errstate(over="ignore", invalid="ignore"):  # positions may have overflowed
             length = np.linalg.norm(position[i].astype(np.float64) - position[j], axis=1)
             strains = length / system.rest_length[mine] - 1
         worst = int(np.argmax(np.abs(strains)))
@@ -91,11 +84,11 @@ def describe(
     if inside and time < INSIDE_MATTERS:
         advice = inside
     when = time + substep * dt
-    what = "diverged"
+    event = "diverged"
     if gained is not None:
-        what = f"energy has grown by {gained:.0%} from nothing, and shorter steps did not prevent it: ended"
+        event = f"energy has grown by {gained:.0%} from nothing, and shorter steps did not prevent it: ended"
     return SimulationDiverged(
-        f"{what} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
+        f"{event} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
         f"{advice}. The last good frame, at {time:.4g} s, is kept",
         time=when,
         substep=substep,

@@ -1,4 +1,4 @@
-"""What differs between the worlds of an ensemble, as its arguments say it, checked."""
+"""Checks of the arguments of `Ensemble` that differ between worlds."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,20 +12,13 @@ from ..world import Collider, Gravity, Load, Scene, with_contact
 
 NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
 MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE), "gravity": (checks.FINITE,)}
-"""What numbers may be that are no field of a system."""
+"""Limits of parameters that are not fields of `System`."""
 
 
 def parameter_rows(
     system: System, collider_count: int, worlds: int, given: Mapping[str, Any]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return what differs between worlds as `Model` takes it; the first axis given is of worlds.
-
-    Raises
-    ------
-    ValueError
-        If an array has another shape, its length does not divide the number of worlds, or a number is none that a
-        system or an obstacle may have.
-    """
+    """Return the rows of each parameter for `Model`; raise ValueError for a wrong shape, length or value."""
     n, d = system.particle_count, system.dim
     shapes: dict[str, tuple[int, ...]] = {"mass": (n,), "position": (n, d), "velocity": (n, d)}
     shapes |= {"friction": (collider_count,), "gravity": (d,)}
@@ -46,7 +39,7 @@ def parameter_rows(
 
 
 def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return rows of a shape; what a short form says once for a row is stored once."""
+    """Return rows of a shape. Rows given in a short form are broadcast without copies."""
     full, allowed = f"[rows, {', '.join(map(str, shape))}]", ""
     given, short = values, values.ndim == len(shape)
     if name == "gravity":
@@ -60,7 +53,7 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
     elif name != "position":
         allowed = "[rows] or "
         given = values[:, None] if short else values
-    # A short form has 1 where it is said once.
+    # A short form has length 1 along the axes that it leaves out.
     fits = given.ndim == 1 + len(shape) and all(
         own == each or (own == 1 and given is not values) for own, each in zip(given.shape[1:], shape, strict=True)
     )
@@ -74,7 +67,7 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
 def _without_pinned(
     velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
 ) -> NDArray[np.float64]:
-    """Return velocities in which pinned particles stand still; raise ValueError if one is said to move."""
+    """Return velocities that are 0 for pinned particles; raise ValueError if one was given another."""
     if not np.isinf(mass).any():
         return velocity
     each = np.arange(np.lcm(len(velocity), len(mass)))
@@ -91,7 +84,7 @@ def _without_pinned(
 def taken_from(
     scene: Any, colliders: Any, loads: Any, contact: Any
 ) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
-    """Return system, colliders, loads and gravity: of a scene, or of a system with these beside it."""
+    """Return system, colliders, loads and gravity of a scene, or of a system and these arguments."""
     if isinstance(scene, System):
         obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
         given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")

@@ -1,4 +1,4 @@
-"""What is observed of an ensemble, frame by frame: means over groups, energies, whole frames."""
+"""Observations of an ensemble, frame by frame: means over groups, energies, whole frames."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from ..world import FORCE, FRAME, POSITION, STRAIN, VELOCITY, Probe
 MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
-"""What is observed of all particles: the field of a frame, and its unit."""
+"""Observations of all particles: the field of `Frame`, and its unit."""
 UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: ""}
-"""What probes may measure in an ensemble, and its unit."""
+"""Quantities that probes of an ensemble may measure, and their units."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
 
@@ -54,17 +54,17 @@ class GroupMean:
 
 
 class Observation:
-    """One thing that is observed: its name, what its axes are called, and how it is read."""
+    """An observed quantity: its name, the names of its axes, its unit, and a function that measures it."""
 
-    def __init__(self, name: str, axes: tuple[str, ...], unit: str, read: Callable[[], NDArray]) -> None:
-        self.name, self.unit, self._axes, self._read = name, unit, axes, read
+    def __init__(self, name: str, axes: tuple[str, ...], unit: str, measure: Callable[[], NDArray]) -> None:
+        self.name, self.unit, self._axes, self._measure = name, unit, axes, measure
         self.values: list[NDArray] = []
-        """Of each frame that was looked at, shape [worlds, ...]."""
+        """A value for each call of `look`, shape [worlds, ...]."""
 
     @in_turn
     def look(self) -> None:
-        """Read it once more."""
-        self.values.append(np.asarray(self._read()))
+        """Append the present value."""
+        self.values.append(np.asarray(self._measure()))
 
     def variable(self) -> tuple[tuple[str, ...], NDArray, dict[str, str]]:
         """Return (dimensions, values, attributes) as xarray takes them."""
@@ -75,7 +75,7 @@ class Observation:
 
 @in_turn
 def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]:
-    """Return what is to be observed of an `Ensemble`; raise ValueError that names what cannot be."""
+    """Return the observations requested of an `Ensemble`; raise ValueError, with its name, for an invalid one."""
     found = []
     for name, what in checks.mapping("observe", observe).items():
         checks.instance("a name in observe", name, str, "'top'")
@@ -87,7 +87,7 @@ def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]
 
 
 def _observation(ensemble: Any, name: str, what: Any) -> Observation:
-    """Return one thing that is to be observed."""
+    """Return one observation."""
     model, state = ensemble.model, ensemble.state
     if isinstance(what, Probe):
         checks.one_of("what", what.what, UNITS)
@@ -113,13 +113,13 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
 
         def of_frame() -> NDArray:
             _, position, velocity = ensemble.frame()
-            told = np.asarray(what(position, velocity))
-            if told.shape[:1] != (ensemble.worlds,):
+            values = np.asarray(what(position, velocity))
+            if values.shape[:1] != (ensemble.worlds,):
                 raise ValueError(
-                    f"observe[{name!r}] returned shape {told.shape}; the first axis must be that of the "
+                    f"observe[{name!r}] returned shape {values.shape}; the first axis must be that of the "
                     f"{ensemble.worlds} worlds"
                 )
-            return told
+            return values
 
         return Observation(name, (), "", of_frame)
     checks.one_of("it", what, WORDS)
@@ -134,10 +134,10 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
     return Observation(name, (), "J", energy)
 
 
-def dataset(ensemble: Any, seen: list[Observation], times: list[float]) -> Any:
-    """Return what was seen of an `Ensemble` at some times [s] as an `xarray.Dataset`, with their parameters."""
+def dataset(ensemble: Any, observed: list[Observation], times: list[float]) -> Any:
+    """Return observations of an `Ensemble` at some times [s], and its parameters, as an `xarray.Dataset`."""
     xarray = import_xarray()
-    variables = {one.name: one.variable() for one in seen}
+    variables = {one.name: one.variable() for one in observed}
     coordinates: dict[str, Any] = {
         "world": np.arange(ensemble.worlds),
         "time": ("frame", np.array(times), {"units": "s"}),
@@ -149,13 +149,13 @@ def dataset(ensemble: Any, seen: list[Observation], times: list[float]) -> Any:
             coordinates[name] = ("world", values)
     if any("axis" in dimensions for dimensions, *_ in variables.values()):
         coordinates["axis"] = list(AXES[: ensemble.model.dim])
-    about = {"fps": ensemble.fps, "substeps": ensemble.substeps, "precision": ensemble.model.precision}
-    about |= {"integrator": repr(ensemble.integrator), "force_algorithm": ensemble.model.force_algorithm}
-    return xarray.Dataset(variables, coordinates, about)
+    attributes = {"fps": ensemble.fps, "substeps": ensemble.substeps, "precision": ensemble.model.precision}
+    attributes |= {"integrator": repr(ensemble.integrator), "force_algorithm": ensemble.model.force_algorithm}
+    return xarray.Dataset(variables, coordinates, attributes)
 
 
 def import_xarray() -> Any:
-    """Return xarray; raise ValueError that says how to get it, where it is not installed."""
+    """Return xarray; raise ValueError if it is not installed."""
     try:
         import xarray
     except ImportError as error:

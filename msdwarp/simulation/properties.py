@@ -1,4 +1,4 @@
-"""What can be read off a simulation, or the worlds of an ensemble, between two frames."""
+"""Properties of simulations and ensembles that can be read between two frames."""
 
 import warp as wp
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from ..bodies import Frame, System
 from ..engine import Assembly, Measures, Model, Rates, State, measure
 from ..integrators import Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
 from ..runtime import in_turn
-from .arguments import forced
+from .arguments import given_substeps
 from .pinned_staging import to_host
 from .readings import Readings
 from .stepping import Stepping
@@ -40,17 +40,17 @@ class Present:
         allow_unstable: bool,
         energy_limit: float,
     ) -> None:
-        """Check and keep the arguments that say how frames are advanced."""
+        """Check and store the arguments about time steps."""
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         checks.instance("integrator", self._method, Integrator, "Leapfrog()")
-        self._forced, self._safety = forced(substeps), checks.between("safety", safety, 1e-3, 1)
+        self._forced, self._safety = given_substeps(substeps), checks.between("safety", safety, 1e-3, 1)
         checks.one_of("allow_unstable", allow_unstable, (False, True))
         self._allow_unstable = allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
 
     def _choose(self, rates: Rates) -> StepChoice:
-        """Return the substeps for these rates; raise UnstableStep if those asked for are too few."""
+        """Return the substeps for these rates; raise UnstableStep if the requested ones are too few."""
         if self._forced is not None and self._allow_unstable:
             return choose_forced(rates, self._method, self.fps, self._forced)
         return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
@@ -105,7 +105,7 @@ class Present:
         """Current positions [m]: a Warp array on the device, which later steps overwrite.
 
         It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host. In an
-        ensemble it has those of all worlds, the first of one `model.stride` after that of another.
+        ensemble it has those of all worlds, each beginning `model.stride` after the previous one.
         """
         return self.state.x
 
@@ -128,7 +128,7 @@ class PresentWorld(Present):
 
     @property
     def system(self) -> System:
-        """The system as it was when it was last uploaded: at the start, or by the last change."""
+        """The system as last uploaded: at the start, or at the last change."""
         return self.stepping.model.system
 
     @property

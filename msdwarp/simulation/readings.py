@@ -1,4 +1,4 @@
-"""Readings: what probes have told so far, as time series."""
+"""Readings: measurements of the probes so far, as time series."""
 
 from collections.abc import Iterator, Mapping
 
@@ -22,18 +22,18 @@ class Readings(Mapping[str, Series]):
         self._names = {every: list(probes_by(every, probes)) for every in (FRAME, SUBSTEP)}
 
     def add(self, time: float, seconds: float, rows: Mapping[str, NDArray[np.float64]]) -> None:
-        """Take the readings of the frame that took so many seconds and ended at `time` [s].
+        """Add the readings of a frame of `seconds` that ended at `time` [s].
 
-        Of each probe there are rows at the same distances in time, the last one where the frame ends.
+        The rows of a probe are evenly spaced in time; the last one is at the end of the frame.
         """
         for name, values in rows.items():
             before = np.arange(len(values) - 1, -1, -1) / len(values)
             self._frames[name].append(Series(time - seconds * before, values))
 
     def last(self, every: str = FRAME) -> NDArray[np.float64]:
-        """Return what probes by frame, or by substep, told in the last frame, side by side.
+        """Return the last frame's readings of the probes by frame, or by substep, side by side.
 
-        The time [s] stands before the numbers; shape [readings in a frame, any], without any probe [0, 0].
+        Column 0 is the time [s]. Shape [readings in a frame, 1 + widths]; [0, 0] without any probe.
         """
         last = [self._frames[name][-1] for name in self._names[every]]
         return np.column_stack([last[0].times, *(one.values for one in last)]) if last else np.zeros((0, 0))

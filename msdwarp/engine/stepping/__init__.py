@@ -1,1 +1,1 @@
-"""What advances a state: effects assembled, stages launched, substeps taken."""
+"""Advances a state: assembles effects, launches stages, takes substeps."""

@@ -1,4 +1,4 @@
-"""What is doubtful about how a system starts: deep in an obstacle, or where float32 cannot tell places apart."""
+"""Checks of the start: depth in obstacles, and distances that float32 cannot resolve."""
 
 import warnings
 from collections.abc import Sequence
@@ -16,22 +16,15 @@ from ..model.state import State
 from .assemble import Assembly
 
 COARSE = 1e-3
-"""Distance of two neighbouring numbers over the shortest rest length from which on strains are rounded visibly."""
+"""The largest ratio of the spacing of float32 numbers to the shortest rest length that hardly rounds strains."""
 TORN = 2.0
-"""Length that a connection would be led out to, over its own, from which on a body would be torn."""
+"""A body would be torn if depenetration stretched a spring by more than this factor."""
 
 
 def starting_state(system: System, assembly: Assembly, method_state: int, time: float, fps: float) -> State:
-    """Return the state of a system at `time` [s], what is driven where its drive has it then.
+    """Return the state of a system at `time` [s], with driven particles where they then must be.
 
-    Parameters
-    ----------
-    system, assembly
-        The system, and the same on its device.
-    method_state
-        See `State`.
-    time, fps
-        When it starts [s], and frames per second.
+    See `State` for `method_state`.
     """
     state = State.from_system(system, assembly.model, method_state)
     for effect in assembly.all:
@@ -40,26 +33,20 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
 
 
 def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
-    """Warn about what is doubtful about a start, as from two calls up; return words about what starts inside.
+    """Warn about a doubtful start; return text about an overlap with an obstacle or between bodies.
 
-    That is what starts inside an obstacle, or bodies that start inside each other.
-
-    Raises
-    ------
-    ValueError
-        If a whole body starts so within an obstacle that leading it out would tear it.
+    The warning names the line two calls up. ValueError is raised if depenetration would tear a body.
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
-    led_out = obstacles is None or obstacles.leads_out
-    if led_out:
+    depenetrates = obstacles is None or obstacles.leads_out
+    if depenetrates:
         check_swallowed(model.system, colliders, model.driven)
-    inside = start_inside(model.system, colliders, model.driven, led_out=led_out)
+    inside = start_inside(model.system, colliders, model.driven, depenetrates=depenetrates)
     displaced = None if drives is None else drives.displaced()
     contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
     overlapping = [effect.overlapping() for effect in contacts]
-    for doubt in (inside, start_far(model), displaced, *overlapping):
-        if doubt:
-            warnings.warn(doubt, checks.StartWarning, stacklevel=4)
+    for message in filter(None, (inside, start_far(model), displaced, *overlapping)):
+        warnings.warn(message, checks.StartWarning, stacklevel=4)
     return next(filter(None, (inside, *overlapping)), None)
 
 
@@ -68,12 +55,11 @@ def start_inside(
     colliders: Sequence[Collider],
     driven: NDArray[np.bool_] | None = None,
     *,
-    led_out: bool = True,
+    depenetrates: bool = True,
 ) -> str | None:
-    """Return words about the particle that starts deepest in an obstacle; None if none does but by touching it.
+    """Return text about the particle that starts deepest in an obstacle; None if all are outside or touch one.
 
-    Pinned particles may lie anywhere: they stay there, as do driven ones where they are put. By rule "report" what
-    starts inside is not `led_out`.
+    Pinned and driven particles may be anywhere. The rule "report" has no depenetration.
     """
     free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not free.any():
@@ -89,7 +75,9 @@ def start_inside(
     others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
     tears = ", which may strain its connections" if system.connection_count else ""
     way = (
-        f"moved out the shortest way within {DEPENETRATION_TIME} s" if led_out else "put onto the surface at once"
+        f"moved out the shortest way within {DEPENETRATION_TIME} s"
+        if depenetrates
+        else "put onto the surface at once"
     )
     return (
         f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
@@ -101,10 +89,10 @@ def start_inside(
 def check_swallowed(
     system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
 ) -> None:
-    """Raise ValueError for a body that starts wholly within an obstacle whose sides would pull it apart.
+    """Raise ValueError for a body that starts wholly inside an obstacle and would be torn on the way out.
 
-    Each particle is led out the way that is nearest for itself. Of a body that lies in the middle of a box, or in
-    a wall, one half would leave by one side and one by the other.
+    Each particle leaves by its own nearest way. In the middle of a box or of a wall, one half of a body would
+    leave by one side, the other half by the opposite side.
     """
     free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not system.connection_count or not free.any():
@@ -119,11 +107,10 @@ def check_swallowed(
         (inner,) = np.nonzero(swallowed[piece[i]] & free[i] & free[j])
         if not len(inner):
             continue
-        place = system.position + ways_out(system.position, collider)
-        apart = np.linalg.norm(place[i[inner]] - place[j[inner]], axis=1)
-        now = np.linalg.norm(system.position[i[inner]] - system.position[j[inner]], axis=1)
-        worst = int(np.argmax(apart - TORN * now))
-        if apart[worst] > TORN * now[worst]:
+        moved = system.position + ways_out(system.position, collider)
+        apart, length = (np.linalg.norm(x[i[inner]] - x[j[inner]], axis=1) for x in (moved, system.position))
+        worst = int(np.argmax(apart - TORN * length))
+        if apart[worst] > TORN * length[worst]:
             body, ends = int(piece[i[inner[worst]]]), (int(i[inner[worst]]), int(j[inner[worst]]))
             raise ValueError(
                 f"the body of particle {body} starts wholly inside colliders[{k}], a {type(collider).__name__}: "
@@ -133,10 +120,10 @@ def check_swallowed(
 
 
 def start_far(model: Model) -> str | None:
-    """Return words about a system so far from the origin that float32 rounds its strains; None where it is not."""
+    """Return text about a system so far from the origin that float32 rounds its strains; None if it is near."""
     system = model.system
     if model.precision != "float32" or not system.connection_count:
-        return None  # compensated sums keep what rounding takes away
+        return None  # compensated sums keep the rounding errors
     most = float(max(system.position.max(), -system.position.min()))
     apart, shortest = float(np.spacing(np.float32(most))), float(stored(system.rest_length).min())
     if apart <= COARSE * shortest:

@@ -1,4 +1,4 @@
-"""What differs between the worlds of an ensemble, for kernels, and how many threads advance a world."""
+"""Differences between the worlds of an ensemble, for kernels, and the threads that advance a world."""
 
 from typing import Any
 
@@ -10,15 +10,15 @@ from ..springs.fracture import Fracture
 from .assemble import Assembly
 
 MOST_IN_BLOCK = {"float32": 1024, "float32-compensated": 1024, "float64": 512}
-"""Threads of a block, and of a multiprocessor, that find registers enough."""
+"""Threads of a block, and of a multiprocessor, for which the registers suffice."""
 FEW_WORLDS_BLOCK, MANY_WORLDS_BLOCK = 1024, 512
-"""Threads of the largest block where each world has a multiprocessor for itself, and where they are more."""
+"""Threads of the largest block if each world has a multiprocessor of its own, and if there are more worlds."""
 MOST_IN_SMALL_WORLD, MOST_IN_WORLD = 512, 4096
-"""Worlds of more particles are advanced by a launch for each stage: where there are few worlds, and many."""
+"""Larger worlds take a launch for each stage: limits [particles] for few worlds and for many."""
 
 
 def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
-    """Return what differs between worlds: numbers of the system, and arrays that effects have for each world."""
+    """Return the differences between worlds: parameters of the system, and arrays of effects for each world."""
     rows, arrays = assembly.model.rows, list[str]()
     for effect in assembly.all:
         field = effect.piece.field if isinstance(effect.piece, ForceTerm) else "colliders"
@@ -36,7 +36,7 @@ def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
 
 
 def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, frozen: Any) -> None:
-    """Fill in the struct of what differs (`world_data`); see there for `frozen`."""
+    """Fill in the struct of the differences (`world_data`); see there for `frozen`."""
     model = assembly.model
     data.stride, data.frozen = model.stride_in_bytes, frozen
     if "gravity" in model.rows:
@@ -52,25 +52,15 @@ def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, froze
 
 
 def threads_at_a_time(assembly: Assembly) -> int:
-    """Return how many threads a multiprocessor shall hold; solid obstacles take more registers."""
+    """Return the number of threads for a multiprocessor; solid obstacles take more registers."""
     solids = assembly.colliders is not None and not assembly.colliders.planes_only
     return MOST_IN_BLOCK[assembly.model.precision] // (2 if solids else 1)
 
 
 def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | None:
-    """Return how many threads take all substeps of a world; None where each stage is a launch.
+    """Return the threads that take all substeps of a world in one launch; None if each stage is a launch.
 
-    Parameters
-    ----------
-    assembly
-        The worlds.
-    threads
-        What is asked for: a number, None, or "auto", an estimate of what a multiprocessor holds.
-
-    Raises
-    ------
-    ValueError
-        If so many threads cannot.
+    The request `threads` is a number, None or "auto"; ValueError is raised if that many threads are not possible.
     """
     model, launches_between = assembly.model, any(one.precedes for one in assembly.all)
     if isinstance(threads, str):
@@ -94,5 +84,5 @@ def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | Non
 
 
 def power_of_two(threads: int) -> int:
-    """Return so many threads or more, of few different numbers: a kernel is compiled for each."""
+    """Round up to a power of two, at least 32: a kernel is compiled for each number of threads."""
     return max(32, 1 << (threads - 1).bit_length())
