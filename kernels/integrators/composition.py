@@ -127,15 +127,12 @@ def tools(composition: Composition) -> Tools:
 @functools.cache
 def beginning(composition: Composition) -> Any:
     """Compose what effects do to connection c when a substep begins, (world, lost, x, c); None if nothing."""
-    SceneData, Compensation, V = (
-        scene(composition),
-        composition.Compensation,
-        vector(composition.dim, composition.scalar),
-    )
+    _, SceneData, Compensation, *_ = tools(composition)
+    Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
-        def begin(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        def begin(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
             first(scene, compensation, x, c)
             second(scene, compensation, x, c)
 
@@ -151,67 +148,43 @@ def loads(composition: Composition) -> Any:
     `mask` says which selective effects act on the particle, as `scene.effect_mask` does.
     """
     V, SceneData, Compensation, *_ = tools(composition)
-    selective = composition.selective
+    selective, Vectors = composition.selective, wp.array(dtype=V)
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
         def load(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
+            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
         ) -> V:
             return first(scene, compensation, x, v, i, mask) + second(scene, compensation, x, v, i, mask)
 
         return load
 
-    def guarded(force: Any, bits: int) -> Any:
+    def masked(force: Any, bits: int) -> Any:
         @wp.func
-        def load_where_marked(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
+        def load_where_masked(
+            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
         ) -> V:
-            total = V()
-            if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
-                total = force(scene, compensation, x, v, i)
-            return total
+            if wp.static(bits == 0):
+                return force(scene, compensation, x, v, i)
+            else:
+                total = V()
+                if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
+                    total = force(scene, compensation, x, v, i)
+                return total
 
-        return load_where_marked
-
-    def unguarded(force: Any) -> Any:
-        @wp.func
-        def load_on_all(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
-        ) -> V:
-            return force(scene, compensation, x, v, i)
-
-        return load_on_all
+        return load_where_masked
 
     silent, working, effect_mask = [], [], 0
     for piece in composition.pieces:
         if piece.force is None:
             continue
         bits = 1 << selective.index(piece) if piece.selective else 0
-        force = guarded(piece.force(SceneData), bits) if bits else unguarded(piece.force(SceneData))
+        force = masked(piece.force(SceneData), bits)
         (working if piece.works else silent).append(force)
         effect_mask |= bits if piece.works else 0
     if working:
-        silent.append(
-            measured(
-                composition.dim, composition.scalar, SceneData, _joined(both, working), Compensation, effect_mask
-            )
-        )
+        kinds = (composition.dim, composition.scalar, SceneData)
+        silent.append(measured(*kinds, _joined(both, working), Compensation, effect_mask))
     return _joined(both, silent)
 
 
@@ -225,7 +198,7 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     (Step, advance, _), load = method(composition), loads(composition)
     if composition.force_algorithm.lanes == 1:
         return advance, load
-    lane = lane_of(composition.force_algorithm.lanes)
+    lane, Vectors = lane_of(composition.force_algorithm.lanes), wp.array(dtype=V)
 
     @wp.func
     def advance_once(scene: SceneData, step: Step, force: V, i: int):
@@ -234,12 +207,7 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
     @wp.func
     def load_once(
-        scene: SceneData,
-        compensation: Compensation,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        i: int,
-        mask: wp.uint8,
+        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
     ) -> V:
         total = V()
         if lane() == 0:

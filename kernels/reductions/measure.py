@@ -114,11 +114,8 @@ def sum_up(
     With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
     have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
     """
-    V, resistance, separation = (
-        vector(dim, scalar),
-        damper_force(wp.float64, law),
-        difference(dim, scalar, compensated),
-    )
+    V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
+    resistance = damper_force(wp.float64, law)
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
