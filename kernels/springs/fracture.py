@@ -1,7 +1,6 @@
 """Springs that break for good, as threads of a cloth do: from then on they are not there."""
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import warp as wp
@@ -73,17 +72,6 @@ def breaking(scalar: type) -> Breaking:
         return True
 
     return Breaking(Breaks, is_suspect, breaks)
-
-
-def struct(breaking: Breaking | None) -> Callable[[type], Any]:
-    """Declare a class as a Warp struct, with the data of `breaking` in it where springs break."""
-
-    def declare(cls: type) -> Any:
-        if breaking is not None:
-            cls.__annotations__["breaking"] = breaking.Data
-        return wp.struct(cls)
-
-    return declare
 
 
 @functools.cache

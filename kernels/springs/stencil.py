@@ -11,7 +11,7 @@ from ..compensation import state_types
 from ..records import records
 from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
-from .fracture import Breaking, struct
+from .fracture import Breaking
 from .law import spring_damper
 
 
@@ -161,6 +161,7 @@ def stencil(
     load = records(dim, scalar).load
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     damped, tears = damper is not None, breaking is not None
+    Breaks, is_suspect, _ = breaking or (None, None, None)
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
@@ -169,7 +170,7 @@ def stencil(
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
 
-    @struct(breaking)
+    @wp.struct
     class Lattice:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: Shifts  # how far off each row of neighbours lies, in particles
@@ -178,8 +179,10 @@ def stencil(
         rest_length: Constants  # [m]
         stiffness: Constants  # [N/m]
         damping: Constants  # b in the units of the law
+        if tears:
+            breaking: Breaks
 
-    @struct(breaking)
+    @wp.struct
     class Lattices:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
@@ -188,13 +191,12 @@ def stencil(
         rest_length: wp.array2d(dtype=scalar)  # [m]
         stiffness: wp.array2d(dtype=scalar)  # [N/m]
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
+        if tears:
+            breaking: Breaks
 
     Forces = Lattice if uniform else Lattices
-    remaining_force = is_suspect = None
-    if breaking is not None:
-        kinds = (dim, scalar, damper, compensated, steps, uniform, Forces)
-        remaining_force = after_breaking(*kinds, breaking)
-        is_suspect = breaking.is_suspect
+    kinds = (dim, scalar, damper, compensated, steps, uniform, Forces, breaking)
+    remaining_force = after_breaking(*kinds) if tears else None
 
     @wp.func
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -301,10 +303,9 @@ def column_forces(
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
     layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
-    remaining_force = is_suspect = None
-    if breaking is not None:
-        remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
-        is_suspect = breaking.is_suspect
+    _, is_suspect, _ = breaking or (None, None, None)
+    kinds = (dim, scalar, damper, compensated, steps, True, Lattice, breaking)
+    remaining_force = after_breaking(*kinds) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
         """Return what the record at place a of inner row r in layer p − 1 is to particle d."""

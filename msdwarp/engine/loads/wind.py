@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...kernels.loads import wind_on_faces, wind_on_particles
 from ...world import Load, Wind
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables
@@ -81,11 +82,9 @@ class OnFaces(WindEffect):
     def __init__(self, model: Model, winds: Named) -> None:
         faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
         closed = bool(faces.closed.any())
-        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, closed=closed)
+        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, any_closed=closed)
         self.data.faces = faces.on(model, type(self.data.faces))
-        self.data.wind = wp.array(faces.of, dtype=int, device=model.device)
-        if closed:
-            self.data.closed = wp.array(faces.closed, dtype=bool, device=model.device)
+        upload_fields(self.data, model.device, wind=faces.of, **({"closed": faces.closed} if closed else {}))
         self.members = faces.members()
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
@@ -108,8 +107,7 @@ class OnParticles(WindEffect):
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):
             self._area[mine], self._number[mine] = one.areas(model.system)[mine], k
-        self.data.wind = wp.array(self._number, dtype=int, device=model.device)
-        self.data.area = wp.array(self._area, dtype=model.scalar, device=model.device)
+        upload_fields(self.data, model.device, wind=self._number, area=self._area)
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add that of each particle."""
