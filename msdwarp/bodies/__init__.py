@@ -13,13 +13,14 @@ from .dampers import (
     Damper as Damper,
     QuadraticDamper as QuadraticDamper,
 )
-from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges
+from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges, sides_of as sides_of
 from .fields import (
     CONNECTION_FIELDS as CONNECTION_FIELDS,
     DEFAULTS as DEFAULTS,
     LIMITS as LIMITS,
     PARTICLE_FIELDS as PARTICLE_FIELDS,
     TEARING_FIELDS as TEARING_FIELDS,
+    break_stretch as break_stretch,
 )
 from .frame import Frame as Frame, Series as Series
 from .materials import (

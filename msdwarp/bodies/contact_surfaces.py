@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, directed_edges, open_edges
+from .facets import different_vertices, directed_edges, open_edges, sides_of
 from .system import System
 
 FINE = 2.0
@@ -78,8 +78,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     rope = ~drawn & (joined > 0) & (2 * joined < ROPE * count)
     segments = vertex_of[pairs[between_bare & rope[body_of[pairs[:, 0]]]]]
     spheres = vertex_of[bare[~rope[body_of[bare]]]]
-    edges = np.unique(np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
-    edges = np.concatenate([edges, segments]).astype(np.int32)
+    edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
     # The other surfaces have a point in the middle of each edge too.
