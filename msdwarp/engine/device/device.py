@@ -41,6 +41,12 @@ def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.ar
     return wp.array(values, dtype=scalar, device=device)
 
 
+def upload_fields(data: Any, device: Any, **values: Any) -> None:
+    """Upload arrays of numbers as fields of a kernel's struct, each of the type that its field has."""
+    for name, numbers in values.items():
+        setattr(data, name, wp.array(numbers, dtype=data._cls.vars[name].type.dtype, device=device))
+
+
 def view_of(array: Any, shape: Any, strides: Any = None, dtype: Any = None) -> wp.array:
     """Return a view of an array's memory, with strides in bytes; Warp's own know fewer shapes."""
     how = {"dtype": dtype or array.dtype, "device": array.device, "capacity": array.capacity}

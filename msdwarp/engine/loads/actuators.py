@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.loads import actuated_springs, add_tension
 from ...world import Actuator, Load
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 
@@ -51,13 +52,11 @@ class ActuatedSprings(StageTables):
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        data.first = wp.array(first, dtype=int, device=model.device)
-        data.other = wp.array(other[order], dtype=int, device=model.device)
-        data.column = wp.array(np.tile(self._column, 2)[order], dtype=int, device=model.device)
         each = np.tile(strength, (1, 2))[:, order]
         if len(each) > 1:
             self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))
-        data.strength = wp.array(each.ravel(), dtype=model.scalar, device=model.device)
+        column = np.tile(self._column, 2)[order]
+        upload_fields(data, model.device, first=first, other=other[order], column=column, strength=each.ravel())
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.basis import vector
 from ...kernels.loads import driven
 from ...world import Driven, Load, poses
+from ..device.device import upload_fields
 from ..device.frame_tables import Tables
 from ..model.model import Model
 from ..model.stage_tables import FrameTables
@@ -47,12 +48,7 @@ class Drives(FrameTables):
         entry[self.held] = np.arange(len(self.held))
         self._drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
         self._start = np.concatenate([one.start for _, one in drives])
-        for name, values, kind in (
-            ("entry", entry, int),
-            ("drive", self._drive, int),
-            ("start", self._start, self._wide),
-        ):
-            setattr(data, name, wp.array(values, dtype=kind, device=model.device))
+        upload_fields(data, model.device, entry=entry, drive=self._drive, start=self._start)
         self.by_world = ("done",)
         self.done = data.done = wp.zeros((2 * model.worlds, len(self.held)), dtype=wp.float64, device=model.device)
         self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...kernels.loads import gas_law, gas_pressure, given_pressure
 from ...world import EnclosedGas, Load, Pressure, volume
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables
@@ -39,7 +40,7 @@ class SurfacePressure(Effect):
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
         self.data = piece.Data()
         self.data.faces = faces.on(model, type(self.data.faces))
-        self.data.of = wp.array(faces.of, dtype=int, device=model.device)
+        upload_fields(self.data, model.device, of=faces.of)
         self.members = faces.members()
 
     def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..model.model import Model
 
 
@@ -64,11 +64,8 @@ class Faces:
             triangle, particle = np.divmod(different, self._count)
         order, first = rows(particle, self._count)
         faces = Struct()
-        faces.corner = wp.array(self.corner, dtype=wp.vec3i, device=model.device)
-        faces.first = wp.array(first, dtype=int, device=model.device)
-        faces.number = wp.array(triangle[order], dtype=int, device=model.device)
-        if self.mixed:
-            faces.share = wp.array(share[order], dtype=model.scalar, device=model.device)
+        shares = {"share": share[order]} if self.mixed else {}
+        upload_fields(faces, model.device, corner=self.corner, first=first, number=triangle[order], **shares)
         return faces
 
 

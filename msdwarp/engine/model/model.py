@@ -223,10 +223,6 @@ class Model:
         result[self.order] = values
         return result
 
-    def per_connection(self, name: str) -> wp.array:
-        """Upload an array that the system has for its connections, a number for each."""
-        return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
-
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
 

@@ -26,6 +26,7 @@ from ...kernels.springs import (
     stencil_rows,
     tables,
 )
+from ..device.device import upload_fields
 from ..device.vector_arrays import in_records
 from ..model.lattice import Lattice
 from ..model.model import Model
@@ -216,14 +217,13 @@ class Stencil:
         kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
         self.force_algorithm = stencil(*kinds, fracture and fracture.breaking)
         data = self.data = self.force_algorithm.Forces()
-        data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
+        upload_fields(data, device, mask=lattice.mask)
         if fracture is not None:
             numbers = lattice.numbers(model.system)
-            fracture.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            upload_fields(fracture.data, device, number=numbers.ravel())
             if lattice.uniform:
                 offset, own = lattice.neighbours()
-                fracture.data.offset = wp.array(offset, dtype=int, device=device)
-                fracture.data.own = wp.array(own, dtype=model.scalar, device=device)
+                upload_fields(fracture.data, device, offset=offset, own=own)
             fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
@@ -235,10 +235,7 @@ class Stencil:
         shift = lattice.shift
         if shift.ndim == 1:
             shift = np.repeat(shift[:, None], model.particle_count, axis=1)
-        data.shift = wp.array(shift, dtype=int, device=device)
-        data.kind = wp.array(lattice.kind, dtype=int, device=device)
-        for name in CONSTANTS:
-            setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
+        upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
         """Fill in what lanes read, with a mask whose bits are in the order in which they take neighbours."""
@@ -250,7 +247,7 @@ class Stencil:
         for k, bit in enumerate(bits):
             mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
         self.data = self.force_algorithm.Forces()
-        self.data.mask = wp.array(mask, dtype=wp.uint32, device=model.device)
+        upload_fields(self.data, model.device, mask=mask)
         self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
         self.data.constants = records_of_three(model, constants)
 

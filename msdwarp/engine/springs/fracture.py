@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import System, stored, uniform
+from ...bodies import break_stretch
 from ...kernels.springs import NO_SUBSTEP, breaking
-from ..device.device import scalar_array
+from ..device.device import scalar_array, upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 
@@ -37,13 +37,18 @@ class Fracture(Effect):
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
-        data.least = model.scalar(least_ratio(system) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps)))
-        for name, values in (("strain", system.break_strain), ("stretch", break_stretch(system))):
+        stretches = [break_stretch(system.break_force, stiffness) for stiffness in model.row_of("stiffness")]
+        least = min(_least_ratio(model, rest, one) for rest in model.row_of("rest_length") for one in stretches)
+        data.least = model.scalar(least**2 * (1 - 16 * float(np.finfo(model.dtype).eps)))
+        for name, values in (("strain", system.break_strain), ("stretch", stretches[0])):
             setattr(data, name, scalar_array(model.ordered(values), model.scalar, device))
         data.broken_at, data.steepest = self.broken_at, model.steepest_damping
         data.stiffness, data.damping = model.stiffness, model.damping
         if model.in_worlds:
-            self._have_worlds()
+            self._give_each_world_its_own()
+        if "stiffness" in model.rows:
+            self.by_world = (*self.by_world, "stretch")
+            upload_fields(data, device, stretch=model.of_each_world(np.array(stretches)))
         # What energies and bounds are summed of.
         self._summed = [data.stiffness, data.damping]
         if data.steepest is not data.damping:
@@ -53,34 +58,17 @@ class Fracture(Effect):
         """What the algorithm calls the array from which it strikes out what breaks."""
         self._strike_out: Callable[[], None] = lambda: None
 
-    def _have_worlds(self) -> None:
-        """Upload what differs between worlds, and what breaking changes in each."""
-        model, data = self._model, self.data
-        whole = ~model.system.broken
+    def _give_each_world_its_own(self) -> None:
+        """Upload, for each world, the constants that breaking changes."""
+        model, data, whole = self._model, self.data, ~self._model.system.broken
         self.by_world = ("broken_at", "stiffness", "damping", "steepest")
-        slope = model.system.damper.steepest
-        for name, rows in (
-            ("stiffness", model.row_of("stiffness")),
-            ("damping", model.row_of("damping")),
-            ("steepest", slope * model.row_of("damping")),
-        ):
-            values = model.of_each_world(np.where(whole, rows, 0.0))
-            array = wp.array(values, dtype=model.scalar, device=model.device)
-            setattr(data, name, array)
-            table = "steepest_damping" if name == "steepest" else name
-            model.tables[table] = array.reshape((model.worlds, model.connection_count))
-        systems = [
-            model.system.replace(rest_length=length, stiffness=stiffness)
-            for length in model.row_of("rest_length")
-            for stiffness in model.row_of("stiffness")
-        ]
-        least = min(map(least_ratio, systems)) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps))
-        data.least = model.scalar(least)
-        if "stiffness" in model.rows:
-            self.by_world = (*self.by_world, "stretch")
-            rows = [break_stretch(model.system.replace(stiffness=one)) for one in model.row_of("stiffness")]
-            stretch = model.of_each_world(np.array(rows))
-            data.stretch = wp.array(stretch, dtype=model.scalar, device=model.device)
+        rows = {name: model.row_of(name) for name in ("stiffness", "damping")}
+        rows["steepest_damping"] = model.system.damper.steepest * rows["damping"]
+        for name, values in rows.items():
+            each = model.of_each_world(np.where(whole, values, 0.0))
+            array = wp.array(each, dtype=model.scalar, device=model.device)
+            setattr(data, name.removesuffix("_damping"), array)
+            model.tables[name] = array.reshape((model.worlds, model.connection_count))
 
     def repeat_for_worlds(self, forces: Any) -> None:
         """Have an algorithm's struct hold, for each world, what breaking strikes out."""
@@ -143,20 +131,13 @@ def _rounded(broken_at: NDArray[np.float64]) -> NDArray[np.float32]:
     )
 
 
-def break_stretch(system: System) -> NDArray[np.float64]:
-    """Return by how much longer than at rest a spring exerts its break force [m], shape [connection_count]."""
-    force, stiffness = system.break_force, system.stiffness
-    if np.isinf(stored(force)).all():
-        return uniform(np.inf, len(force))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.where(stiffness > 0, force / stiffness, np.inf)
-
-
-def least_ratio(system: System) -> float:
+def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
     """Return a length over the rest length up to which no spring breaks, however far it yields."""
-    whole = ~system.broken
+    system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf
-    most = np.maximum(system.rest_length, system.original_length * (1 + system.largest_plastic_strain))
-    rest = most if system.yields else system.rest_length
-    return 1 + float(np.minimum(system.break_strain, break_stretch(system) / rest)[whole].min())
+    rest = rest_length
+    if system.yields:
+        original = rest_length if "rest_length" in model.rows else system.original_length
+        rest = np.maximum(rest_length, original * (1 + system.largest_plastic_strain))
+    return 1 + float(np.minimum(system.break_strain, stretch / rest)[whole].min())

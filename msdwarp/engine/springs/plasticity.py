@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 
+import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.springs import yielding
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 
@@ -21,8 +23,8 @@ class Plasticity(Effect):
         self.piece = yielding(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
         self.data.connections = model.connections
-        for name in STORED:
-            setattr(self.data, name, model.per_connection(name))
+        values = {name: model.ordered(np.array(getattr(model.system, name))) for name in STORED}
+        upload_fields(self.data, model.device, **values)
         self.rest_length = model.rest_length
         """The present rest lengths [m], in the device's order, of one world's springs after the other's."""
         if model.in_worlds:
