@@ -26,11 +26,6 @@ class Differences(NamedTuple):
     arrays: tuple[str, ...] = ()
     """Arrays of the scene, "field.name", of which each world has its own part."""
 
-    @property
-    def of_constants(self) -> tuple[str, str, str]:
-        """How the constants of connections differ, in the order of CONSTANTS."""
-        return self.rest_length, self.stiffness, self.damping
-
 
 @functools.cache
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
