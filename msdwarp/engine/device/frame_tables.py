@@ -7,6 +7,8 @@ from typing import Any
 import warp as wp
 from numpy.typing import NDArray
 
+from .device import view_of
+
 Tables = dict[str, NDArray]
 """Tables by name, of the device's precision; those of vectors and matrices have their coordinates behind."""
 _ALIGNED = 4
@@ -19,24 +21,9 @@ class InFrames:
     They lie in one piece of memory, there and on the host, so that a frame costs one copy. A frame can be prepared
     while the one before it runs.
 
-    Parameters
-    ----------
-    tables
-        Shape and Warp type of each table, by name; all of one type of numbers.
-    scalar
-        That type.
-    device
-        Where they are.
-    fill
-        `fill(time, tables)` writes into the host's tables what they hold in the frame that begins at `time` [s].
-        What it does not write stays as it was, at first 0.
-
-    Attributes
-    ----------
-    arrays
-        The tables on the device, by name.
-    tables
-        The tables on the host, by name, for what never changes.
+    `tables` has the shape and the Warp type of each table by name, all of the same `scalar`. `fill(time, tables)`
+    writes into the host's tables what they hold in the frame that begins at `time` [s]; what it does not write
+    stays as it was, at first 0. `arrays` are the tables on the device, `tables` those on the host.
     """
 
     def __init__(
@@ -61,9 +48,7 @@ class InFrames:
         for name, (first, whole) in places.items():
             shape, dtype = tables[name]
             self.tables[name] = numbers[first : first + math.prod(whole)].reshape(whole)
-            view = wp.array(ptr=int(self._there.ptr or 0) + first * size, dtype=dtype, shape=shape, device=device)
-            view._ref = self._there  # a view does not own its memory
-            self.arrays[name] = view
+            self.arrays[name] = view_of(self._there, shape, dtype=dtype, offset=first * size)
         self._fill = fill
         self._holds: float | None = None
         """When the frame begins that the host's tables are of; None where they are of none."""
@@ -81,10 +66,7 @@ class InFrames:
     def begin_frame(self, time: float) -> None:
         """Have the device's tables be those of the frame that begins at `time` [s]: filled now unless prepared.
 
-        Raises
-        ------
-        Exception
-            What `fill` raises; the device's tables then stay as they are.
+        If `fill` raises, the device's tables stay as they are.
         """
         if self._holds != time:
             self._fill_in(time)

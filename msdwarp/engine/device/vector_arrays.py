@@ -6,6 +6,7 @@ import warp as wp
 
 from ...kernels.basis import vector
 from ...kernels.records import record_length
+from .device import view_of
 
 ALIGNED = 64
 """Arrays that lie together begin at multiples of so many numbers: at lines of a GPU's cache."""
@@ -27,16 +28,6 @@ def records_together(
     if arrays > 1 and arrays * each > MOST_NUMBERS:
         return tuple(in_records(count, dim, scalar, device, margin) for _ in range(arrays))
     storage = wp.zeros(arrays * each, dtype=scalar, device=device)
-    views = []
-    for k in range(arrays):
-        view = wp.array(
-            ptr=int(storage.ptr or 0) + (k * each + margin * length) * size,
-            dtype=vector(dim, scalar),
-            shape=count,
-            strides=(length * size,),
-            device=device,
-            capacity=storage.capacity,
-        )
-        view._ref = storage  # a view does not own its memory
-        views.append(view)
-    return tuple(views)
+    Vector, strides, step = vector(dim, scalar), (length * size,), each * size
+    begin = margin * length * size
+    return tuple(view_of(storage, count, strides, Vector, begin + k * step) for k in range(arrays))
