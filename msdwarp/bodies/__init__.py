@@ -32,6 +32,7 @@ from .materials import (
     Material as Material,
 )
 from .numbering import places_along_curve as places_along_curve, space_filling_order as space_filling_order
+from .selection import mask_of as mask_of
 from .space import (
     AXES as AXES,
     in_space as in_space,

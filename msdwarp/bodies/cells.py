@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .selection import mask_of
 from .surface_splitting import connection_between
 from .system import System
 
@@ -105,9 +106,7 @@ def laid_bare(system: System) -> Bare:
 
 def _at_broken(system: System) -> NDArray[np.bool_]:
     """Return which particles have a connection that has broken, shape [particle_count]."""
-    found = np.zeros(system.particle_count, dtype=bool)
-    found[system.connections[np.isfinite(system.broken_at)]] = True
-    return found
+    return mask_of(system.connections[system.broken], system.particle_count)
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

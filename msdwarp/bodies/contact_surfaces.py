@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from .connectivity import pieces
 from .facets import different_vertices, directed_edges, open_edges, sides_of
+from .selection import mask_of
 from .system import System
 
 FINE = 2.0
@@ -59,8 +60,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     else:
         particle, weight, triangles = different_vertices(system.surface)
     body = body_of[particle[:, 0]]
-    drawn = np.zeros(bodies, dtype=bool)
-    drawn[body] = True
+    drawn = mask_of(body, bodies)
     # Bodies without a surface touch with their particles.
     bare = np.flatnonzero(~drawn[body_of])
     first = len(particle)

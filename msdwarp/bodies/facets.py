@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
+from .selection import mask_of
 from .surface import Surface
 from .system import System
 
@@ -71,8 +72,7 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         weight = np.ones((particle_count, 1))
     # A part is closed if each of its edges is run through once in either direction.
     part = pieces(len(particle), directed_edges(corner).astype(np.int32))
-    is_open = np.zeros(len(particle), dtype=bool)
-    is_open[part[open_edges(corner)[:, 0]]] = True
+    is_open = mask_of(part[open_edges(corner)[:, 0]], len(particle))
     return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
 
 

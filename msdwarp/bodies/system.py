@@ -11,7 +11,7 @@ from .. import checks
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbours, concatenated, renumbered
-from .selection import selected
+from .selection import mask_of, selected
 from .space import rotation_matrix
 from .surface import Surface
 from .text import counted, span
@@ -331,9 +331,7 @@ class System:
         Raises ValueError that names the `argument` and lists the groups if there is no group of that name.
         """
         checks.one_of(argument, name, self.groups)
-        mine = np.zeros(self.particle_count, dtype=bool)
-        mine[self.groups[name]] = True
-        return mine
+        return mask_of(self.groups[name], self.particle_count)
 
     def renumbered(self, order: ArrayLike | None = None) -> Self:
         """Return this system with its particles in another order, and its connections ordered accordingly.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Material, Surface, System
+from ..bodies import Material, Surface, System, mask_of
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_shares,
@@ -326,8 +326,7 @@ def lattice(
 
 def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:
     """Check that connections join all the particles of a mask."""
-    joined = np.zeros(np.count_nonzero(mask), dtype=bool)
-    joined[connections] = True
+    joined = mask_of(connections, int(mask.sum()))
     if not joined.all():
         alone = np.argwhere(mask.T)[np.argmin(joined)][::-1].tolist()
         raise ValueError(
