@@ -52,9 +52,7 @@ class DivergenceMonitor:
         self.told = list[float]()
         """What was read last of what has been found."""
         self._sums = Sums(assembly, everything=False)
-        self._work, self._most_work = assembly.external_work, 0.0
-        # What loads have done is no sign of divergence.
-        self._shares = None if self._work is None else self._work.shares()
+        self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:
@@ -70,9 +68,7 @@ class DivergenceMonitor:
     def look(self, found: Found) -> None:
         """Launch what finds out about the present state; it may be recorded."""
         state = self._state
-        if self._work is not None and self._shares is not None:
-            self._work.launch(state.x, state.v, self._shares)
-        self._sums.launch(state.x, state.v, state.v, None, self._shares, found.state_out)
+        self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
         """Wait for what was found about the state of the only world, and tell whether it has diverged."""
@@ -100,12 +96,8 @@ class DivergenceMonitor:
 class Backup:
     """The state at the start of a frame: all that substeps leave to the next, and other arrays.
 
-    Attributes
-    ----------
-    kept
-        Vectors of particles, in the order of `live`.
-    changing
-        What effects change, and the other arrays, each with room for what it was.
+    `kept` are vectors of particles, in the order of `live`. `changing` are the arrays that effects change, and the
+    others, each with room for what it was.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from ...kernels.integrators import kick
 from ...kernels.reductions import columns
-from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
 from ..stepping.launcher import Dynamics
@@ -51,9 +50,7 @@ class EnergySums:
         self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
         self._mass, self._work = mass(self._model), dynamics.assembly.external_work
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
-        self._shares = None if self._work is None else self._work.shares()
-        plain = Effect.energies_and_powers
-        self._storing = [one for one in dynamics.assembly.all if type(one).energies_and_powers is not plain]
+        self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
         """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
@@ -62,9 +59,7 @@ class EnergySums:
             seen = now.method_state[0] if now.method_state else now.v  # by dampers
             fields = {"compensation": now.compensation, "x": now.x, "v": seen, "v_half": now.v, "v_out": self._v}
             self._dynamics.launch(kick, h=self._lag, **fields)
-        if self._work is not None and self._shares is not None:
-            self._work.launch(now.x, now.v, self._shares)
-        self._sums.launch(now.x, now.v, self._v, now.compensation.x, self._shares, found.state_out)
+        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
     def balance(self, told: list[float]) -> EnergyBalance:
         """Return the balance of the present state, of what was found."""

@@ -18,11 +18,7 @@ class Found:
     """What is found about a state (`msdwarp.kernels.reductions.columns`).
 
     Of one world a device writes it where the host reads. Of the worlds of an ensemble it stays on the device.
-
-    Attributes
-    ----------
-    state_out
-        The array, as kernels write it, shape [worlds, COLUMNS].
+    Kernels write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
     def __init__(self, model: Model) -> None:

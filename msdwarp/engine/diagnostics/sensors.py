@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...bodies import mask_of
 from ...kernels.integrators import force_on_each
 from ...kernels.reductions import fold, mean_of_function, probes, sum_of_group, sum_strain
 from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
@@ -24,14 +25,9 @@ ROWS = 64
 
 
 class Sensors:
-    """Measures what probes ask for: a few sums, launched as often as they are read in a frame.
+    """Measures what probes ask for: a few sums, launched for each of the `readings` in a frame of some `seconds`.
 
-    Parameters
-    ----------
-    readings, seconds
-        How often they are read in a frame, and its length [s].
-    contact_forces
-        What sums the contact forces, where any probe asks for such.
+    `contact_forces` sums the contact forces, where any probe asks for such.
     """
 
     def __init__(
@@ -97,8 +93,7 @@ class _Sum:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
         self.width = probes.STRAIN_COLUMNS if self.what == STRAIN else model.dim
         if self.what == STRAIN:
-            chosen = np.zeros(model.connection_count, dtype=bool)
-            chosen[probe.connections(model.system)] = True
+            chosen = mask_of(probe.connections(model.system), model.connection_count)
             member = np.flatnonzero(model.ordered(chosen))
             self._constants = [*map(model.table, CONSTANTS), model.connections]
         else:

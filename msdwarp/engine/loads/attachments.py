@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.loads import attachments
 from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..device.frame_tables import Tables
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
@@ -56,12 +57,9 @@ class AttachmentSprings(FrameTables):
             for one, mask in zip(several, held, strict=True)
         )
         device = model.device
-        data.first = wp.zeros(model.particle_count + 1, dtype=int, device=device)
-        data.member, data.carrier = (wp.zeros(size, dtype=int, device=device) for _ in range(2))
-        data.point = wp.zeros(size, dtype=model.vector, device=device)
-        data.rest_length, data.stiffness, data.damping = (
-            wp.zeros(size, dtype=model.scalar, device=device) for _ in range(3)
-        )
+        numbers = ("member", "carrier", "rest_length", "stiffness", "damping")
+        room = {name: np.zeros(size) for name in numbers} | {"point": np.zeros((size, model.dim))}
+        upload_fields(data, device, first=np.zeros(model.particle_count + 1), **room)
         if self._moving:
             self.by_world = ("done",)
             self.done = data.done = wp.zeros((2 * model.worlds, size), dtype=wp.float64, device=device)

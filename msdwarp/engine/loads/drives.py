@@ -43,14 +43,14 @@ class Drives(FrameTables):
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
         self.piece = driven(model.dim, model.scalar, model.compensated)
         data = self.data = self.piece.Data()
-        self.held: NDArray = np.concatenate([one.held for _, one in drives])
+        held = np.concatenate([one.held for _, one in drives])
         entry = np.full(model.particle_count, -1)
-        entry[self.held] = np.arange(len(self.held))
-        self._drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
-        self._start = np.concatenate([one.start for _, one in drives])
-        upload_fields(data, model.device, entry=entry, drive=self._drive, start=self._start)
+        entry[held] = np.arange(len(held))
+        drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
+        start = np.concatenate([one.start for _, one in drives])
+        upload_fields(data, model.device, entry=entry, drive=drive, start=start)
         self.by_world = ("done",)
-        self.done = data.done = wp.zeros((2 * model.worlds, len(self.held)), dtype=wp.float64, device=model.device)
+        self.done = data.done = wp.zeros((2 * model.worlds, len(held)), dtype=wp.float64, device=model.device)
         self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]
         self._longest = [_shortest_attached(model, one) for _, one in drives]
         self._furthest = float(np.finfo(model.dtype).max) / 4
@@ -83,25 +83,16 @@ class Drives(FrameTables):
 
     def place(self, state: State, time: float, fps: float) -> None:
         """Put what is driven where it is at `time` [s], with the velocity that it has there."""
-        values, rates = np.empty((2, len(self.held), self._model.dim))
-        for k, (name, one) in enumerate(self._drives):
+        model = self._model
+        held = np.zeros(model.particle_count, dtype=bool)
+        places, speeds = np.zeros((2, 1, model.particle_count, model.dim))
+        for name, one in self._drives:
             (turn, turning, _), (shift, speed, _) = self._around(name, one, time, fps)
-            mine = self._drive == k
-            values[mine] = one.start @ turn.T + shift
-            rates[mine] = one.start @ turning.T + speed
-        worlds, stride = self._model.worlds, self._model.stride
-        held = np.add.outer(stride * np.arange(worlds), self.held).ravel()
-        for name, own in (("x", values), ("v", rates)):
-            exact, array = np.tile(own, (worlds, 1)), getattr(state.state_in, name)
-            rounded, whole = exact.astype(self._model.dtype), array.numpy().copy()
-            whole[held] = rounded
-            array.assign(whole)
-            if self._model.compensated:
-                compensation = getattr(state.state_in.compensation, name)
-                off = compensation.numpy().copy()
-                off[held] = rounded - exact
-                for one in {compensation, getattr(state.state_out.compensation, name)}:
-                    one.assign(off)
+            held[one.held] = True
+            places[0, one.held] = one.start @ turn.T + shift
+            speeds[0, one.held] = one.start @ turning.T + speed
+        state.write("x", places, held)
+        state.write("v", speeds, held)
 
     def displaced(self) -> str | None:
         """Return words about a drive that does not begin where its particles are; None if all do."""

@@ -49,7 +49,7 @@ class SurfacePressure(Effect):
         ∂a/∂x_j is half the opposite edge (as a cross product): by Gershgorin a particle's row of the stiffness is
         at most p (|e_1| + |e_2| + |e_3|) / 6 of each of its triangles; blocks count half of that.
         """
-        faces, places = self._faces, self._faces.points(x)
+        faces, places = self._faces, self._faces.facets.points(x)
         edges = sum(
             np.linalg.norm(places[faces.corner[:, k]] - places[faces.corner[:, k - 1]], axis=1).astype(np.float64)
             for k in range(3)
@@ -108,7 +108,7 @@ class Gases(SurfacePressure):
         1 whose eigenvalue, over masses, is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks count half of it, over each mass.
         """
         model, faces = self._model, self._faces
-        places = faces.points(x.numpy())
+        places = faces.facets.points(x.numpy())
         masses = model.row_of("mass")
         inverse_mass = np.broadcast_to(
             (1.0 / masses[world % len(masses)]).astype(model.dtype), model.particle_count
@@ -120,7 +120,9 @@ class Gases(SurfacePressure):
             now = max(volume(corner, places), 1e-6 * gas.volume)
             inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
             over[k] = inside - gas.outside
-            gradient = faces.spread(faces.add_to_corners(area_vectors(corner, places) / 3, corner))
+            gradient = faces.facets.spread(
+                faces.add_to_corners(area_vectors(corner, places) / 3, corner), model.particle_count
+            )
             rate = gas.exponent * inside / now * float(((gradient**2).sum(axis=1) * inverse_mass).sum())
             mine = (gradient != 0).any(axis=1) & (inverse_mass > 0)
             each[mine] += 0.5 * rate / inverse_mass[mine]

@@ -90,7 +90,7 @@ class OnFaces(WindEffect):
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add a third of each triangle's to each of its corners."""
         faces = self._faces
-        area = np.linalg.norm(area_vectors(faces.corner, faces.points(x.numpy())), axis=1)
+        area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
 
 

@@ -125,7 +125,11 @@ class Effect:
     @property
     def precedes(self) -> bool:
         """Whether it launches anything before forces are taken."""
-        return type(self).before_forces is not Effect.before_forces
+        return self.overrides("before_forces")
+
+    def overrides(self, *names: str) -> bool:
+        """Tell whether it has any of these methods of its own."""
+        return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
         """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].

@@ -28,12 +28,9 @@ MOST_TIES = 0.05
 
 
 def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the algorithm asked for, or the fastest one, and the system's lattice where that is a stencil.
+    """Return the requested algorithm, or the fastest one, and the system's lattice where that is a stencil.
 
-    Raises
-    ------
-    ValueError
-        If `force_algorithm` is none, or a stencil is asked for and the system is not cut from lattices.
+    Raises ValueError if `force_algorithm` is unknown, or is a stencil and the system is not cut from lattices.
     """
     checks.one_of("force_algorithm", force_algorithm, (AUTO, *FORCE_ALGORITHMS))
     if force_algorithm == AUTO:

@@ -12,6 +12,7 @@ from ... import checks
 from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
+from ...kernels.springs import CONSTANTS as CONSTANTS
 from ...runtime import in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, find_device, scalar_array, view_of
@@ -20,8 +21,6 @@ from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algori
 
 Rows = Mapping[str, NDArray[np.float64]]
 """What differs between worlds, by name: world w has row w mod (number of rows)."""
-CONSTANTS = ("rest_length", "stiffness", "damping")
-"""The constants of connections."""
 LINE = 8
 """Particles in a line of the GPU's caches, with which each world begins."""
 MOST_RECORDS = 2**31 - 1
