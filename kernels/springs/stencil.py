@@ -50,21 +50,14 @@ def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def after_breaking(
-    dim: int,
-    scalar: type,
-    damper: Law | None,
-    compensated: bool,
-    steps: tuple,
-    uniform: bool,
-    Forces: Any,
-    breaking: Breaking,
-):
+def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
     """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
     Bits of neighbours are cleared whose springs are too long, and the force is summed anew without them. This
-    is seldom done, and so kept out of the loops that are unrolled for each neighbour.
+    is seldom done, and so kept out of the loops that are unrolled for each neighbour. `kinds` are the first five
+    arguments of `stencil`.
     """
+    dim, scalar, damper, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
@@ -195,8 +188,8 @@ def stencil(
             breaking: Breaks
 
     Forces = Lattice if uniform else Lattices
-    kinds = (dim, scalar, damper, compensated, steps, uniform, Forces, breaking)
-    remaining_force = after_breaking(*kinds) if tears else None
+    kinds = (dim, scalar, damper, compensated, steps)
+    remaining_force = after_breaking(kinds, uniform, Forces, breaking) if tears else None
 
     @wp.func
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -252,7 +245,7 @@ def stencil(
                 force = remaining_force(forces, compensation, x, v, i, mask, suspects, force)
         return force
 
-    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
+    columns = column_forces(kinds, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
     single = scalar is wp.float32
     # What is seldom done must not take registers from what each thread does.
@@ -274,21 +267,14 @@ COLUMN = 2
 
 
 @functools.cache
-def column_forces(
-    dim: int,
-    scalar: type,
-    damper: Law | None,
-    compensated: bool,
-    steps: tuple,
-    Lattice: Any,
-    breaking: Breaking | None = None,
-):
+def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
     column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers, or
-    second neighbours, which lie further off.
+    second neighbours, which lie further off. `kinds` are the first five arguments of `stencil`.
     """
+    dim, scalar, damper, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
         return None
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -304,8 +290,7 @@ def column_forces(
     Masks = wp.types.vector(COLUMN, wp.uint32)
     layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
     _, is_suspect, _ = breaking or (None, None, None)
-    kinds = (dim, scalar, damper, compensated, steps, True, Lattice, breaking)
-    remaining_force = after_breaking(*kinds) if tears else None
+    remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
         """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
