@@ -33,34 +33,15 @@ class Model:
     The vectors of many worlds lie one world after the other, `stride` particles apart. Constants that differ
     between worlds are `rows`; all else is as in one world. An `Assembly` has what else acts on the system.
 
-    Parameters
-    ----------
-    system
-        What is simulated; in many worlds, what all of them have.
-    gravity
-        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
-        shape [d]; or a function of time [s] that returns one of these, whose weight is a load.
-    driven
-        The particles that prescribed motions move, shape [particle_count]; None for none.
-    device
-        A Warp device's name; by default the first CUDA device, else the CPU.
-    precision
-        "float32", "float32-compensated" (sums of positions and velocities keep what rounding takes away) or
-        "float64".
-    force_algorithm
-        How forces are summed: "scatter", "gather" or "stencil" (see `msdwarp.kernels.springs`); "auto" takes the
-        one that was fastest where it was measured (see `msdwarp.engine.model.force_algorithm`).
-    worlds
-        Number of worlds.
-    rows
-        What differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
-        [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
-        [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
+    `system` is what is simulated, in many worlds what all of them have. `gravity`, `device`, `precision` and
+    `force_algorithm` are those of `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`.
+    `driven` is the mask of the particles that prescribed motions move.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the system is no lattice that a stencil can hold.
+    `rows` is what differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
+    [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
+    [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
+
+    Raises ValueError if an argument is out of its range, or the system is no lattice that a stencil can hold.
     """
 
     generation = 0
@@ -148,7 +129,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""
+        """Take another gravity [m/s²]: callers that cached it must reread it. Raises ValueError if it is none."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -250,22 +231,21 @@ class Model:
         It is `inverse_mass`, of shape [rows, particle_count]; a constant of connections, in the device's order, of
         shape [rows, connection_count]; or `gravity`, of shape [rows].
         """
-        if name not in self.tables:
-            self.tables[name] = self._uploaded_table(name)
-        return self.tables[name]
-
-    def _uploaded_table(self, name: str) -> wp.array:
+        if name in self.tables:
+            return self.tables[name]
         if name == "gravity":
-            return wp.array(self.row_of(name), dtype=self.vector, device=self.device)
-        if not self.in_worlds:
+            table = wp.array(self.row_of(name), dtype=self.vector, device=self.device)
+        elif not self.in_worlds:
             array = getattr(self, name)
-            return view_of(array, (1, len(array)), (0, array.strides[0]))
-        if name == "inverse_mass":
-            return self.upload_rows(1.0 / self.row_of("mass"))
-        rows = self.row_of("damping" if name == "steepest_damping" else name)
-        if name == "steepest_damping":
-            rows = self.system.damper.steepest * rows
-        return self.upload_rows(self.ordered(rows.T).T)
+            table = view_of(array, (1, len(array)), (0, array.strides[0]))
+        elif name == "inverse_mass":
+            table = self.upload_rows(1.0 / self.row_of("mass"))
+        else:
+            rows = self.row_of(name.removeprefix("steepest_"))
+            rows = self.system.damper.steepest * rows if name == "steepest_damping" else rows
+            table = self.upload_rows(self.ordered(rows.T).T)
+        self.tables[name] = table
+        return table
 
     def by_world(self, vectors: NDArray) -> NDArray:
         """Return a view of shape [worlds, particle_count, d] of what arrays of `vectors` hold, on the host."""
