@@ -1,11 +1,10 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
-from .cells import Bare as Bare, laid_bare as laid_bare
 from .connectivity import pieces as pieces
 from .contact_surfaces import (
     TouchingSurfaces as TouchingSurfaces,
     contact_surfaces as contact_surfaces,
-    mean_stiffness as mean_stiffness,
+    spring_means as spring_means,
 )
 from .dampers import (
     LINEAR as LINEAR,
@@ -41,9 +40,18 @@ from .space import (
     rotations as rotations,
 )
 from .surface import Surface as Surface
-from .surface_splitting import Edges as Edges, broken_before as broken_before
-from .system import System as System, headline as headline, particles_meant as particles_meant
-from .text import counted as counted
+from .system import (
+    System as System,
+    counted as counted,
+    headline as headline,
+    particles_meant as particles_meant,
+)
+from .torn_surfaces import (
+    Bare as Bare,
+    Edges as Edges,
+    broken_before as broken_before,
+    laid_bare as laid_bare,
+)
 from .uniform import (
     is_uniform as is_uniform,
     joined as joined,

@@ -14,7 +14,6 @@ from .numbering import between_neighbours, concatenated, renumbered
 from .selection import mask_of, selected
 from .space import rotation_matrix
 from .surface import Surface
-from .text import counted, span
 from .uniform import stored, uniform
 
 _NAMED = 4
@@ -347,6 +346,17 @@ class System:
         if not isinstance(other, System):
             return NotImplemented
         return self.trusted(**concatenated(vars(self), vars(other)))
+
+
+def counted(count: int, what: str) -> str:
+    """Return so many of something, such as "1 particle"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def span(values: NDArray[np.float64]) -> str:
+    """Return the least and the greatest of some numbers, or the one that all are."""
+    least, most = (float(of(stored(values))) for of in (np.min, np.max))
+    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
 
 def headline(system: System) -> str:
