@@ -39,11 +39,6 @@ class Composition(NamedTuple):
     """`Differences` between the worlds of an ensemble; None outside of ensembles."""
 
     @property
-    def Compensation(self) -> Any:
-        """Struct type of what sums have lost by rounding."""
-        return compensated_sum(self.dim, self.scalar, self.compensated)[0]
-
-    @property
     def selective(self) -> list[ForceTerm]:
         """The effects whose forces act on some particles only; the k-th has bit k of a particle's marks."""
         return [piece for piece in self.pieces if piece.selective]

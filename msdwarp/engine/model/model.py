@@ -153,11 +153,6 @@ class Model:
         return self.stride * record_length(self.dim) * wp.types.type_size_in_bytes(self.scalar)
 
     @property
-    def vectors_each(self) -> int:
-        """Vectors in an array of them: one for each particle of each world, and the margins between worlds."""
-        return self.worlds * self.stride
-
-    @property
     def different(self) -> int:
         """How many worlds differ in anything; the others are like these, in turn."""
         return lcm(*map(len, self.rows.values()))
@@ -212,7 +207,8 @@ class Model:
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
         """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
-        return records_together(count, self.vectors_each, self.dim, self.scalar, self.device, self.margin)
+        each = self.worlds * self.stride  # with the margins between worlds
+        return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
         """Return the numbers of the connections of one world after the other, in the device's order."""

@@ -31,8 +31,10 @@ class Fracture(Effect):
         self.breaking = breaking(model.scalar)
         """What the algorithms are composed with."""
         system, device = model.system, model.device
-        broken_at = model.of_each_world(_rounded(system.broken_at)[None])
-        self.broken_at = wp.array(broken_at, dtype=wp.float32, device=device)
+        # Rounded so that what is broken stays so.
+        rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
+        broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
+        self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
         """When springs broke [s], in the device's order, world after world; inf where they are whole."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
@@ -90,7 +92,7 @@ class Fracture(Effect):
         return np.isfinite(self.broken_at.numpy()[: self._model.connection_count])
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         self.data.h, self.data.substep = dt, NO_SUBSTEP
 
     def begin_frame(self, time: float) -> None:
@@ -122,13 +124,6 @@ class Fracture(Effect):
     def changed_fields(self) -> dict[str, NDArray]:
         """Return when the system's springs broke."""
         return self.checkpoint()
-
-
-def _rounded(broken_at: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return when springs broke as the device has it: what is broken stays so."""
-    return np.where(np.isfinite(broken_at), np.minimum(broken_at, np.finfo(np.float32).max), np.inf).astype(
-        np.float32
-    )
 
 
 def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
