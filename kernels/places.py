@@ -44,7 +44,7 @@ def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
 
 @functools.cache
 def shifts(Struct: Any, fields: tuple[str, ...], place: Place = Place.DEVICE) -> Any:
-    """Compose wp.func (s, bytes): arrays of a struct begin so many bytes further on, at that place.
+    """Compose wp.func (s, bytes): move the arrays of a struct by a number of bytes; they are at that place.
 
     Fields may be "of.fields".
     """

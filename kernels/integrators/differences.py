@@ -24,7 +24,7 @@ class Differences(NamedTuple):
     stiffness: str = SHARED
     damping: str = SHARED
     arrays: tuple[str, ...] = ()
-    """Arrays of the scene, "field.name", of which each world has its own part."""
+    """Arrays of the scene, "field.name", that have a part for each world."""
 
 
 @functools.cache

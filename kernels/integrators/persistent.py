@@ -12,7 +12,7 @@ from .composition import Composition, beginning, by_first_lane, tools
 from .worlds import enter_world, to_world
 
 MOST_THREADS = 512
-"""Threads in a block; the compiler leaves registers for so many."""
+"""Threads in a block; the compiler leaves registers for this many."""
 WAIT = """
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
     asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");

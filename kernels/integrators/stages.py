@@ -136,7 +136,7 @@ def each_column(composition: Composition, method: Any):
                     if wp.static(load is not None):
                         mask = wp.uint8(0)
                         if wp.static(masked_particles):
-                            mask = scene.effect_mask[i + d * stride]  # asked for earlier, it was slower
+                            mask = scene.effect_mask[i + d * stride]  # loaded earlier, it was slower
                         forces[d] += load(scene, step.compensation, step.x, step.v, i + d * stride, mask)
                     advance(scene, step, forces[d], i + d * stride)
 

@@ -55,7 +55,7 @@ def attachments(
         turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
-            ahead: int  # the velocity after a stage stands so many rows behind that before it
+            ahead: int  # rows from the velocity before a stage to that after it
             # Work by each [J], shape [2, attachment_count]: what is done, and by the force to come with the
             # velocity so far, that force taken as the last one
             done: wp.array2d(dtype=wp.float64)

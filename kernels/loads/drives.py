@@ -39,7 +39,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         # The second derivatives where the frame ends, one for each drive:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
-        ahead: int  # the velocity after a stage stands so many rows behind that before it
+        ahead: int  # rows from the velocity before a stage to that after it
         # Work on what each drives [J], shape [2, driven count]: what is done, and by the
         # force to come with the velocity so far, that force taken as the last one
         done: wp.array2d(dtype=wp.float64)
@@ -98,7 +98,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             e = scene.drives.entry[i]
             if e >= 0:
                 exact = place(scene, e)
-                if wp.static(compensated):  # of which readers take what the start of the substep had lost
+                if wp.static(compensated):  # readers subtract the compensation of the substep's start
                     exact += Wide(load(compensation.x, i))
                 x = V(exact)
                 v = V(velocity(scene, e, scene.stage + 1))

@@ -8,6 +8,7 @@ import warp as wp
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
+from .work import Nothing
 
 
 @functools.cache
@@ -81,10 +82,6 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-
-    @wp.struct
-    class Nothing:
-        """The function has all that it needs."""
 
     def force(SceneData: Any):
         @wp.func

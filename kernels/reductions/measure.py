@@ -69,9 +69,9 @@ cache of this one. On the CPU a world has one thread.
 
 @functools.cache
 def add_up(column_count: int, block: int):
-    """Compose what adds up what the threads of each world have found: the last thing that a kernel does.
+    """Compose the last step of a kernel, which adds up the results of each world's threads.
 
-    The kernel is launched with blocks of so many threads, for each world as many as `blocks` has rows' entries.
+    The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] of them.
     """
     Columns = wp.types.vector(column_count, wp.float64)
 
@@ -108,9 +108,9 @@ def difference(dim: int, scalar: type, compensated: bool):
 def sum_up(
     dim: int, scalar: type, everything: bool, compensated: bool, law: Law, tears: bool, chosen: bool, block: int
 ):
-    """Compose the kernel that finds all that is asked of a state, in all of `columns`.
+    """Compose the kernel that fills all `columns` for a state.
 
-    With `everything` false a pass over the particles finds what tells of divergence, in so many as LOOKED.
+    With `everything` false it only goes over the particles, and fills the LOOKED columns that show divergence.
     With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
     have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
     """
@@ -253,7 +253,7 @@ def sum_up(
 @kernel
 def fold(
     shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
-    largest: int,  # the column of which the largest is wanted, not the sum; -1: none
+    largest: int,  # the column that is a maximum and not a sum; -1: none
     first: int,  # the column of the rows that the first one goes to
     rows: wp.array3d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
 ):

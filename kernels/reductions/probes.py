@@ -78,12 +78,12 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
             if wp.static(compensated):
                 place = place - Wide(x_lost[at])
                 speed = speed - Wide(v_lost[at])
-            told = function(place, speed, member[m])
+            result = function(place, speed, member[m])
             if wp.static(width == 0):
-                shares[w, share, 0] = shares[w, share, 0] + weight * told
+                shares[w, share, 0] = shares[w, share, 0] + weight * result
             else:
                 for k in range(wp.static(columns)):
-                    shares[w, share, k] = shares[w, share, k] + weight * told[k]
+                    shares[w, share, k] = shares[w, share, k] + weight * result[k]
             m += shares.shape[1]
 
     return mean_of_each

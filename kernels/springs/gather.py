@@ -80,7 +80,7 @@ def gather(
         following = neighbours(forces.other, slot)
         while slot < end:
             others = following
-            # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
+            # The next neighbours are loaded before these are used, to wait less for memory.
             following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
                 j = others[n]

@@ -99,7 +99,7 @@ def stencil_of_lanes(
             v_i = load(v, i)
         force = V()
         for n in range(wp.static(rounds)):
-            # Chosen from what the kernel is launched with: read from a table, positions would be asked for later.
+            # Chosen among kernel arguments: reading a table first would delay the loads of positions.
             offset = int(0)
             for m in range(wp.static(lanes)):
                 if wp.static(n * lanes + m < count):

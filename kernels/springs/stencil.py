@@ -53,9 +53,9 @@ def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
 def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
     """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
-    Bits of neighbours are cleared whose springs are too long, and the force is summed anew without them. This
-    is seldom done, and so kept out of the loops that are unrolled for each neighbour. `kinds` are the first five
-    arguments of `stencil`.
+    The bits of springs that are too long are cleared, and the force is summed again without them. This is rare,
+    and so kept out of the loops that are unrolled for each neighbour. `kinds` are the first five arguments of
+    `stencil`.
     """
     dim, scalar, damper, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)

@@ -349,7 +349,7 @@ class System:
 
 
 def counted(count: int, what: str) -> str:
-    """Return so many of something, such as "1 particle"."""
+    """Return a count with its noun, such as "1 particle"."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 

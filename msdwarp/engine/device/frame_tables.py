@@ -1,4 +1,4 @@
-"""In frames: numbers that depend on time, as tables on a device that are filled anew for each frame."""
+"""Frame tables: numbers that depend on time, in tables on a device that are filled for each frame."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,11 +12,11 @@ from .device import view_of
 Tables = dict[str, NDArray]
 """Tables by name, of the device's precision; those of vectors and matrices have their coordinates behind."""
 _ALIGNED = 4
-"""Tables begin at multiples of so many numbers, as the device likes to read them."""
+"""Tables begin at multiples of this many numbers, so that the device reads them fast."""
 
 
 class InFrames:
-    """Tables on a device that say for each frame what the host knows of it: poses, forces, rest lengths.
+    """Tables on a device with numbers that the host computes for each frame: poses, forces, rest lengths.
 
     They lie in one piece of memory, there and on the host, so that a frame costs one copy. A frame can be prepared
     while the one before it runs.
@@ -56,7 +56,7 @@ class InFrames:
     def prepare(self, time: float) -> None:
         """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
 
-        What goes wrong is that frame's affair: it is raised when it begins, if it ever does.
+        An error is raised only when that frame begins.
         """
         try:
             self._fill_in(time)
@@ -70,11 +70,11 @@ class InFrames:
         """
         if self._holds != time:
             self._fill_in(time)
-        self._holds = None  # what has been used is not used again, as functions need not repeat themselves
+        self._holds = None  # each frame is filled once: a function need not return the same again
         self._copy()
 
     def upload(self, fill: Callable[[Tables], None]) -> None:
-        """Have the device's tables be what `fill` makes of those that were there last, until a frame begins."""
+        """Let `fill` change the last tables, and upload them; they hold until a frame begins."""
         self._wait()
         self._holds = None
         fill(self.tables)

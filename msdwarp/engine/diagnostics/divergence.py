@@ -36,11 +36,10 @@ class Baseline(NamedTuple):
 class DivergenceMonitor:
     """Looks at a state from the device, and costs one pass over the particles.
 
-    Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
-    and gravitational energy together may never exceed their sum, and the work of what acts from outside: loads,
-    drives, obstacles that move. They are taken to have a source in the
-    stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
-    weight times the system's size.
+    The kinetic, elastic and gravitational energy of the start can only change form or turn to heat. So kinetic and
+    gravitational energy together may never exceed that sum plus the work of loads, drives and moving obstacles. If
+    they do so by `energy_limit` times the scale, the run has diverged. The scale is the kinetic and elastic energy
+    at the start plus the weight times the system's size.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class DivergenceMonitor:
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
-        """Return the first particle that is not finite, else the fastest, of the state last told of."""
+        """Return the first particle that is not finite, else the fastest, of the state that was read last."""
         if self._first < self._model.particle_count:
             return self._first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))

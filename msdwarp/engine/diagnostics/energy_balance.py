@@ -17,7 +17,7 @@ FEW = 32**3
 
 
 class EnergyBalance(NamedTuple):
-    """What a state holds, as far as growth can be told from it."""
+    """Energies of a state that show whether energy grows."""
 
     energy: float
     """Kinetic, elastic, gravitational and other stored energy, as the method conserves it, less work [J]."""
@@ -36,7 +36,7 @@ class EnergyBalance(NamedTuple):
 
 
 class EnergySums:
-    """Tells the balance of a state, of sums that can be recorded.
+    """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
     stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
@@ -61,24 +61,24 @@ class EnergySums:
             self._dynamics.launch(kick, h=self._lag, **fields)
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
-    def balance(self, told: list[float]) -> EnergyBalance:
-        """Return the balance of the present state, of what was found."""
-        model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
-        work = 0.0 if self._work is None else float(self._work.before[0]) + told[columns.WORK]
-        free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
+    def balance(self, found: list[float]) -> EnergyBalance:
+        """Return the balance of the present state, from the numbers that were found."""
+        model, kinetic, elastic = self._model, found[columns.MEAN_KINETIC], found[columns.ELASTIC]
+        work = 0.0 if self._work is None else float(self._work.before[0]) + found[columns.WORK]
+        free, swing = kinetic + found[columns.POTENTIAL] - work, found[columns.SWING]
         now = self._state.x, self._state.v
         stored = sum(float(one.energies_and_powers(*now)[0][0]) for one in self._storing)
         energy = free + elastic + stored - swing
         together = 0.0
         if not model.pinned:
-            momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]
+            momentum = found[columns.MOMENTUM : columns.MOMENTUM + model.dim]
             together = 0.5 * sum(one * one for one in momentum) / self._mass
         inner = max(kinetic - together, 0.0) + elastic
-        return EnergyBalance(energy, swing, inner, kinetic, free, told[columns.STRAIN], work)
+        return EnergyBalance(energy, swing, inner, kinetic, free, found[columns.STRAIN], work)
 
 
 def is_told_by_frames(dynamics: Dynamics) -> bool:
-    """Tell whether frames had better find their balance themselves than have it found when it is asked for."""
+    """Tell whether it is faster to compute the balance in each frame than on request."""
     model = dynamics.model
     few = model.particle_count < FEW and not model.in_worlds
     return model.device.is_cuda and few and not dynamics.launches_before_forces
@@ -93,7 +93,7 @@ def mass(model: Model) -> Any:
 def weight(model: Model) -> Any:
     """Return the weight of all that is not pinned [N]."""
     falling = model.row_of("gravity")
-    if model.falling is not None:  # a scale of it is all that is asked for
+    if model.falling is not None:  # only its scale matters
         falling = model.falling.at(np.zeros(1), model.dim)
     return mass(model) * model.of_each(np.linalg.norm(falling, axis=1))
 

@@ -77,7 +77,7 @@ class FrozenWorlds:
         )
 
     def tell_contact(self) -> None:
-        """Have contact between bodies know which worlds are frozen, of which lists need not hold."""
+        """Tell contact between bodies which worlds are frozen: their lists may be too short."""
         if self._contact is not None:
             self._contact.frozen = self._frozen.numpy() != RUNNING
 

@@ -52,7 +52,7 @@ class Found:
 class Sweep:
     """Launches kernels that go over all worlds once, and add up in the same launch what their threads find.
 
-    There are up to `count` things of a kind to go over in a world, and so many numbers are `found`.
+    A world has up to `count` particles or connections to go over; `found` is how many numbers are summed.
     """
 
     def __init__(self, model: Model, count: int, found: int) -> None:

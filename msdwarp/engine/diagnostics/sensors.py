@@ -150,7 +150,7 @@ class GroupMeans:
 
 
 def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return room for the sums over so many members by the threads of each world."""
+    """Return zeros for the sums over `count` members by the threads of each world."""
     most = max(MOST_THREADS // model.worlds, 1)
     threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
     return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)

@@ -65,7 +65,7 @@ class Work(Effect):
             self.before -= (forces * rows).sum(axis=(1, 2))[np.arange(model.worlds) % len(rows)]
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         # With one force a substep, half of it is taken with the velocity before it and half with that after it.
         lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
         self._remaining = lags * dt

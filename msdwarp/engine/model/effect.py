@@ -45,10 +45,9 @@ class Steps(NamedTuple):
 class Effect:
     """What acts in a scene beside springs, dampers and gravity.
 
-    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`, which finds out
-    whether a scene has it: a scene without it compiles, stores and launches nothing of it. The stepper,
-    checkpoints, the watch and the measures each call every effect; an effect overrides what concerns it and leaves
-    the rest.
+    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`. A scene without
+    it compiles, stores and launches nothing of it. The stepper, checkpoints, the divergence monitor and the
+    measures call every effect; an effect overrides the methods that concern it.
     """
 
     piece: ForceTerm | ColliderTerm | None
@@ -75,13 +74,13 @@ class Effect:
     """The substeps of the frames to come; known when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
-        """Take over what a run has left in the same effect of a model before a change."""
+        """Continue from the same effect of the model before a change."""
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Take what has threads of the CPU share what is launched in a frame; None where there is one thread."""
+        """Take the launcher that divides launches among threads of the CPU; None if there is one thread."""
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
 
     def begin_frame(self, time: float) -> None:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
@@ -106,10 +105,10 @@ class Effect:
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Make room for what is near what, of particles at x that move at v: where a run goes on, not begins."""
+        """Make room for neighbours of particles at x that move at v, where a run continues."""
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what finds out what is near what, for particles at x that move at v.
+        """Launch the search for neighbours, for particles at x that move at v.
 
         It is launched before every few substeps, and between frames wherever forces are taken. `within` tells
         whether the last search was in the same frame.
@@ -132,20 +131,20 @@ class Effect:
         return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
-        """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
+        """Launch the sum of the forces that `before_forces` has found, which the method applies for `seconds`.
 
-        Together that is the length of a substep; what is only looked at is not summed.
+        Over the stages of a substep these add up to its length. Forces that are only measured are not summed.
         """
 
     def look(self) -> None:
-        """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
+        """Launch the kernels whose results `is_void` reads, after the substeps of a frame; it may be recorded."""
 
     def is_void(self) -> bool:
         """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
         return False
 
     def warnings(self) -> str | None:
-        """Return words about what in the frame that was waited for may have gone wrong; None where nothing did."""
+        """Return a warning about the frame that was waited for; None if there is none."""
         return None
 
     def begin_substep(self, substep: int) -> bool:
@@ -183,5 +182,5 @@ class Effect:
         """
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what it stores [J], and what it turns to heat [W], of particles at x that move at v: by world."""
+        """Return the energy that it stores [J] and the power that it dissipates [W], by world."""
         return np.zeros(1), np.zeros(1)

@@ -115,7 +115,7 @@ class _Part(NamedTuple):
 
 
 def find_lattice(system: System) -> Lattice:
-    """Return a system's lattices, by the directions that it names, each of which is checked.
+    """Return a system's lattices by its named directions, and check each direction.
 
     Raises NotALattice if no connection is in a direction, a direction's connections do not follow its step, or
     their constants differ within a body.

@@ -40,9 +40,10 @@ LANES = {
     ("gather", "many"): ((20_000, 8), (32_000, 4)),
     ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
 }
-"""Up to how many particles so many threads share one, by algorithm and number of neighbours; one thread beyond.
+"""Pairs (most particles, threads to a particle), by algorithm and number of neighbours; beyond them one thread.
 
-From measurements on an H200; what has one thread in between is advanced by one block or cluster for a whole frame.
+From measurements on an H200. Between them some sizes have one thread: one block or cluster advances such systems
+for a whole frame.
 """
 
 

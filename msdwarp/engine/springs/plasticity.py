@@ -38,7 +38,7 @@ class Plasticity(Effect):
         self.data.rest_length = self.rest_length
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         self.data.h = dt
 
     @property
