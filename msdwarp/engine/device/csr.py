@@ -1,4 +1,4 @@
-"""Rows: what several of a kind are to each particle, as kernels find it: particle by particle."""
+"""Entries sorted by particle, as in a sparse matrix in CSR format."""
 
 import numpy as np
 from numpy.typing import NDArray

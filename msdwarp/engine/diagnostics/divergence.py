@@ -1,4 +1,4 @@
-"""Watches a run: has it diverged? And keeps the state that it can go back to."""
+"""Detects divergence of a run, and keeps the state that it can go back to."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -27,7 +27,7 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # What starts in an obstacle drags along what it is connected to.
+        # A body that starts in an obstacle drags along all that is connected to it.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
@@ -49,7 +49,7 @@ class DivergenceMonitor:
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
         self.told = list[float]()
-        """What was read last of what has been found."""
+        """The numbers that were read last."""
         self._sums = Sums(assembly, everything=False)
         self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
@@ -65,12 +65,12 @@ class DivergenceMonitor:
         """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
 
     def look(self, found: Found) -> None:
-        """Launch what finds out about the present state; it may be recorded."""
+        """Launch the sums over the present state; it may be recorded."""
         state = self._state
         self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
-        """Wait for what was found about the state of the only world, and tell whether it has diverged."""
+        """Wait for the sums over the state of the only world, and tell whether it has diverged."""
         self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self.most
         if self._work is not None:

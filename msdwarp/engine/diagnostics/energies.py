@@ -80,8 +80,8 @@ def measure(
 class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
-    Where `everything` is false, only what tells of divergence is found, by a pass over the particles. The work of
-    loads is added up too, unless `with_work` is false.
+    Where `everything` is false, only the columns that show divergence are found, by a pass over the particles. The
+    work of loads is added up too, unless `with_work` is false.
     """
 
     def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:

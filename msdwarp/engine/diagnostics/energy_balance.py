@@ -53,7 +53,7 @@ class EnergySums:
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
-        """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
+        """Launch the sums of the present balance and those of `DivergenceMonitor.look`; it may be recorded."""
         now = self._state.state_in
         if self._lag:
             seen = now.method_state[0] if now.method_state else now.v  # by dampers

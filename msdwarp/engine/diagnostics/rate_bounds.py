@@ -105,7 +105,7 @@ def _blocks(model: Model) -> list[wp.array]:
 
 
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add what effects do, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
+    """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
 
     They are twice the largest eigenvalue of a block over its particle's mass.
     """

@@ -34,7 +34,7 @@ class Found:
             self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Have `wait` wait for what has been launched by now."""
+        """Have `wait` wait for all launches so far."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
@@ -50,7 +50,7 @@ class Found:
 
 
 class Sweep:
-    """Launches kernels that go over all worlds once, and add up in the same launch what their threads find.
+    """Launches kernels that go over all worlds once, and add up the results of their threads in the same launch.
 
     A world has up to `count` particles or connections to go over; `found` is how many numbers are summed.
     """

@@ -53,7 +53,7 @@ class Sensors:
         on_gpu = model.device.is_cuda
         shape = (readings, model.worlds, ROWS if on_gpu and not model.in_worlds else 1, first)
         self._rows = wp.zeros(shape, dtype=wp.float64, device=model.device)
-        # What the host reads: on a GPU pinned, as what the watch has found is.
+        # The copy that the host reads: on a GPU in pinned memory.
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
@@ -104,7 +104,7 @@ class _Sum:
         self._shares = _shares(model, len(member), self.width)
 
     def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
-        """Launch the sum over the group of what its particles have, or of the strains of its connections."""
+        """Launch the sum of `values` over the group's particles, or of the strains of its connections."""
         model, compensated, largest = self._model, self._model.compensated and lost is not None, -1
         kernel = sum_of_group(model.dim, values.dtype, compensated)
         if self.what == STRAIN:
@@ -114,7 +114,7 @@ class _Sum:
         _fold(self._shares, rows, self._first, largest)
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-        """Return what the probe tells in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
+        """Return the probe's values in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
         own = rows[..., self._first : self._first + self.width]
         result = total = own.sum(axis=2)
         if self.what == STRAIN:
@@ -157,13 +157,13 @@ def _shares(model: Model, count: int, width: int) -> wp.array:
 
 
 def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
-    """Launch the sum of what threads have found, into a few rows."""
+    """Launch the sum of the threads' shares into a few rows."""
     threads = (*rows.shape[:2], shares.shape[2])
     wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
 
 
 def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what each particle of a group counts, and the mass of those that are free [kg], by rows of masses."""
+    """Return the weight of each particle of a group, and the mass of the free ones [kg], by rows of masses."""
     free = np.where(np.isfinite(mass), mass, 0.0)
     total = free.sum(axis=1)
     if what in (FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE):
@@ -180,6 +180,6 @@ def sensors_of(
     seconds: float,
     contact_forces: ContactForces | None,
 ) -> Sensors | None:
-    """Return what measures for the probes that are read "frame" by frame, or every "substep"; None without any."""
+    """Return the sensors that are read every "frame" or every "substep"; None if there are none."""
     requested = probes_by(every, dynamics.assembly.probes)
     return Sensors(dynamics, state, requested, readings, seconds, contact_forces) if requested else None

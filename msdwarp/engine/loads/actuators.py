@@ -15,7 +15,7 @@ from ..model.model import Model
 from ..model.stage_tables import StageTables
 
 AHEAD = np.arange(600) / 60.0
-"""When the bound of the rates looks at what muscles will do [s]."""
+"""Times at which the bound of the rates evaluates the strains of muscles [s]."""
 
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
@@ -25,7 +25,7 @@ def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None
 
 
 class ActuatedSprings(StageTables):
-    """Rest lengths that are functions of time: what springs of those pull more than springs of their own."""
+    """Rest lengths that are functions of time, as the extra tension of their springs."""
 
     table = "strain"
 
@@ -64,7 +64,7 @@ class ActuatedSprings(StageTables):
         return self._model.row_of(name)[:, self._connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add what contracted muscles pull across their axes, at the largest contraction that is known."""
+        """Add the stiffness of contracted muscles across their axes, at the largest known contraction."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self._connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])

@@ -1,4 +1,4 @@
-"""Attachments: particles held by springs to points of the world, or of what moves in it, on a device."""
+"""Attachments: particles held by springs to fixed or moving points, on a device."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -93,7 +93,7 @@ class AttachmentSprings(FrameTables):
             values[name] = numbers[order]
         self._member_count = len(member)
         for name, numbers in values.items():
-            if len(numbers):  # what is beyond is of nobody
+            if len(numbers):  # the rest of the array is unused
                 array = getattr(data, name)
                 source = wp.array(numbers, dtype=array.dtype, device="cpu")
                 wp.copy(array, source, count=len(numbers))
@@ -109,7 +109,7 @@ class AttachmentSprings(FrameTables):
             except ValueError:  # before any row was filled
                 self._named, self._hands = before
                 raise
-            if self.done is not None:  # rows are of others now: what was done counts in all
+            if self.done is not None:  # rows now belong to other springs: only the sum of their work counts
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()
                 self.done.assign(done)
@@ -156,7 +156,7 @@ class AttachmentSprings(FrameTables):
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""
+        """Add half the stiffness and damping of each: the bound doubles them, as for springs with two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 

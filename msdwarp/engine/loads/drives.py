@@ -82,7 +82,7 @@ class Drives(FrameTables):
             self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
 
     def place(self, state: State, time: float, fps: float) -> None:
-        """Put what is driven where it is at `time` [s], with the velocity that it has there."""
+        """Write the positions and velocities of driven particles at `time` [s]."""
         model = self._model
         held = np.zeros(model.particle_count, dtype=bool)
         places, speeds = np.zeros((2, 1, model.particle_count, model.dim))
@@ -115,7 +115,7 @@ class Drives(FrameTables):
             turn, shift = self._poses(name, one, times)
             self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
             tables["turn"][:, k], tables["shift"][:, k] = turn[self._rows], shift[self._rows]
-            # Of differences, so that what stands still has none to the last bit.
+            # From differences, so that particles at rest have exactly no velocity.
             off = np.concatenate([(turn - turn[0]).reshape(len(turn), -1), shift - shift[0]], axis=1)
             rates = self._weights @ off
             tables["turning"][:, k] = rates[:, : dim * dim].reshape(-1, dim, dim)

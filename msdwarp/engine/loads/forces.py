@@ -13,7 +13,7 @@ from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
 
 Named = Sequence[tuple[str, Force]]
-"""Forces, and what they are called."""
+"""Forces, each with its name in messages."""
 
 
 def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:

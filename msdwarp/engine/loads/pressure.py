@@ -88,7 +88,7 @@ class Gases(SurfacePressure):
         self.by_world = ("value",)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what finds the pressures for particles at x."""
+        """Launch the computation of the pressures for particles at x."""
         model, ends = self._model, self._faces.ends
         threads, stride = THREADS if model.device.is_cuda else 1, model.stride
         if self._vertices is not None:

@@ -16,7 +16,7 @@ from ..model.stage_tables import StageTables
 from .surface_triangles import Faces, area_vectors
 
 Named = Sequence[tuple[str, Wind]]
-"""Winds, and what they are called."""
+"""Winds, each with its name in messages."""
 
 
 def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:

@@ -86,20 +86,20 @@ class Effect:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
 
     def place(self, state: Any, time: float, fps: float) -> None:
-        """Set what the effect prescribes of a `State` at `time` [s], where one of `fps` frames a second begins."""
+        """Write the prescribed part of a `State` at `time` [s], where one of `fps` frames a second begins."""
 
     def prepare(self, time: float) -> None:
-        """Do on the host what can be done early for the frame that begins at `time` [s], while another is running.
+        """Prepare early, on the host, for the frame that begins at `time` [s], while another is running.
 
         That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
         and nothing is raised.
         """
 
     def hold(self, time: float) -> None:
-        """Have all stages see what there is at `time` [s]: for what is launched between frames."""
+        """Have all stages see the values at `time` [s], for launches between frames."""
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take other values of the same loads: in place of each key what stands for it; then `hold` is called.
+        """Replace each load that is a key by its value, of the same kind; then `hold` is called.
 
         Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
         """
@@ -115,7 +115,7 @@ class Effect:
         """
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what the forces on particles at x, which move at v, need before they are taken.
+        """Launch what forces need before they are evaluated, for particles at x that move at v.
 
         `compensation` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an
         effect does so, each stage is a launch of its own.
@@ -148,20 +148,20 @@ class Effect:
         return None
 
     def begin_substep(self, substep: int) -> bool:
-        """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
+        """Prepare for the launches of a substep of a frame, counted from 0; return whether `data` changed."""
         return False
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays that substeps change: what going back to the start of a frame must bring back."""
+        """Arrays that substeps change, which going back to the start of a frame must restore."""
         return []
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return what substeps have changed, by name, in an order that is the same on any device."""
+        """Return the state that substeps have changed, by name, in an order that is the same on any device."""
         return {}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore the state that `checkpoint` returned."""
 
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that the run has changed, as they are now."""

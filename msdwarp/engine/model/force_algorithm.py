@@ -88,7 +88,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
         return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
-    # Of what a stencil computes for missing neighbours nothing is used.
+    # Nothing that a stencil computes for missing neighbours is used.
     used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)

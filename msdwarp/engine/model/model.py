@@ -45,7 +45,7 @@ class Model:
     """
 
     generation = 0
-    """Rises when what launches take becomes another array, number or kernel: what was recorded before is void."""
+    """Rises when an argument of launches or a kernel is replaced: graphs recorded before are then void."""
 
     @in_turn
     def __init__(
@@ -94,7 +94,7 @@ class Model:
         self.damper = system.damper.law if system.damping.any() else None
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
         """Which particles prescribed motions move, shape [particle_count]."""
-        # What is driven no force moves: as what is pinned, it has no end of mass.
+        # No force moves driven particles: like pinned ones they have infinite mass.
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
         if "mass" in self.rows and self.driven.any():
@@ -173,7 +173,7 @@ class Model:
     def _check_masses(self) -> None:
         """Raise ValueError for a mass whose inverse this precision has not: as 0 it would pin the particle."""
         mass, numbers = self.system.mass, np.finfo(self.dtype)
-        # Inverses are kept to numbers of full accuracy: what is smaller some devices take for 0.
+        # Inverses must be normal numbers: some devices take smaller ones for 0.
         least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
         one = stored(mass)
         fits = np.isinf(one) | ((one >= least) & (one <= most))
@@ -187,11 +187,11 @@ class Model:
         checks.within(name, values, (lambda v: np.abs(v) <= most, f"at most {most:.2g} in {self.precision}"))
 
     def ordered(self, values: NDArray) -> NDArray:
-        """Return what connections have in the order that connections are in on the device."""
+        """Return values of connections in the order of the device."""
         return values if self.order is None or is_uniform(values) else values[self.order]
 
     def in_system_order(self, values: NDArray) -> NDArray:
-        """Return what connections have on the device in the order of the system's connections."""
+        """Return values of connections, in the device's order, in that of the system."""
         if self.order is None:
             return values
         result = np.empty_like(values)
@@ -215,7 +215,7 @@ class Model:
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
-        """Upload numbers of shape [rows, count]; what is the same all along a row is stored once."""
+        """Upload numbers of shape [rows, count]; rows of equal numbers are stored once."""
         if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
@@ -244,7 +244,7 @@ class Model:
         return table
 
     def by_world(self, vectors: NDArray) -> NDArray:
-        """Return a view of shape [worlds, particle_count, d] of what arrays of `vectors` hold, on the host."""
+        """Return a view, of shape [worlds, particle_count, d], of an array of `vectors` on the host."""
         return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
 
     def of_each(self, rows: NDArray) -> Any:
@@ -263,7 +263,7 @@ class Model:
         return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload what connections have, 0 for broken ones; where any can break, a number for each."""
+        """Upload values of connections, 0 for broken ones; if any can break, a number for each."""
         if self.system.tears:
             values = np.where(self.system.broken, 0.0, values)
         return self._upload(self.ordered(values), name)

@@ -53,7 +53,7 @@ class StageTables(FrameTables):
     table = "value"
     """What kernels call the table."""
     named: Sequence[tuple[str, Any]] = ()
-    """The loads that it is of, and what messages call what they give."""
+    """Its loads, each with the name in messages of its values."""
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
@@ -96,5 +96,5 @@ class StageTables(FrameTables):
 
 
 def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:
-    """Return loads, and what they are called, with what stands for them in place of some."""
+    """Return named loads, some of them replaced by others."""
     return [(name, others.get(one, one)) for name, one in named]

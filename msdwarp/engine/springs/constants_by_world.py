@@ -25,7 +25,7 @@ class EnsembleForces(NamedTuple):
     force_algorithm: Any
     """As the forces of one world have it."""
     data: Any
-    """The struct that its kernels read: what worlds share."""
+    """The struct that its kernels read, which worlds share."""
     storage: str = ""
     """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)

@@ -1,4 +1,4 @@
-"""The algorithms, as a model needs them: what their kernels read, on the device.
+"""The force algorithms of a model: the arrays that their kernels read, on the device.
 
 `data` is the struct that the functions of `force_algorithm` read; see `msdwarp.kernels.springs`.
 """
@@ -172,7 +172,7 @@ def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
 
 
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
-    """Return (first, other, connection): where slices of the table begin, and what each slot names.
+    """Return (first, other, connection): where slices of the table begin, and each slot's particle and spring.
 
     The slots of a particle are in the order of its springs, whatever the device; slots that pad name no
     spring (−1), and the particle itself.
@@ -239,7 +239,7 @@ class Stencil:
         upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill in what lanes read, with a mask whose bits are in the order in which they take neighbours."""
+        """Fill in the struct that lanes read, with mask bits in the order in which they take neighbours."""
         constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
         constants[: len(own)] = own

@@ -20,8 +20,8 @@ JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
 class Fracture(Effect):
     """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
-    The algorithms look for what is too long, since they know how long everything is. Each has an array
-    that says who is joined with whom, from which it strikes out what breaks.
+    The algorithms look for springs that are too long, since they compute all lengths. Each has an array of who is
+    joined with whom, and removes broken springs from it.
     """
 
     piece = None
@@ -57,7 +57,7 @@ class Fracture(Effect):
             self._summed.append(data.steepest)
         self._joined: list[wp.array] = []
         self.joined_field = JOINED[model.force_algorithm]
-        """What the algorithm calls the array from which it strikes out what breaks."""
+        """Name of the algorithm's array from which broken springs are removed."""
         self._strike_out: Callable[[], None] = lambda: None
 
     def _give_each_world_its_own(self) -> None:
@@ -73,7 +73,7 @@ class Fracture(Effect):
             model.tables[name] = array.reshape((model.worlds, model.connection_count))
 
     def repeat_for_worlds(self, forces: Any) -> None:
-        """Have an algorithm's struct hold, for each world, what breaking strikes out."""
+        """Give each world its own copy of the array from which broken springs are removed."""
         one = getattr(forces, self.joined_field)
         each = np.tile(one.numpy(), (self._model.worlds, *[1] * (one.numpy().ndim - 1)))
         joined = wp.array(each, dtype=one.dtype, device=one.device)
@@ -81,7 +81,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Have an algorithm strike out what is broken already of the array that says who is joined."""
+        """Keep an algorithm's array of who is joined, and remove the springs that are broken already."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
@@ -100,13 +100,13 @@ class Fracture(Effect):
         self.data.start.assign(np.array([time]))
 
     def begin_substep(self, substep: int) -> bool:
-        """Let what is launched next begin a substep."""
+        """Make the next launch begin a substep."""
         self.data.substep = substep
         return True
 
     @property
     def changing(self) -> list[wp.array]:
-        """What is broken, and what follows from it."""
+        """When springs broke, and the arrays that follow from it."""
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
@@ -114,7 +114,7 @@ class Fracture(Effect):
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave, of a run in which as much is broken or more."""
+        """Restore the state that `checkpoint` returned; the same springs or more are broken in it."""
         self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
         broken = self.broken
         for constants in self._summed:

@@ -1,4 +1,4 @@
-"""Plasticity: springs that give way for good; their rest lengths become state."""
+"""Plasticity: springs that deform permanently; their rest lengths become state."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
-"""What the system says of each spring that may yield."""
+"""Fields of the system that describe how springs yield."""
 
 
 class Plasticity(Effect):
@@ -51,7 +51,7 @@ class Plasticity(Effect):
         return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore the state that `checkpoint` returned."""
         self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:
