@@ -1,7 +1,7 @@
 """Where arrays lie: shifted to another place, and said to be in the memory in which they are.
 
 A kernel that reads its arrays' addresses from memory does not know which memory they point to, and then reads by
-slower instructions than it would otherwise: what is known is said (`Place`).
+slower instructions than it could: so the kernel tells the compiler (`Place`).
 """
 
 import functools

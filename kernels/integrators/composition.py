@@ -1,4 +1,4 @@
-"""What the kernels of a scene are composed from, and what a stage of a method is."""
+"""The parts that kernels of a scene are composed from, and the stage of a method."""
 
 import functools
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from .differences import Differences, world_data
 
 
 class Composition(NamedTuple):
-    """What a method's functions are composed from; hashable, so that equal scenes share kernels."""
+    """The parts of a method's functions; hashable, so that equal scenes share kernels."""
 
     dim: int
     """Number of coordinates."""
@@ -26,11 +26,11 @@ class Composition(NamedTuple):
     force_algorithm: ForceAlgorithm
     """How a particle gets the force of its connections."""
     compensated: bool = False
-    """Whether sums keep what rounding takes away."""
+    """Whether sums are compensated for rounding."""
     pinned: bool = False
     """Whether any particle is pinned."""
     collider_term: ColliderTerm = NO_COLLIDERS
-    """What keeps particles out of obstacles."""
+    """Contact with obstacles."""
     pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
     second_pass: bool = False
@@ -53,9 +53,9 @@ class Stage(NamedTuple):
     """A method as seen from one particle."""
 
     Step: Any
-    """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
+    """Struct type that a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
     advance: Any
-    """wp.func (world, step, force, i): advance particle i, on which this force acts."""
+    """wp.func (scene, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
     """Whether it takes the force; else that is 0."""
 
@@ -101,7 +101,7 @@ class Tools(NamedTuple):
     SceneData: Any
     """Struct type of what acts on particles."""
     Compensation: Any
-    """Struct type of what sums have lost by rounding."""
+    """Struct type of the compensation of sums."""
     load: Any
     """wp.func (x, i) -> x[i]."""
     store: Any
@@ -121,7 +121,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose what effects do to connection c when a substep begins, (world, lost, x, c); None if nothing."""
+    """Compose the start of a substep for connection c, (scene, compensation, x, c); None if effects do nothing."""
     _, SceneData, Compensation, *_ = tools(composition)
     Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
@@ -138,9 +138,9 @@ def beginning(composition: Composition) -> Any:
 
 @functools.cache
 def loads(composition: Composition) -> Any:
-    """Compose the sum of effects' forces on a particle [N], (world, lost, x, v, i, mark); None if there are none.
+    """Compose the sum of effects' forces on a particle [N], (scene, compensation, x, v, i, mask).
 
-    `mask` says which selective effects act on the particle, as `scene.effect_mask` does.
+    `mask` says which selective effects act on the particle, as `scene.effect_mask` does. None if there are none.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     selective, Vectors = composition.selective, wp.array(dtype=V)
@@ -187,7 +187,7 @@ def loads(composition: Composition) -> Any:
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
 
-    Only the first of them does what they do. Where a particle has one thread they are the functions themselves.
+    Only the first lane calls them. Where a particle has one thread they are the functions themselves.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)
@@ -214,11 +214,11 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
 @functools.cache
 def driving(composition: Composition) -> Driving:
-    """Compose what moves driven particles."""
+    """Compose the functions that move driven particles."""
     SceneData = scene(composition)
     return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Return one function that does what several do, one after the other; None if there are none."""
+    """Join several functions into one that calls them in turn; None if there are none."""
     return functools.reduce(both, functions) if functions else None

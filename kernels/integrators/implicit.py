@@ -97,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
 
-    Of driven particles `impulse` is what the forces of the whole substep did, which their drives held out against.
+    For driven particles `impulse` is that of the forces of the whole substep, which their drives balance.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

@@ -13,12 +13,12 @@ from ..records import records
 
 @functools.cache
 def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what drives add to kernels.
+    """Return the term of drives.
 
     What started at y is at turn y + shift, in float64: rounded once, a pose is as exact as a place can be. What a
     stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
 
-    The work of a drive is −f·v, f being the force on what it moves at v, which it holds out against. Over a
+    The work of a drive is −f·v, where f is the force on a particle that it moves at v. Over a
     substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. An
     implicit method solves for the force that acts during a substep; with that one it is −f·Δx.
     """

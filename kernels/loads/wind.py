@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _blows(dim: int, scalar: type, function: Any):
-    """Compose (Winds, air): what is known of the air, and its velocity at x for wind w in a stage of a frame."""
+    """Compose (Winds, air): data of the air, and its velocity at x for wind w in a stage of a frame."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -36,7 +36,7 @@ def _blows(dim: int, scalar: type, function: Any):
 def wind_on_faces(
     dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, any_closed: bool = False
 ) -> ForceTerm:
-    """Return what wind on a surface adds to kernels: the force of the air on the triangles around a particle.
+    """Return the term of wind on a surface: the force of the air on the triangles around a particle.
 
     With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
 
@@ -103,7 +103,7 @@ def wind_on_faces(
 
 @functools.cache
 def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
-    """Return what wind on particles adds to kernels: −½ ρ C_d A |u| u on a particle of area A."""
+    """Return the term of wind on particles: −½ ρ C_d A |u| u on a particle of area A."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     Winds, air = _blows(dim, scalar, function)

@@ -1,4 +1,4 @@
-"""Columns of what kernels find about a whole state, in float64."""
+"""Columns of the measures of a whole state, in float64."""
 
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
 """Less the first particle that is not finite, or less NONE; largest |l / l0 − 1|, 0 where nobody looks; three [J].

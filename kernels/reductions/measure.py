@@ -60,7 +60,7 @@ ADD_UP = """
         found.data[static_cast<size_t>(world) * found.shape[1] + c] = own[c];
 #endif
 """
-"""A warp adds up each column; the block of a world that comes last does so with what all of them have found.
+"""A warp adds up each column; the last block of a world adds up the results of all of them.
 
 They are added in their order, which no race decides. What other blocks have written is read as volatile, past the
 cache of this one. On the CPU a world has one thread.
@@ -131,14 +131,14 @@ def sum_up(
         counts: wp.array(dtype=wp.uint8),  # whether its strain does, shape [connection_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m]
         u: wp.array(dtype=V),  # velocities as the method has them [m/s]
         v: wp.array(dtype=V),  # those at the instant of the positions [m/s]
         work: wp.array(dtype=wp.float64),  # to be added up [J], as many numbers for each world
         stride: int,  # from one world to the next, in particles
         # Between:
         threads: int,  # how many each world has
-        blocks: wp.array3d(dtype=wp.float64),  # what each has found, shape [worlds, columns, block_count]
+        blocks: wp.array3d(dtype=wp.float64),  # partial results, shape [worlds, columns, block_count]
         done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [worlds]
         # Out:
         found: wp.array2d(dtype=wp.float64),  # shape [worlds, columns or more]
@@ -277,7 +277,7 @@ def put_in_order(
     # Out:
     result: wp.array(dtype=wp.float32),  # shape [connection_count]
 ):
-    """Write what connections have in another order."""
+    """Write values of connections in another order."""
     c = wp.tid()
     result[place[c]] = values[c]
 
@@ -300,7 +300,7 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
         place: wp.array(dtype=int),  # where the strain of each goes, shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count]
         # Out:
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):

@@ -51,7 +51,7 @@ def lane_of(lanes: int):
 
 @functools.cache
 def sum_over_lanes(dim: int, scalar: type, lanes: int):
-    """Compose the sum of what the lanes of a particle have found."""
+    """Compose the sum over the lanes of a particle."""
     V = vector(dim, scalar)
 
     @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))

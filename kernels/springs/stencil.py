@@ -41,7 +41,7 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a number for what a stencil's loops compile in, and for how many things they take together.
+    """Return a number for all that a stencil's loops compile in, and for how many particles they take together.
 
     Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
     without this number in their sources two stencils of equally many rows would be taken for one.
@@ -248,7 +248,7 @@ def stencil(
     columns = column_forces(kinds, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
     single = scalar is wp.float32
-    # What is seldom done must not take registers from what each thread does.
+    # Rare code must not take registers from the code that each thread runs.
     bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
     return ForceAlgorithm(
         Forces,
@@ -293,7 +293,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
-        """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
+        """Return how particle d sees the record at place a of inner row r in layer p − 1."""
         row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
         return found.get((row, a - 1))
 

@@ -115,7 +115,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean over each body's springs of what each spring has; 0 where it has none."""
+    """Return the mean of each body's springs, given a value of each spring; 0 where it has none."""
     near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
     near = slice(None) if near is None else near
     of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1

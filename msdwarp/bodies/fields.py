@@ -127,7 +127,7 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
     length, rest = lengths(fields["position"], fields["connections"]), fields["rest_length"]
     stiffness = fields["stiffness"]
     longest = np.minimum(rest * (1 + strain), rest + break_stretch(force, stiffness))
-    # Lengths of what was placed unstrained are those of the rest but for rounding.
+    # Unstrained connections have their rest length but for rounding.
     bears = np.isfinite(fields["broken_at"]) | (length <= longest * (1 + 8 * np.finfo(np.float64).eps))
     if not bears.all():
         c = int(np.argmin(bears))

@@ -120,7 +120,7 @@ def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.floa
 
 
 def laid_bare(system: System) -> Bare:
-    """Return what is seen of lattice solids that tear at the times `broken_at` of a system.
+    """Return the visible parts of lattice solids that tear at the times `broken_at` of a system.
 
     When a cell parts (see `cells_parted_at`), its triangles of the surface disappear, and the faces that it shares
     with other cells are laid bare.
