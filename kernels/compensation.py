@@ -1,4 +1,4 @@
-"""Sums that keep what rounding takes away.
+"""Compensated sums.
 
 In float32 a small change added to a large position is rounded to nothing: at 400 m and h = 1/2640 s a particle
 slower than 4 cm/s would stand still. Kahan's summation carries the rounding error of each sum to the next one.
@@ -17,7 +17,7 @@ from .records import records
 
 @functools.cache
 def compensated_sum(dim: int, scalar: type, compensated: bool):
-    """Compose (Compensation, add): what sums have lost by rounding, and a function that gives the next sum.
+    """Compose (Compensation, add): the rounding errors of sums, and a function that returns the next sum.
 
     `add(total, change, lost, lost_out, i)` adds a change to a total.
 
@@ -47,6 +47,6 @@ def compensated_sum(dim: int, scalar: type, compensated: bool):
 
 
 def state_types(dim: int, scalar: type, compensated: bool) -> tuple[Any, Any, Any]:
-    """Return the types of a position, of an array of positions or velocities, and of what these have lost."""
+    """Return the types of a position, of an array of positions or velocities, and of their compensation."""
     V = vector(dim, scalar)
     return V, wp.array(dtype=V), compensated_sum(dim, scalar, compensated)[0]

@@ -1,18 +1,18 @@
-"""What an effect adds to the kernels of a scene: a scene without it compiles none of this."""
+"""The terms that effects add to the kernels of a scene; a scene without one compiles none of it."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
 class Driving(NamedTuple):
-    """What methods ask of drives, each None where nothing is driven. Free particles are left as they are."""
+    """Functions of drives that methods call, each None where nothing is driven. Free particles are unchanged."""
 
     holds: Any = None
     """wp.func (scene, i) -> whether particle i is driven."""
     acceleration: Any = None
     """wp.func (scene, force, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned.
 
-    Of what the force on a driven one does, its drive's work is summed.
+    The work of the force on a driven particle is added to that of its drive.
     """
     way: Any = None
     """wp.func (scene, i, begin, end) -> how far a driven particle goes between two stages of a frame [m]."""
@@ -30,7 +30,7 @@ class Driving(NamedTuple):
 class ForceTerm(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
-    Its functions are composed for the struct of what acts on particles, `SceneData`, in which the effect's data
+    Its functions are composed for the struct `SceneData`, in which the effect's data
     lie: each entry below is a function of that type which returns the `wp.func`, or None where there is nothing to
     do.
     """
@@ -40,7 +40,7 @@ class ForceTerm(NamedTuple):
     Data: Any
     """Struct type of the data."""
     begin: Callable[[Any], Any] | None = None
-    """wp.func (scene, compensation, x, c): what happens to spring c when a substep begins."""
+    """wp.func (scene, compensation, x, c): change spring c when a substep begins."""
     force: Callable[[Any], Any] | None = None
     """wp.func (scene, compensation, x, v, i) -> force on particle i [N], beside those of its springs.
 

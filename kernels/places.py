@@ -1,7 +1,7 @@
 """Where arrays lie: shifted to another place, and said to be in the memory in which they are.
 
 A kernel that reads its arrays' addresses from memory does not know which memory they point to, and then reads by
-slower instructions than it would otherwise: what is known is said (`Place`).
+slower instructions than it could: so the kernel tells the compiler (`Place`).
 """
 
 import functools
@@ -44,7 +44,7 @@ def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
 
 @functools.cache
 def shifts(Struct: Any, fields: tuple[str, ...], place: Place = Place.DEVICE) -> Any:
-    """Compose wp.func (s, bytes): arrays of a struct begin so many bytes further on, at that place.
+    """Compose wp.func (s, bytes): move the arrays of a struct by a number of bytes; they are at that place.
 
     Fields may be "of.fields".
     """

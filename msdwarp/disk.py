@@ -45,7 +45,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def _sync(path: Path, flags: int) -> None:
-    """Have the system put on the disk what it was given of a file or a folder."""
+    """Write all buffers of a file or a folder to the disk."""
     number = os.open(path, flags)
     try:
         os.fsync(number)
@@ -63,7 +63,7 @@ def failure_named(path: Path, failed: str = "could not be written") -> Iterator[
 
 
 def is_unfinished(path: Path) -> bool:
-    """Tell whether a file is what a process that was killed was about to write."""
+    """Tell whether a killed process left this file unfinished."""
     return path.name.startswith(".") and _MARK in path.name
 
 

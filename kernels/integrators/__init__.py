@@ -1,4 +1,4 @@
-"""Methods of integration: what their kernels are composed from, and their stages."""
+"""Methods of integration: the composition of their kernels, and their stages."""
 
 from .composition import (
     Composition as Composition,

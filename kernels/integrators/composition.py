@@ -1,4 +1,4 @@
-"""What the kernels of a scene are composed from, and what a stage of a method is."""
+"""The parts that kernels of a scene are composed from, and the stage of a method."""
 
 import functools
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from .differences import Differences, world_data
 
 
 class Composition(NamedTuple):
-    """What a method's functions are composed from; hashable, so that equal scenes share kernels."""
+    """The parts of a method's functions; hashable, so that equal scenes share kernels."""
 
     dim: int
     """Number of coordinates."""
@@ -26,22 +26,17 @@ class Composition(NamedTuple):
     force_algorithm: ForceAlgorithm
     """How a particle gets the force of its connections."""
     compensated: bool = False
-    """Whether sums keep what rounding takes away."""
+    """Whether sums are compensated for rounding."""
     pinned: bool = False
     """Whether any particle is pinned."""
     collider_term: ColliderTerm = NO_COLLIDERS
-    """What keeps particles out of obstacles."""
+    """Contact with obstacles."""
     pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
     second_pass: bool = False
     """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
     differs: Differences | None = None
     """`Differences` between the worlds of an ensemble; None outside of ensembles."""
-
-    @property
-    def Compensation(self) -> Any:
-        """Struct type of what sums have lost by rounding."""
-        return compensated_sum(self.dim, self.scalar, self.compensated)[0]
 
     @property
     def selective(self) -> list[ForceTerm]:
@@ -58,9 +53,9 @@ class Stage(NamedTuple):
     """A method as seen from one particle."""
 
     Step: Any
-    """Struct type of what a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
+    """Struct type that a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
     advance: Any
-    """wp.func (world, step, force, i): advance particle i, on which this force acts."""
+    """wp.func (scene, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
     """Whether it takes the force; else that is 0."""
 
@@ -106,7 +101,7 @@ class Tools(NamedTuple):
     SceneData: Any
     """Struct type of what acts on particles."""
     Compensation: Any
-    """Struct type of what sums have lost by rounding."""
+    """Struct type of the compensation of sums."""
     load: Any
     """wp.func (x, i) -> x[i]."""
     store: Any
@@ -126,16 +121,13 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose what effects do to connection c when a substep begins, (world, lost, x, c); None if nothing."""
-    SceneData, Compensation, V = (
-        scene(composition),
-        composition.Compensation,
-        vector(composition.dim, composition.scalar),
-    )
+    """Compose the start of a substep for connection c, (scene, compensation, x, c); None if effects do nothing."""
+    _, SceneData, Compensation, *_ = tools(composition)
+    Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
-        def begin(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        def begin(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
             first(scene, compensation, x, c)
             second(scene, compensation, x, c)
 
@@ -146,72 +138,48 @@ def beginning(composition: Composition) -> Any:
 
 @functools.cache
 def loads(composition: Composition) -> Any:
-    """Compose the sum of effects' forces on a particle [N], (world, lost, x, v, i, mark); None if there are none.
+    """Compose the sum of effects' forces on a particle [N], (scene, compensation, x, v, i, mask).
 
-    `mask` says which selective effects act on the particle, as `scene.effect_mask` does.
+    `mask` says which selective effects act on the particle, as `scene.effect_mask` does. None if there are none.
     """
     V, SceneData, Compensation, *_ = tools(composition)
-    selective = composition.selective
+    selective, Vectors = composition.selective, wp.array(dtype=V)
 
     def both(first: Any, second: Any) -> Any:
         @wp.func
         def load(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
+            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
         ) -> V:
             return first(scene, compensation, x, v, i, mask) + second(scene, compensation, x, v, i, mask)
 
         return load
 
-    def guarded(force: Any, bits: int) -> Any:
+    def masked(force: Any, bits: int) -> Any:
         @wp.func
-        def load_where_marked(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
+        def load_where_masked(
+            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
         ) -> V:
-            total = V()
-            if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
-                total = force(scene, compensation, x, v, i)
-            return total
+            if wp.static(bits == 0):
+                return force(scene, compensation, x, v, i)
+            else:
+                total = V()
+                if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
+                    total = force(scene, compensation, x, v, i)
+                return total
 
-        return load_where_marked
-
-    def unguarded(force: Any) -> Any:
-        @wp.func
-        def load_on_all(
-            scene: SceneData,
-            compensation: Compensation,
-            x: wp.array(dtype=V),
-            v: wp.array(dtype=V),
-            i: int,
-            mask: wp.uint8,
-        ) -> V:
-            return force(scene, compensation, x, v, i)
-
-        return load_on_all
+        return load_where_masked
 
     silent, working, effect_mask = [], [], 0
     for piece in composition.pieces:
         if piece.force is None:
             continue
         bits = 1 << selective.index(piece) if piece.selective else 0
-        force = guarded(piece.force(SceneData), bits) if bits else unguarded(piece.force(SceneData))
+        force = masked(piece.force(SceneData), bits)
         (working if piece.works else silent).append(force)
         effect_mask |= bits if piece.works else 0
     if working:
-        silent.append(
-            measured(
-                composition.dim, composition.scalar, SceneData, _joined(both, working), Compensation, effect_mask
-            )
-        )
+        kinds = (composition.dim, composition.scalar, SceneData)
+        silent.append(measured(*kinds, _joined(both, working), Compensation, effect_mask))
     return _joined(both, silent)
 
 
@@ -219,13 +187,13 @@ def loads(composition: Composition) -> Any:
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
 
-    Only the first of them does what they do. Where a particle has one thread they are the functions themselves.
+    Only the first lane calls them. Where a particle has one thread they are the functions themselves.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)
     if composition.force_algorithm.lanes == 1:
         return advance, load
-    lane = lane_of(composition.force_algorithm.lanes)
+    lane, Vectors = lane_of(composition.force_algorithm.lanes), wp.array(dtype=V)
 
     @wp.func
     def advance_once(scene: SceneData, step: Step, force: V, i: int):
@@ -234,12 +202,7 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
     @wp.func
     def load_once(
-        scene: SceneData,
-        compensation: Compensation,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        i: int,
-        mask: wp.uint8,
+        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
     ) -> V:
         total = V()
         if lane() == 0:
@@ -251,11 +214,11 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
 @functools.cache
 def driving(composition: Composition) -> Driving:
-    """Compose what moves driven particles."""
+    """Compose the functions that move driven particles."""
     SceneData = scene(composition)
     return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Return one function that does what several do, one after the other; None if there are none."""
+    """Join several functions into one that calls them in turn; None if there are none."""
     return functools.reduce(both, functions) if functions else None

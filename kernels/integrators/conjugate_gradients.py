@@ -18,17 +18,12 @@ def conjugate_gradients(dim: int, scalar: type):
     stay on the device, so that a graph can hold any number of iterations.
     Reference: Golub & Van Loan, Matrix Computations, 4th ed. (2013), 11.5.
     """
-    V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
+    V = vector(dim, scalar)
+    Vectors, Blocks = wp.array(dtype=V), wp.array(dtype=wp.types.matrix((dim, dim), scalar))
+    Numbers = wp.array(dtype=wp.float64)
 
     @kernel
-    def begin(
-        inverses: wp.array(dtype=Block),
-        r: wp.array(dtype=V),
-        x: wp.array(dtype=V),
-        p: wp.array(dtype=V),
-        threads: int,
-        numbers: wp.array(dtype=wp.float64),
-    ):
+    def begin(inverses: Blocks, r: Vectors, x: Vectors, p: Vectors, threads: int, numbers: Numbers):
         i = wp.tid()
         total = wp.float64(0.0)
         while i < r.shape[0]:
@@ -40,7 +35,7 @@ def conjugate_gradients(dim: int, scalar: type):
         wp.atomic_add(numbers, RZ, total)
 
     @kernel
-    def multiply(p: wp.array(dtype=V), q: wp.array(dtype=V), threads: int, numbers: wp.array(dtype=wp.float64)):
+    def multiply(p: Vectors, q: Vectors, threads: int, numbers: Numbers):
         i = wp.tid()
         total = wp.float64(0.0)
         while i < p.shape[0]:
@@ -50,14 +45,14 @@ def conjugate_gradients(dim: int, scalar: type):
 
     @kernel
     def advance(
-        inverses: wp.array(dtype=Block),
-        p: wp.array(dtype=V),
-        q: wp.array(dtype=V),
-        x: wp.array(dtype=V),
-        r: wp.array(dtype=V),
-        z: wp.array(dtype=V),
+        inverses: Blocks,
+        p: Vectors,
+        q: Vectors,
+        x: Vectors,
+        r: Vectors,
+        z: Vectors,
         threads: int,
-        numbers: wp.array(dtype=wp.float64),
+        numbers: Numbers,
     ):
         i = wp.tid()
         alpha = scalar(0.0)
@@ -73,7 +68,7 @@ def conjugate_gradients(dim: int, scalar: type):
         wp.atomic_add(numbers, NEXT_RZ, total)
 
     @kernel
-    def turn(z: wp.array(dtype=V), p: wp.array(dtype=V), numbers: wp.array(dtype=wp.float64)):
+    def turn(z: Vectors, p: Vectors, numbers: Numbers):
         i = wp.tid()
         beta = scalar(0.0)
         if numbers[RZ] > wp.float64(0.0):
@@ -81,7 +76,7 @@ def conjugate_gradients(dim: int, scalar: type):
         p[i] = z[i] + beta * p[i]
 
     @kernel
-    def shift(numbers: wp.array(dtype=wp.float64)):
+    def shift(numbers: Numbers):
         numbers[RZ] = numbers[NEXT_RZ]
         numbers[NEXT_RZ] = wp.float64(0.0)
         numbers[PQ] = wp.float64(0.0)

@@ -42,7 +42,7 @@ def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
 
 @wp.struct
 class PartOfParticles:
-    """What one of several threads advances."""
+    """The part of the particles that one of several threads advances."""
 
     threads: int  # how many there are
     first: int  # its particles are from this one on
@@ -84,7 +84,7 @@ def in_partition(composition: Composition, method: Any):
             first_stage = int(scene.stage)
         if wp.static(tears):
             begun = int(scene.forces.breaking.substep)
-        barrier(share.meeting, share.threads, share.yield_cpu)  # what was launched before is done
+        barrier(share.meeting, share.threads, share.yield_cpu)  # earlier launches are done
         for k in range(count):
             step = steps[k % steps.shape[0]]
             if wp.static(timed):

@@ -24,20 +24,15 @@ class Differences(NamedTuple):
     stiffness: str = SHARED
     damping: str = SHARED
     arrays: tuple[str, ...] = ()
-    """Arrays of the scene, "field.name", of which each world has its own part."""
-
-    @property
-    def of_constants(self) -> tuple[str, str, str]:
-        """How the constants of connections differ, in the order of CONSTANTS."""
-        return self.rest_length, self.stiffness, self.damping
+    """Arrays of the scene, "field.name", that have a part for each world."""
 
 
 @functools.cache
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
-    """Compose the struct of what differs. Row w mod (number of rows) is that of world w.
+    """Compose the struct of all that differs. Row w mod (number of rows) is that of world w.
 
-    stride: bytes from one world's vectors to the next one's. frozen: what has become of each world; what is not 0
-    is advanced no more, shape [world_count]. unit: of the forces of contacts [N], shape [world_count].
+    stride: bytes from one world's vectors to the next one's. frozen: the status of each world; worlds other than 0
+    are no longer advanced, shape [world_count]. unit: of the forces of contacts [N], shape [world_count].
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}

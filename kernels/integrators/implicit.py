@@ -35,14 +35,11 @@ def block_inverses(dim: int, scalar: type):
     So conjugate gradients leave whatever the residual of a pinned or driven particle holds as it is.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
+    Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)
 
     @kernel
     def invert_blocks(
-        inverse_mass: wp.array(dtype=scalar),
-        stiffness_block: wp.array(dtype=Wide),
-        damping_block: wp.array(dtype=Wide),
-        h: wp.float64,
-        inverses: wp.array(dtype=Block),
+        inverse_mass: Masses, stiffness_block: Blocks, damping_block: Blocks, h: wp.float64, inverses: Inverses
     ):
         i = wp.tid()
         w = wp.float64(inverse_mass[i])
@@ -100,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
 
-    Of driven particles `impulse` is what the forces of the whole substep did, which their drives held out against.
+    For driven particles `impulse` is that of the forces of the whole substep, which their drives balance.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

@@ -12,7 +12,7 @@ from .composition import Composition, beginning, by_first_lane, tools
 from .worlds import enter_world, to_world
 
 MOST_THREADS = 512
-"""Threads in a block; the compiler leaves registers for so many."""
+"""Threads in a block; the compiler leaves registers for this many."""
 WAIT = """
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
     asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");
@@ -51,25 +51,13 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
     In worlds a block of threads advances each, on the CPU one thread. No world waits for another, so one that is
     frozen is left alone.
 
-    Parameters
-    ----------
-    composition, method
-        What the kernel is composed from.
-    blocks
-        Blocks that share the particles; those of worlds do not.
-    block
-        Threads that advance a world.
-    together
-        Threads of worlds that a multiprocessor shall hold at a time: it limits registers.
+    `blocks` share the particles of a single scene. A world has `block` threads, and a multiprocessor holds
+    `together` threads of worlds, which limits registers.
     """
     _, SceneData, *_ = tools(composition)
     begin, masked_particles = beginning(composition), bool(composition.selective)
-    evaluate, force_at, lanes = (
-        composition.force_algorithm.evaluate,
-        composition.force_algorithm.force_at,
-        composition.force_algorithm.lanes,
-    )
-    moving, timed, tears = composition.collider_term.moving, composition.timed, composition.force_algorithm.tears
+    algorithm, moving, timed = composition.force_algorithm, composition.collider_term.moving, composition.timed
+    evaluate, force_at, lanes, tears = algorithm.evaluate, algorithm.force_at, algorithm.lanes, algorithm.tears
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))

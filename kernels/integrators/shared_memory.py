@@ -45,12 +45,7 @@ EMPTY = """
 
 @functools.cache
 def on_chip_worlds(
-    composition: Composition,
-    method: Any,
-    threads: int,
-    together: int,
-    room: int,
-    in_columns: bool,
+    composition: Composition, method: Any, threads: int, together: int, room: int, in_columns: bool
 ):
     """Compose the kernel that takes many steps of small worlds in one launch, the state of each in shared memory.
 
@@ -60,54 +55,33 @@ def on_chip_worlds(
     numbers of four bytes, lie `each` apart, and have `margin` zeros before and behind them, which may be read.
     Array s comes from `home[s]`, as world 0 has it, and goes back there.
 
-    Parameters
-    ----------
-    composition, method
-        What the kernel is composed from. The algorithm must not scatter.
-    threads
-        Threads of a block.
-    together
-        Threads that a multiprocessor shall hold at a time: it limits registers.
-    room
-        Bytes of shared memory.
-    in_columns
-        Whether a thread has a column of particles, which is for lattices of layers.
+    The algorithm must not scatter. A block has `threads` threads and `room` bytes of shared memory, and a
+    multiprocessor holds `together` threads, which limits registers. Columns are for lattices of layers.
     """
     _, SceneData, *_ = tools(composition)
     Step, advance, _ = method(composition)
     enter, moving, timed = enter_world(composition), composition.collider_term.moving, composition.timed
     shift = shifts(Step, arrays_of(Step, composition.compensated), Place.CHIP)
-    force_algorithm, load, masked_particles = (
-        composition.force_algorithm,
-        loads(composition),
-        bool(composition.selective),
-    )
+    force_algorithm, load = composition.force_algorithm, loads(composition)
+    masked_particles, Addresses = bool(composition.selective), wp.array(dtype=wp.int64)
     force_at, forces_at = force_algorithm.force_at, force_algorithm.column_forces
     rows = COLUMN if in_columns else 1
     Forces = wp.types.matrix((rows, composition.dim), composition.scalar)
     sizes = {"words": room // 4, "threads": threads}
 
     @wp.func_native(FILL.format(**sizes))
-    def fill(
-        home: wp.array(dtype=wp.int64), bytes: wp.int64, thread: int, words: int, each: int, margin: int
-    ) -> wp.int64: ...
+    def fill(home: Addresses, bytes: wp.int64, thread: int, words: int, each: int, margin: int) -> wp.int64: ...
 
     @wp.func_native(EMPTY.format(**sizes))
     def empty(
-        chip: wp.int64,
-        home: wp.array(dtype=wp.int64),
-        bytes: wp.int64,
-        thread: int,
-        words: int,
-        each: int,
-        margin: int,
+        chip: wp.int64, home: Addresses, bytes: wp.int64, thread: int, words: int, each: int, margin: int
     ): ...
 
     def take_steps_on_chip(
         scene: SceneData,
         steps: wp.array(dtype=Step),
         count: int,
-        home: wp.array(dtype=wp.int64),
+        home: Addresses,
         words: int,
         each: int,
         margin: int,

@@ -1,8 +1,7 @@
-"""The kernels that run a stage of a method, and what all methods share: accelerations, and contact at the end.
+"""The kernels that run a stage of a method, and the parts of all methods: accelerations, and contact at the end.
 
-A method is a struct of what a stage reads and writes, and a function that advances particle i; none knows how
-forces are computed. What other particles read (positions, velocities, what positions have lost) is never written
-where it is read.
+A method is a struct that a stage reads and writes, and a function that advances particle i; none knows how forces
+are computed. Arrays that other particles read (positions, velocities, compensation) are never written in place.
 """
 
 import functools
@@ -18,7 +17,7 @@ from .worlds import enter_world, to_world
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections, of what effects do when a substep begins; in worlds over these too."""
+    """Compose the kernel, over connections, that starts a substep for effects; in worlds over these too."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
     if composition.differs is None:
@@ -119,10 +118,10 @@ def each_particle(composition: Composition, method: Any):
 
 @functools.cache
 def each_column(composition: Composition, method: Any):
-    """Compose the same for a lattice, over columns of particles that share what they read of their neighbours.
+    """Compose the same for a lattice, over columns of particles that share the neighbours that they read.
 
     Where particles that have marks are apart, the forces of their connections are handed to `each_masked`: in this
-    kernel the code of what acts on a few would make all columns slower.
+    kernel the code of selective effects would make all columns slower.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.force_algorithm.column_forces
@@ -145,7 +144,7 @@ def each_column(composition: Composition, method: Any):
                     if wp.static(load is not None):
                         mask = wp.uint8(0)
                         if wp.static(masked_particles):
-                            mask = scene.effect_mask[i + d * stride]  # asked for earlier, it was slower
+                            mask = scene.effect_mask[i + d * stride]  # loaded earlier, it was slower
                         forces[d] += load(scene, step.compensation, step.x, step.v, i + d * stride, mask)
                     advance(scene, step, forces[d], i + d * stride)
 
@@ -198,8 +197,8 @@ def particle_acceleration(composition: Composition):
 def finish(composition: Composition):
     """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
 
-    Contact sets positions directly, so that what their sums had lost by rounding is forgotten. Where it is felt,
-    the change of velocity that it makes is added up.
+    Contact sets positions directly, so that their compensation is cleared. Where contact forces are summed, the
+    change of velocity is added to the impulse.
     """
     V, _, Compensation, _, store, add = tools(composition)
     Colliders, collide, moving, contact_forces, overlapping_at_start = composition.collider_term
@@ -214,7 +213,7 @@ def finish(composition: Composition):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
         if wp.static(pinned_apart):
             if colliders.inverse_mass[i] == scalar(0.0):
-                return x_new, v_new  # what moves passes through it, and it is not led out
+                return x_new, v_new  # pinned: moving obstacles pass through it, and depenetration leaves it
         if wp.static(moving):
             colliders.particle = i
         if wp.static(has_colliders):

@@ -80,7 +80,7 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
     all directions of a world is one number, which stays in a register. "lattices" have a table by kind and
     direction.
     """
-    storage, (lengths, stiffnesses, dampings) = composition.differs.storage, composition.differs.of_constants
+    *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
     if storage == "one":
 
         @wp.func

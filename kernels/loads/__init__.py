@@ -1,4 +1,4 @@
-"""Loads: what acts on particles beside a route's forces, each a piece that a scene's kernels are composed with."""
+"""Loads: forces on particles beside those of springs, each a term that a scene's kernels are composed with."""
 
 from .actuators import actuated_springs as actuated_springs, add_tension as add_tension
 from .attachments import attachments as attachments

@@ -1,4 +1,4 @@
-"""Actuators: rest lengths that are a function of time, as what their springs then pull more."""
+"""Actuators: rest lengths that are a function of time, as the extra tension of their springs."""
 
 import functools
 from typing import Any
@@ -14,10 +14,10 @@ from ..springs.force_algorithm import difference
 
 @functools.cache
 def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what actuators add to kernels: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
+    """Return the term of actuators: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
 
     A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
-    ends compute their share for themselves, with the same numbers: what one gets the other gets with another sign.
+    ends compute the force from the same numbers, so that the two are equal and opposite.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
@@ -50,7 +50,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def add_tension(dim: int, scalar: type):
-    """Compose the kernel that adds to the blocks of particles what actuators add across their springs.
+    """Compose the kernel that adds the stiffness of actuators across their springs to the blocks of particles.
 
     Over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
     `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.

@@ -1,4 +1,4 @@
-"""Attachments: springs and dampers from particles to points of the world, or of what is moved in it."""
+"""Attachments: springs and dampers from particles to fixed or moving points."""
 
 import functools
 from typing import Any, NamedTuple
@@ -15,18 +15,18 @@ class Attachments(NamedTuple):
     """The device side of attachments."""
 
     piece: ForceTerm
-    """What they add to kernels."""
+    """Their force, for the kernels of a scene."""
     add_blocks: Any
     """Kernel, over members, that adds to the bound of the rates (`Effect.add_blocks`)."""
     measure: Any
-    """Kernel, over members, that writes what theirs store [J] and turn to heat [W]."""
+    """Kernel, over members, that writes the stored energy [J] and the dissipated power [W] of each."""
 
 
 @functools.cache
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
 ) -> Attachments:
-    """Compose the attachments of a scene: of whether any point moves, any is damped, any has a rest length.
+    """Compose the attachments of a scene, for whether any point moves, any is damped, any has a rest length.
 
     An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
     that moves at u. One with a rest length acts along its axis alone, as springs between particles do, and exerts
@@ -45,7 +45,7 @@ def attachments(
         member: wp.array(dtype=int)  # the particles that have any, shape [member_count]
         # Of each attachment, shape [attachment_count]:
         point: wp.array(dtype=V)  # where to [m]; as its carrier was given, if it has one
-        carrier: wp.array(dtype=int)  # what carries the point along; −1 where it stands still
+        carrier: wp.array(dtype=int)  # the carrier that moves the point; −1 where it is fixed
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b [N s/m]
@@ -55,7 +55,7 @@ def attachments(
         turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
-            ahead: int  # the velocity after a stage stands so many rows behind that before it
+            ahead: int  # rows from the velocity before a stage to that after it
             # Work by each [J], shape [2, attachment_count]: what is done, and by the force to come with the
             # velocity so far, that force taken as the last one
             done: wp.array2d(dtype=wp.float64)

@@ -13,12 +13,12 @@ from ..records import records
 
 @functools.cache
 def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what drives add to kernels.
+    """Return the term of drives.
 
     What started at y is at turn y + shift, in float64: rounded once, a pose is as exact as a place can be. What a
     stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
 
-    The work of a drive is −f·v, f being the force on what it moves at v, which it holds out against. Over a
+    The work of a drive is −f·v, where f is the force on a particle that it moves at v. Over a
     substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. An
     implicit method solves for the force that acts during a substep; with that one it is −f·Δx.
     """
@@ -39,7 +39,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         # The second derivatives where the frame ends, one for each drive:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
-        ahead: int  # the velocity after a stage stands so many rows behind that before it
+        ahead: int  # rows from the velocity before a stage to that after it
         # Work on what each drives [J], shape [2, driven count]: what is done, and by the
         # force to come with the velocity so far, that force taken as the last one
         done: wp.array2d(dtype=wp.float64)
@@ -98,7 +98,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             e = scene.drives.entry[i]
             if e >= 0:
                 exact = place(scene, e)
-                if wp.static(compensated):  # of which readers take what the start of the substep had lost
+                if wp.static(compensated):  # readers subtract the compensation of the substep's start
                     exact += Wide(load(compensation.x, i))
                 x = V(exact)
                 v = V(velocity(scene, e, scene.stage + 1))

@@ -8,11 +8,12 @@ import warp as wp
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
+from .work import Nothing
 
 
 @functools.cache
 def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what constant forces add to kernels.
+    """Return the term of constant forces.
 
     Particles on which the same forces act have the same sum of them: few different ones, which caches hold.
     """
@@ -55,7 +56,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what gravity that is a function of time adds to kernels: m g(t)."""
+    """Return the term of gravity that is a function of time: m g(t)."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
@@ -74,17 +75,13 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> ForceTerm:
-    """Return what a force that is a function of place, speed and time adds to kernels.
+    """Return the term of a force that is a function of place, speed and time.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t.
     `number` tells several of a scene apart.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-
-    @wp.struct
-    class Nothing:
-        """The function has all that it needs."""
 
     def force(SceneData: Any):
         @wp.func

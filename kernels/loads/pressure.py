@@ -41,7 +41,7 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
 @functools.cache
 def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return what given pressures add to kernels; they have a row for each stage of a frame, and for its end."""
+    """Return the term of given pressures, which have a row for each stage of a frame, and for its end."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -110,7 +110,7 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         gas: int,
         # State in:
         x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
-        x_lost: wp.array(dtype=V),  # what those of particles have lost by rounding [m]
+        x_lost: wp.array(dtype=V),  # compensation of those of particles [m]
         stride: int,  # from one world's places to the next one's
         # Out:
         over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [worlds, gas_count]

@@ -13,7 +13,7 @@ from ..records import records
 
 @functools.cache
 def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose (Faces, corners): triangles with the particles at their corners, and what a load needs of one.
+    """Compose (Faces, corners): triangles with the particles at their corners, and the geometry of one.
 
     Where vertices are `mixed`, no particles but mixtures of them, x and v are those of the vertices, which
     `mix_vertices` has found, and a particle takes as much of a triangle's force as it has shares in its corners.
@@ -27,18 +27,11 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
     @wp.struct
     class Faces:
-        corner: wp.array(dtype=wp.vec3i)  # the particles of each triangle, shape [triangle_count]
-        first: wp.array(dtype=int)  # where the triangles around each particle begin, shape [particle_count + 1]
-        number: wp.array(dtype=int)  # which triangle it is, shape [3 triangle_count]
-
-    @wp.struct
-    class FacesOfMixedVertices:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each triangle, shape [triangle_count]
         first: wp.array(dtype=int)  # where the triangles around each particle begin, shape [particle_count + 1]
-        number: wp.array(dtype=int)  # which triangle it is, shape [any]
-        share: wp.array(dtype=scalar)  # what the particle takes of it, shape [any]
-
-    Given = FacesOfMixedVertices if mixed else Faces
+        number: wp.array(dtype=int)  # which triangle it is, shape [3 triangle_count], or [any] of mixed vertices
+        if mixed:
+            share: wp.array(dtype=scalar)  # share of the particle in it, shape [any]
 
     @wp.func
     def place(compensation: Compensation, x: Vectors, i: int) -> V:
@@ -50,7 +43,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         return x_i
 
     @wp.func
-    def corners(faces: Given, compensation: Compensation, x: Vectors, v: Vectors, t: int):
+    def corners(faces: Faces, compensation: Compensation, x: Vectors, v: Vectors, t: int):
         i = faces.corner[t][0]
         j = faces.corner[t][1]
         k = faces.corner[t][2]
@@ -67,12 +60,12 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
             velocity = third * (load(v, i) + load(v, j) + load(v, k))
         return third * (x_i + x_j + x_k), velocity, area
 
-    return Given, corners
+    return Faces, corners
 
 
 @functools.cache
 def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
-    """Return what vertices that are mixtures of particles add to kernels: where they are, and how fast."""
+    """Return the term of vertices that are mixtures of particles: their positions and velocities."""
     V = vector(dim, scalar)
 
     @wp.struct

@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _blows(dim: int, scalar: type, function: Any):
-    """Compose (Winds, air): what is known of the air, and its velocity at x for wind w in a stage of a frame."""
+    """Compose (Winds, air): data of the air, and its velocity at x for wind w in a stage of a frame."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -34,9 +34,9 @@ def _blows(dim: int, scalar: type, function: Any):
 
 @functools.cache
 def wind_on_faces(
-    dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, closed: bool = False
+    dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, any_closed: bool = False
 ) -> ForceTerm:
-    """Return what wind on a surface adds to kernels: the force of the air on the triangles around a particle.
+    """Return the term of wind on a surface: the force of the air on the triangles around a particle.
 
     With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
 
@@ -50,7 +50,7 @@ def wind_on_faces(
     itself; the quadratic law of drag is that of a plate.
 
     `function` is a wp.func (x, t) -> velocity of the air [m/s], None where it is given by numbers. `mixed` tells
-    whether vertices are mixtures of particles (see `face`), `closed` whether any triangle is of a closed surface.
+    whether vertices are mixtures of particles (see `face`), `any_closed` whether any is of a closed surface.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
@@ -61,13 +61,8 @@ def wind_on_faces(
         winds: Winds
         faces: Faces
         wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
-
-    @wp.struct
-    class WindOnClosedFaces:
-        winds: Winds
-        faces: Faces
-        wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
-        closed: wp.array(dtype=bool)  # whether it is of a closed surface, shape [triangle_count]
+        if any_closed:
+            closed: wp.array(dtype=bool)  # whether it is of a closed surface, shape [triangle_count]
 
     @wp.func
     def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
@@ -91,7 +86,7 @@ def wind_on_faces(
                 else:
                     centre, velocity, a = corners(scene.wind.faces, compensation, x, v, t)
                 u = velocity - air(scene.wind.winds, centre, scene.time[scene.stage], scene.stage, w)
-                if wp.static(closed):
+                if wp.static(any_closed):
                     if scene.wind.closed[t] and wp.dot(u, a) < scalar(0.0):
                         continue
                 if wp.static(mixed):
@@ -103,13 +98,12 @@ def wind_on_faces(
 
         return blow
 
-    Data = WindOnClosedFaces if closed else WindOnFaces
-    return ForceTerm("wind", Data, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("wind", WindOnFaces, force=force, selective=True, timed=True, works=True)
 
 
 @functools.cache
 def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
-    """Return what wind on particles adds to kernels: −½ ρ C_d A |u| u on a particle of area A."""
+    """Return the term of wind on particles: −½ ρ C_d A |u| u on a particle of area A."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     Winds, air = _blows(dim, scalar, function)

@@ -12,7 +12,7 @@ from ..records import records
 
 @wp.struct
 class Nothing:
-    """What an effect has that adds nothing to kernels."""
+    """Data of an effect that adds nothing to kernels."""
 
 
 NOTHING = ForceTerm("nothing", Nothing)
@@ -21,7 +21,7 @@ NOTHING = ForceTerm("nothing", Nothing)
 
 @functools.cache
 def work(dim: int, scalar: type) -> ForceTerm:
-    """Return what sums of work add to kernels: the place where they are kept.
+    """Return the term of external work: the arrays that hold its sums.
 
     Over a substep the work of a force is Σ weight f·v over its stages. Of a method that takes forces once it is
     h f_n·(v_n + v_(n+1))/2 with the velocities before and after, which is what f_n adds to the kinetic energy:
@@ -33,8 +33,10 @@ def work(dim: int, scalar: type) -> ForceTerm:
         done: wp.array(dtype=wp.float64)  # on each particle [J], shape [particle_count]
         last: wp.array(dtype=vector(dim, scalar))  # the force on each in the last substep [N]
         # By stage of a frame [s]; at its end, which belongs to no substep, and in stages that do not count, 0:
-        weight: wp.array(dtype=wp.float64)  # what the stage counts
-        weight_of_last: wp.array(dtype=wp.float64)  # what the last substep's force counts with its velocity
+        weight: wp.array(dtype=wp.float64)  # weight of the stage
+        weight_of_last: wp.array(
+            dtype=wp.float64
+        )  # weight of the last substep's force with the velocity of the stage
 
     return ForceTerm("worked", Worked, timed=True)
 
@@ -70,7 +72,7 @@ def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: A
 def sum_work(dim: int, scalar: type):
     """Compose the kernel that sums the work on all particles, by each thread a share of a world's.
 
-    What has been summed on the way, and what steady forces do: f·x, less what that was at the start.
+    It is the work summed on the way, plus f·x of steady forces. The host subtracts f·x at the start.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -83,7 +85,7 @@ def sum_work(dim: int, scalar: type):
         done: wp.array(dtype=wp.float64),  # so far [J], shape [worlds * count], or [0]
         last: wp.array(dtype=V),  # force in the last substep [N], of the same shape
         v: wp.array(dtype=V),  # velocities [m/s], of all worlds
-        remaining: wp.float64,  # what that force still counts [s]
+        remaining: wp.float64,  # weight of that force that is still to come [s]
         combination: wp.array(dtype=int),  # which steady force acts on each, 0: none; or of shape [0]
         steady: wp.array(dtype=V),  # steady forces [N], shape [any]
         x: wp.array(dtype=V),  # positions [m], of all worlds

@@ -1,4 +1,4 @@
-"""Columns of what kernels find about a whole state, in float64."""
+"""Columns of the measures of a whole state, in float64."""
 
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
 """Less the first particle that is not finite, or less NONE; largest |l / l0 − 1|, 0 where nobody looks; three [J].
@@ -6,11 +6,11 @@ FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
 The kinetic energy is of velocities as the method has them.
 """
 LOOKED = 5
-"""So many columns, the first ones, tell what has diverged."""
+"""Number of columns, from the first on, that show divergence."""
 MEAN_KINETIC, SWING, MOMENTUM, ANGULAR_MOMENTUM, ELASTIC, DISSIPATED = 5, 6, 7, 10, 13, 14
 """Kinetic energy of velocities at the instant of the positions [J], that of what these differ by from the others
 [J], three [kg m/s], three [kg m²/s], [J] and [W]: `sum_up` finds these too."""
 COLUMNS = 15
 MAXIMA = 2
-"""So many columns, the first ones, have the largest of what threads find; the others have the sum."""
+"""Number of columns, from the first on, that are maxima over threads; the others are sums."""
 NONE = 2147483647

@@ -7,27 +7,27 @@ from . import columns
 from .columns import NONE
 
 RUNNING, NOT_FINITE, ENERGY = 0, 1, 2
-"""What has become of a world."""
+"""Status of a world."""
 
 
 @kernel
 def judge(
     found: wp.array2d(dtype=wp.float64),  # by `sum_up`, shape [worlds, LOOKED or more]
-    before: wp.array(dtype=wp.float64),  # work to be added to what was found [J], shape [worlds]
+    before: wp.array(dtype=wp.float64),  # work to be added to the sums [J], shape [worlds]
     most: wp.array(dtype=wp.float64),  # kinetic and gravitational energy that a world may have [J], shape [worlds]
     # In and out:
-    frozen: wp.array(dtype=wp.int32),  # RUNNING, or what has become of a world, shape [worlds]
+    frozen: wp.array(dtype=wp.int32),  # status of each world, shape [worlds]
     good_frames: wp.array(dtype=int),  # shape [worlds]
     particle: wp.array(dtype=int),  # the first one that was no longer finite, or NONE, shape [worlds]
     most_work: wp.array(dtype=wp.float64),  # largest work so far [J], shape [worlds]
 ):
-    """Freeze the worlds whose last frame has gone wrong; count the frames of the others."""
+    """Freeze the worlds that have diverged in the last frame; count the frames of the others."""
     w = wp.tid()
     if frozen[w] != wp.static(RUNNING):
         return
     work = before[w] + found[w, wp.static(columns.WORK)]
     energy = found[w, wp.static(columns.KINETIC)] + found[w, wp.static(columns.POTENTIAL)] - work
-    # Work is known to first order in the step only, also what has come back.
+    # Work is known to first order in the step only, also where it has been returned.
     most_work[w] = wp.max(most_work[w], wp.abs(work))
     particle[w] = int(-found[w, wp.static(columns.FIRST)])
     if particle[w] < wp.static(NONE):

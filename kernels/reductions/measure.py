@@ -60,7 +60,7 @@ ADD_UP = """
         found.data[static_cast<size_t>(world) * found.shape[1] + c] = own[c];
 #endif
 """
-"""A warp adds up each column; the block of a world that comes last does so with what all of them have found.
+"""A warp adds up each column; the last block of a world adds up the results of all of them.
 
 They are added in their order, which no race decides. What other blocks have written is read as volatile, past the
 cache of this one. On the CPU a world has one thread.
@@ -69,9 +69,9 @@ cache of this one. On the CPU a world has one thread.
 
 @functools.cache
 def add_up(column_count: int, block: int):
-    """Compose what adds up what the threads of each world have found: the last thing that a kernel does.
+    """Compose the last step of a kernel, which adds up the results of each world's threads.
 
-    The kernel is launched with blocks of so many threads, for each world as many as `blocks` has rows' entries.
+    The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] of them.
     """
     Columns = wp.types.vector(column_count, wp.float64)
 
@@ -116,17 +116,14 @@ def sum_up(
     chosen: bool,
     block: int,
 ):
-    """Compose the kernel that finds all that is asked of a state, in all of `columns`.
+    """Compose the kernel that fills all `columns` for a state.
 
-    With `everything` false a pass over the particles finds what tells of divergence, in so many as LOOKED.
+    With `everything` false it only goes over the particles, and fills the LOOKED columns that show divergence.
     With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
     have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
     """
-    V, resistance, separation = (
-        vector(dim, scalar),
-        damper_force(wp.float64, law),
-        difference(dim, scalar, compensated),
-    )
+    V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
+    resistance = damper_force(wp.float64, law)
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
@@ -142,14 +139,14 @@ def sum_up(
         counts: wp.array(dtype=wp.uint8),  # whether its strain does, shape [connection_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m]
         u: wp.array(dtype=V),  # velocities as the method has them [m/s]
         v: wp.array(dtype=V),  # those at the instant of the positions [m/s]
         work: wp.array(dtype=wp.float64),  # to be added up [J], as many numbers for each world
         stride: int,  # from one world to the next, in particles
         # Between:
         threads: int,  # how many each world has
-        blocks: wp.array3d(dtype=wp.float64),  # what each has found, shape [worlds, columns, block_count]
+        blocks: wp.array3d(dtype=wp.float64),  # partial results, shape [worlds, columns, block_count]
         done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [worlds]
         # Out:
         found: wp.array2d(dtype=wp.float64),  # shape [worlds, columns or more]
@@ -267,7 +264,7 @@ def sum_up(
 @kernel
 def fold(
     shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
-    largest: int,  # the column of which the largest is wanted, not the sum; -1: none
+    largest: int,  # the column that is a maximum and not a sum; -1: none
     first: int,  # the column of the rows that the first one goes to
     rows: wp.array3d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
 ):
@@ -291,7 +288,7 @@ def put_in_order(
     # Out:
     result: wp.array(dtype=wp.float32),  # shape [connection_count]
 ):
-    """Write what connections have in another order."""
+    """Write values of connections in another order."""
     c = wp.tid()
     result[place[c]] = values[c]
 
@@ -314,7 +311,7 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
         place: wp.array(dtype=int),  # where the strain of each goes, shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count]
         # Out:
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):

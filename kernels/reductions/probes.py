@@ -9,20 +9,20 @@ from ..basis import kernel, vector
 from .measure import difference
 
 SUM, LARGEST, COUNT = 0, 1, 2
-"""Columns of what `sum_strain` gives: of strains, the largest of their sizes, and of how many."""
+"""Columns of `sum_strain`: the sum of strains, the largest of their sizes, and their number."""
 STRAIN_COLUMNS = 3
 
 
 @functools.cache
 def sum_of_group(dim: int, Vector: Any, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums what a group's particles have, each by its weight."""
+    """Compose the kernel, over worlds and threads, that sums values of a group's particles by their weights."""
 
     @kernel
     def sum_over_group(
-        weight: wp.array2d(dtype=wp.float64),  # what each member counts, shape [rows, member_count]
+        weight: wp.array2d(dtype=wp.float64),  # weight of each member, shape [rows, member_count]
         member: wp.array(dtype=int),  # the particles of the group, shape [member_count]
         value: wp.array(dtype=Vector),  # of the particles of all worlds
-        compensation: wp.array(dtype=Vector),  # what these have lost by rounding
+        compensation: wp.array(dtype=Vector),  # compensation of these
         stride: int,  # from one world to the next, in particles
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, dim]
@@ -46,10 +46,10 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 
 @functools.cache
 def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int):
-    """Compose the kernel, over worlds and threads, that sums what a function tells of a group's particles.
+    """Compose the kernel, over worlds and threads, that sums a function of a group's particles.
 
     It is a wp.func (x, v, i) of a particle's position, velocity and number. It is given vectors of float64, in
-    compensated precision without what rounding took. It returns a vector of `width` numbers; one number for 0.
+    compensated precision corrected for rounding. It returns a vector of `width` numbers; one number for 0.
     """
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
     columns = max(width, 1)
@@ -60,7 +60,7 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         v: wp.array(dtype=V),  # velocities [m/s]
-        x_lost: wp.array(dtype=V),  # what these have lost by rounding
+        x_lost: wp.array(dtype=V),  # compensation of these
         v_lost: wp.array(dtype=V),
         stride: int,  # from one world to the next, in particles
         # Out:
@@ -78,12 +78,12 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
             if wp.static(compensated):
                 place = place - Wide(x_lost[at])
                 speed = speed - Wide(v_lost[at])
-            told = function(place, speed, member[m])
+            result = function(place, speed, member[m])
             if wp.static(width == 0):
-                shares[w, share, 0] = shares[w, share, 0] + weight * told
+                shares[w, share, 0] = shares[w, share, 0] + weight * result
             else:
                 for k in range(wp.static(columns)):
-                    shares[w, share, k] = shares[w, share, k] + weight * told[k]
+                    shares[w, share, k] = shares[w, share, k] + weight * result[k]
             m += shares.shape[1]
 
     return mean_of_each
@@ -106,7 +106,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
         chosen: wp.array(dtype=int),  # which connections
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # what positions have lost by rounding [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m]
         stride: int,  # from one world to the next, in particles
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, STRAIN_COLUMNS]

@@ -1,9 +1,9 @@
 """Springs: the law of a spring and its damper (`law`), and the algorithms that sum the forces on a particle.
 
-An algorithm names a struct (`Forces`) of what its kernels read, and a function `force_at` that returns the force
-on a particle. Scattered forces (`scatter`) are evaluated beforehand, spring by spring; gathered ones where
-they are asked for, from a table of neighbours (`gather`) or, in a lattice, by counting (`stencil`). Positions are
-x − compensation.x in compensated precision: what rounding took matters to short springs.
+An algorithm has a struct, `Forces`, that its kernels read, and a function `force_at` that returns the force on a
+particle. Scattered forces (`scatter`) are evaluated beforehand, spring by spring. Gathered forces are evaluated
+by `force_at`, from a table of neighbours (`gather`) or, in a lattice, by counting (`stencil`). In compensated
+precision positions are x − compensation.x, since rounding errors matter to short springs.
 """
 
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS

@@ -15,7 +15,7 @@ from .law import spring_damper
 
 @functools.cache
 def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
-    """Return what ties add to the kernels of a stencil: the sum of the forces of those that a particle has.
+    """Return the term of ties beside a stencil: the sum of the forces of a particle's ties.
 
     The law is that of all springs. A tie is in the table twice, once for each of its ends, and both find the
     same force but for its sign.

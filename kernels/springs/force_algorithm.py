@@ -13,7 +13,7 @@ class ForceAlgorithm(NamedTuple):
     """The device side of an algorithm."""
 
     Forces: Any
-    """Struct type of what the functions read."""
+    """Struct type that the functions read."""
     force_at: Any
     """wp.func (forces, compensation, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None

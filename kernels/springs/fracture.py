@@ -1,7 +1,6 @@
-"""Springs that break for good, as threads of a cloth do: from then on they are not there."""
+"""Springs that break for good, as threads of a cloth do."""
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import warp as wp
@@ -16,7 +15,7 @@ class Breaking(NamedTuple):
     """The device side of breaking."""
 
     Data: Any
-    """Struct type of what decides about springs, and of what is known of broken ones."""
+    """Struct type of the thresholds of springs, and of the state of broken ones."""
     is_suspect: Any
     """wp.func (b, rest, square) -> bool: whether a spring of this rest length may be too long now."""
     breaks: Any
@@ -26,7 +25,7 @@ class Breaking(NamedTuple):
 
 @functools.cache
 def breaking(scalar: type) -> Breaking:
-    """Compose what algorithms ask about a spring of rest length l0, `square` = |Δx|² of its ends.
+    """Compose the tests whether a spring of rest length l0 breaks, for `square` = |Δx|² of its ends.
 
     It breaks when a substep begins with |Δx| > min(l0 (1 + ε), l0 + F/k), for its break strain ε and break force
     F, the tension k (|Δx| − l0) that it bears. Both ends see the same |Δx|², to the last bit, since one has Δx and
@@ -49,7 +48,7 @@ def breaking(scalar: type) -> Breaking:
         strain: wp.array(dtype=scalar)  # break strain ε
         stretch: wp.array(dtype=scalar)  # F/k [m]
         broken_at: wp.array(dtype=wp.float32)  # when it broke [s], inf where it is whole
-        # What energies and bounds are summed of: nothing of what is broken.
+        # The constants that energies and bounds use, 0 for broken springs:
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b in the units of the law
         steepest: wp.array(dtype=scalar)  # steepest slope of the law [N s/m]
@@ -73,17 +72,6 @@ def breaking(scalar: type) -> Breaking:
         return True
 
     return Breaking(Breaks, is_suspect, breaks)
-
-
-def struct(breaking: Breaking | None) -> Callable[[type], Any]:
-    """Declare a class as a Warp struct, with the data of `breaking` in it where springs break."""
-
-    def declare(cls: type) -> Any:
-        if breaking is not None:
-            cls.__annotations__["breaking"] = breaking.Data
-        return wp.struct(cls)
-
-    return declare
 
 
 @functools.cache

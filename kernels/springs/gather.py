@@ -14,7 +14,7 @@ from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
-from .fracture import Breaking, struct
+from .fracture import Breaking
 from .law import spring_damper
 
 SLICE = 32
@@ -51,18 +51,20 @@ def gather(
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
     packed, damped, tears = storage == "packed", damper is not None, breaking is not None
-    _, is_suspect, breaks = breaking or (None, None, None)
+    Breaks, is_suspect, breaks = breaking or (None, None, None)
 
     Others = wp.types.vector(CHUNK, int)
 
     @wp.func_native(NEIGHBOURS)
     def neighbours(other: wp.array(dtype=int), slot: int) -> Others: ...
 
-    @struct(breaking)
+    @wp.struct
     class Gathered:
         first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
         other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count], and a chunk behind
         constants: Constants  # of slots
+        if tears:
+            breaking: Breaks
 
     @wp.func
     def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -78,7 +80,7 @@ def gather(
         following = neighbours(forces.other, slot)
         while slot < end:
             others = following
-            # Where the next neighbours are is asked for before these are dealt with, to wait less for memory.
+            # The next neighbours are loaded before these are used, to wait less for memory.
             following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
                 j = others[n]

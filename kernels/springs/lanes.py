@@ -51,7 +51,7 @@ def lane_of(lanes: int):
 
 @functools.cache
 def sum_over_lanes(dim: int, scalar: type, lanes: int):
-    """Compose the sum of what the lanes of a particle have found."""
+    """Compose the sum over the lanes of a particle."""
     V = vector(dim, scalar)
 
     @wp.func_native(SUM.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2, dim=dim))
@@ -77,16 +77,8 @@ def stencil_of_lanes(
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
     damped, rounds, layout = damper is not None, -(-len(each) // lanes), stencil_layout(lanes, rows, neighbours)
-    Shifts = wp.types.vector(len(rows), int)
-
-    def there(k: int) -> bool:
-        return k < len(each)
-
-    def row_of(k: int) -> int:
-        return each[k][0] if there(k) else 0
-
-    def along(k: int) -> int:
-        return each[k][1] if there(k) else 0
+    Shifts, count = wp.types.vector(len(rows), int), len(each)
+    each += [(0, 0)] * (rounds * lanes - count)  # of neighbours that are missing, which nothing reads
 
     @wp.struct
     class SharedLattice:
@@ -107,11 +99,11 @@ def stencil_of_lanes(
             v_i = load(v, i)
         force = V()
         for n in range(wp.static(rounds)):
-            # Chosen from what the kernel is launched with: read from a table, positions would be asked for later.
+            # Chosen among kernel arguments: reading a table first would delay the loads of positions.
             offset = int(0)
             for m in range(wp.static(lanes)):
-                if wp.static(there(n * lanes + m)):
-                    shift = forces.shift[wp.static(row_of(n * lanes + m))] + wp.static(along(n * lanes + m))
+                if wp.static(n * lanes + m < count):
+                    shift = forces.shift[wp.static(each[n * lanes + m][0])] + wp.static(each[n * lanes + m][1])
                     offset = wp.where(lane == m, shift, offset)
             k = n * wp.static(lanes) + lane
             own = constants_of(forces.constants, k)

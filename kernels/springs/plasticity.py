@@ -1,4 +1,4 @@
-"""Springs that give way for good, as a dent does: the rest length follows what strains it beyond its yield."""
+"""Springs that deform permanently, as a dent does: the rest length follows strain beyond the yield strain."""
 
 import functools
 from typing import Any
@@ -61,7 +61,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what yielding adds to kernels: each spring flows when a substep begins."""
+    """Return the term of plasticity: each spring flows when a substep begins."""
     _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
 

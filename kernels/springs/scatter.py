@@ -9,7 +9,7 @@ from ..records import records
 from .constants import constants
 from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference, ends_of
-from .fracture import Breaking, struct
+from .fracture import Breaking
 from .law import spring_damper
 
 
@@ -28,13 +28,15 @@ def scatter(
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     Constants, take = constants(scalar, storage)
     damped, tears = damper is not None, breaking is not None
-    _, is_suspect, breaks = breaking or (None, None, None)
+    Breaks, is_suspect, breaks = breaking or (None, None, None)
 
-    @struct(breaking)
+    @wp.struct
     class Scattered:
         f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
         constants: Constants  # of springs
+        if tears:
+            breaking: Breaks
 
     @wp.func
     def evaluate(forces: Scattered, compensation: Compensation, x: Vectors, v: Vectors, c: int):

@@ -11,7 +11,7 @@ from ..compensation import state_types
 from ..records import records
 from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
-from .fracture import Breaking, struct
+from .fracture import Breaking
 from .law import spring_damper
 
 
@@ -41,7 +41,7 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a number for what a stencil's loops compile in, and for how many things they take together.
+    """Return a number for all that a stencil's loops compile in, and for how many particles they take together.
 
     Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
     without this number in their sources two stencils of equally many rows would be taken for one.
@@ -50,21 +50,14 @@ def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
 
 
 @functools.cache
-def after_breaking(
-    dim: int,
-    scalar: type,
-    damper: Law | None,
-    compensated: bool,
-    steps: tuple,
-    uniform: bool,
-    Forces: Any,
-    breaking: Breaking,
-):
+def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
     """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
 
-    Bits of neighbours are cleared whose springs are too long, and the force is summed anew without them. This
-    is seldom done, and so kept out of the loops that are unrolled for each neighbour.
+    The bits of springs that are too long are cleared, and the force is summed again without them. This is rare,
+    and so kept out of the loops that are unrolled for each neighbour. `kinds` are the first five arguments of
+    `stencil`.
     """
+    dim, scalar, damper, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
@@ -161,6 +154,7 @@ def stencil(
     load = records(dim, scalar).load
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
     damped, tears = damper is not None, breaking is not None
+    Breaks, is_suspect, _ = breaking or (None, None, None)
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
@@ -169,7 +163,7 @@ def stencil(
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
 
-    @struct(breaking)
+    @wp.struct
     class Lattice:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: Shifts  # how far off each row of neighbours lies, in particles
@@ -178,8 +172,10 @@ def stencil(
         rest_length: Constants  # [m]
         stiffness: Constants  # [N/m]
         damping: Constants  # b in the units of the law
+        if tears:
+            breaking: Breaks
 
-    @struct(breaking)
+    @wp.struct
     class Lattices:
         mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
         shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
@@ -188,13 +184,12 @@ def stencil(
         rest_length: wp.array2d(dtype=scalar)  # [m]
         stiffness: wp.array2d(dtype=scalar)  # [N/m]
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
+        if tears:
+            breaking: Breaks
 
     Forces = Lattice if uniform else Lattices
-    remaining_force = is_suspect = None
-    if breaking is not None:
-        kinds = (dim, scalar, damper, compensated, steps, uniform, Forces)
-        remaining_force = after_breaking(*kinds, breaking)
-        is_suspect = breaking.is_suspect
+    kinds = (dim, scalar, damper, compensated, steps)
+    remaining_force = after_breaking(kinds, uniform, Forces, breaking) if tears else None
 
     @wp.func
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -250,10 +245,10 @@ def stencil(
                 force = remaining_force(forces, compensation, x, v, i, mask, suspects, force)
         return force
 
-    columns = column_forces(dim, scalar, damper, compensated, steps, Lattice, breaking) if uniform else None
+    columns = column_forces(kinds, Lattice, breaking) if uniform else None
     # In float64 more threads would not find registers for columns.
     single = scalar is wp.float32
-    # What is seldom done must not take registers from what each thread does.
+    # Rare code must not take registers from the code that each thread runs.
     bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
     return ForceAlgorithm(
         Forces,
@@ -272,21 +267,14 @@ COLUMN = 2
 
 
 @functools.cache
-def column_forces(
-    dim: int,
-    scalar: type,
-    damper: Law | None,
-    compensated: bool,
-    steps: tuple,
-    Lattice: Any,
-    breaking: Breaking | None = None,
-):
+def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
     The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
     column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers, or
-    second neighbours, which lie further off.
+    second neighbours, which lie further off. `kinds` are the first five arguments of `stencil`.
     """
+    dim, scalar, damper, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
         return None
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -301,13 +289,11 @@ def column_forces(
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
     layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
-    remaining_force = is_suspect = None
-    if breaking is not None:
-        remaining_force = after_breaking(dim, scalar, damper, compensated, steps, True, Lattice, breaking)
-        is_suspect = breaking.is_suspect
+    _, is_suspect, _ = breaking or (None, None, None)
+    remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
-        """Return what the record at place a of inner row r in layer p − 1 is to particle d."""
+        """Return how particle d sees the record at place a of inner row r in layer p − 1."""
         row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
         return found.get((row, a - 1))
 

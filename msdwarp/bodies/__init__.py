@@ -1,11 +1,10 @@
 """What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
 
-from .cells import Bare as Bare, laid_bare as laid_bare
 from .connectivity import pieces as pieces
 from .contact_surfaces import (
     TouchingSurfaces as TouchingSurfaces,
     contact_surfaces as contact_surfaces,
-    mean_stiffness as mean_stiffness,
+    spring_means as spring_means,
 )
 from .dampers import (
     LINEAR as LINEAR,
@@ -13,13 +12,14 @@ from .dampers import (
     Damper as Damper,
     QuadraticDamper as QuadraticDamper,
 )
-from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges
+from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges, sides_of as sides_of
 from .fields import (
     CONNECTION_FIELDS as CONNECTION_FIELDS,
     DEFAULTS as DEFAULTS,
     LIMITS as LIMITS,
     PARTICLE_FIELDS as PARTICLE_FIELDS,
     TEARING_FIELDS as TEARING_FIELDS,
+    break_stretch as break_stretch,
 )
 from .frame import Frame as Frame, Series as Series
 from .materials import (
@@ -31,6 +31,7 @@ from .materials import (
     Material as Material,
 )
 from .numbering import places_along_curve as places_along_curve, space_filling_order as space_filling_order
+from .selection import mask_of as mask_of
 from .space import (
     AXES as AXES,
     in_space as in_space,
@@ -39,9 +40,18 @@ from .space import (
     rotations as rotations,
 )
 from .surface import Surface as Surface
-from .surface_splitting import Edges as Edges, broken_before as broken_before
-from .system import System as System, headline as headline, particles_meant as particles_meant
-from .text import counted as counted
+from .system import (
+    System as System,
+    counted as counted,
+    headline as headline,
+    particles_meant as particles_meant,
+)
+from .torn_surfaces import (
+    Bare as Bare,
+    Edges as Edges,
+    broken_before as broken_before,
+    laid_bare as laid_bare,
+)
 from .uniform import (
     is_uniform as is_uniform,
     joined as joined,

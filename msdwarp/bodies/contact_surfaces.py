@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, directed_edges, open_edges
+from .facets import different_vertices, directed_edges, open_edges, sides_of
+from .selection import mask_of
 from .system import System
 
 FINE = 2.0
@@ -59,8 +60,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     else:
         particle, weight, triangles = different_vertices(system.surface)
     body = body_of[particle[:, 0]]
-    drawn = np.zeros(bodies, dtype=bool)
-    drawn[body] = True
+    drawn = mask_of(body, bodies)
     # Bodies without a surface touch with their particles.
     bare = np.flatnonzero(~drawn[body_of])
     first = len(particle)
@@ -78,8 +78,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     rope = ~drawn & (joined > 0) & (2 * joined < ROPE * count)
     segments = vertex_of[pairs[between_bare & rope[body_of[pairs[:, 0]]]]]
     spheres = vertex_of[bare[~rope[body_of[bare]]]]
-    edges = np.unique(np.sort(np.concatenate([triangles[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
-    edges = np.concatenate([edges, segments]).astype(np.int32)
+    edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
     # The other surfaces have a point in the middle of each edge too.
@@ -90,10 +89,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     share = np.repeat([0.0, 0.5], [len(particle), len(edges)])
 
     # From original lengths, so that moving or yielding does not change the thickness.
-    of_connections = body_of[pairs[:, 0]]
-    near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
-    near = slice(None) if near is None else near
-    spacing = _means(system.original_length[near], of_connections[near], bodies) * np.where(rope, 1.0, SPACING)
+    spacing = spring_means(system, body_of, system.original_length) * np.where(rope, 1.0, SPACING)
     closed = drawn.copy()
     closed[body[open_edges(triangles)[:, 0]]] = False
     sided = drawn & ~closed
@@ -112,21 +108,16 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
         sided,
         spacing,
         share_of_spacing * spacing,
-        mean_stiffness(system, body_of, system.stiffness),
+        spring_means(system, body_of, system.stiffness),
     )
 
 
-def mean_stiffness(
-    system: System, body_of_particle: NDArray[np.integer], stiffness: NDArray[np.float64]
+def spring_means(
+    system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean stiffness of each body's springs [N/m], given that of each spring; 0 where it has none."""
-    near = system.between_neighbours
+    """Return the mean of each body's springs, given a value of each spring; 0 where it has none."""
+    near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
     near = slice(None) if near is None else near
-    of_connections = body_of_particle[system.connections[:, 0]]
-    return _means(stiffness[near], of_connections[near], int(body_of_particle.max()) + 1)
-
-
-def _means(values: NDArray[np.float64], of: NDArray, bodies: int) -> NDArray[np.float64]:
-    """Return the mean of the values of each body; 0 where it has none."""
+    of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1
     count = np.bincount(of, minlength=bodies)
-    return np.bincount(of, weights=values, minlength=bodies) / np.maximum(count, 1)
+    return np.bincount(of, weights=values[near], minlength=bodies) / np.maximum(count, 1)

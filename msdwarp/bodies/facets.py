@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
+from .selection import mask_of
 from .surface import Surface
 from .system import System
 
@@ -71,8 +72,7 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         weight = np.ones((particle_count, 1))
     # A part is closed if each of its edges is run through once in either direction.
     part = pieces(len(particle), directed_edges(corner).astype(np.int32))
-    is_open = np.zeros(len(particle), dtype=bool)
-    is_open[part[open_edges(corner)[:, 0]]] = True
+    is_open = mask_of(part[open_edges(corner)[:, 0]], len(particle))
     return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
 
 
@@ -99,7 +99,17 @@ def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
     """Return the directed edges of triangles that are not run through once in either direction, shape [any, 2]."""
     runs = directed_edges(corner)
-    key = np.sort(runs.astype(np.int64), axis=1) @ (int(corner.max(initial=0)) + 1, 1)
-    _, edge, times = np.unique(key, return_inverse=True, return_counts=True)
-    forwards = np.bincount(edge, weights=runs[:, 0] < runs[:, 1])
-    return runs[(times[edge] != 2) | (forwards[edge] != 1)]
+    _, edge, forwards = (one.T.ravel() for one in sides_of(corner))
+    times, ahead = np.bincount(edge), np.bincount(edge, weights=forwards)
+    return runs[(times[edge] != 2) | (ahead[edge] != 1)]
+
+
+def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the edges of triangles, shape [any, 2], each side's edge, and whether it is walked forwards.
+
+    The sides of a triangle are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
+    """
+    start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
+    count = int(triangles.max(initial=0)) + 1
+    key, edge = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_inverse=True)
+    return np.stack(np.divmod(key, count), axis=1), edge.reshape(triangles.shape), start < end

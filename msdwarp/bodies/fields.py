@@ -10,7 +10,7 @@ from .. import checks
 from .dampers import Damper
 from .selection import check_no_mask
 from .surface import Surface
-from .uniform import is_uniform, stored
+from .uniform import is_uniform, stored, uniform
 
 
 def _from_0(meaning: str = "") -> checks.Limit:
@@ -126,10 +126,8 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
         return
     length, rest = lengths(fields["position"], fields["connections"]), fields["rest_length"]
     stiffness = fields["stiffness"]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stretch = np.where(stiffness > 0, force / stiffness, np.inf)
-    longest = np.minimum(rest * (1 + strain), rest + stretch)
-    # Lengths of what was placed unstrained are those of the rest but for rounding.
+    longest = np.minimum(rest * (1 + strain), rest + break_stretch(force, stiffness))
+    # Unstrained connections have their rest length but for rounding.
     bears = np.isfinite(fields["broken_at"]) | (length <= longest * (1 + 8 * np.finfo(np.float64).eps))
     if not bears.all():
         c = int(np.argmin(bears))
@@ -141,6 +139,14 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
             f"{name}[{c}] is {fields[name][c]:.6g}; it must be at least {least:.6g}, with which the connection "
             "starts (or broken_at says that it is broken)"
         )
+
+
+def break_stretch(force: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much longer than at rest springs exert their break force [m], shape [connection_count]."""
+    if np.isinf(stored(force)).all():
+        return uniform(np.inf, len(force))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where(stiffness > 0, force / stiffness, np.inf)
 
 
 def positions(value: ArrayLike) -> NDArray[np.float64]:

@@ -29,6 +29,13 @@ def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
     return chosen
 
 
+def mask_of(where: Any, count: int) -> NDArray[np.bool_]:
+    """Return the mask of shape [count] that is True at these indices."""
+    mask = np.zeros(count, dtype=bool)
+    mask[where] = True
+    return mask
+
+
 def check_no_mask(name: str, where: NDArray, count: int) -> None:
     """Raise ValueError for a mask of whole numbers, which as indices would be of the first two particles.
 

@@ -11,10 +11,9 @@ from .. import checks
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbours, concatenated, renumbered
-from .selection import selected
+from .selection import mask_of, selected
 from .space import rotation_matrix
 from .surface import Surface
-from .text import counted, span
 from .uniform import stored, uniform
 
 _NAMED = 4
@@ -331,9 +330,7 @@ class System:
         Raises ValueError that names the `argument` and lists the groups if there is no group of that name.
         """
         checks.one_of(argument, name, self.groups)
-        mine = np.zeros(self.particle_count, dtype=bool)
-        mine[self.groups[name]] = True
-        return mine
+        return mask_of(self.groups[name], self.particle_count)
 
     def renumbered(self, order: ArrayLike | None = None) -> Self:
         """Return this system with its particles in another order, and its connections ordered accordingly.
@@ -349,6 +346,17 @@ class System:
         if not isinstance(other, System):
             return NotImplemented
         return self.trusted(**concatenated(vars(self), vars(other)))
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count with its noun, such as "1 particle"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def span(values: NDArray[np.float64]) -> str:
+    """Return the least and the greatest of some numbers, or the one that all are."""
+    least, most = (float(of(stored(values))) for of in (np.min, np.max))
+    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
 
 def headline(system: System) -> str:

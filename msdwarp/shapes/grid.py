@@ -15,7 +15,7 @@ from ..bodies import Surface, pieces
 
 
 def check_memory(name: str, value: object, count: int, dim: int, neighbours: int) -> None:
-    """Raise ValueError if positions, connections and rest lengths of so many particles do not fit into memory."""
+    """Raise ValueError if positions, connections and rest lengths of `count` particles do not fit into memory."""
     count = min(count, 10**300)  # no float is larger than some 10**308
     joined = count * neighbours // 2
     size = count * (8 * dim + 4) + joined * (2 * 4 + 8)

@@ -1,14 +1,14 @@
 """Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple, cast
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Material, Surface, System
+from ..bodies import Material, Surface, System, mask_of
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_shares,
@@ -22,37 +22,26 @@ from .grid import (
 )
 
 
-class _Stuff(NamedTuple):
-    """What a lattice is made of: a material, or constants."""
+def _section(
+    material: Material | None, constants: Mapping[str, Any], sections: Mapping[str, float | None]
+) -> float:
+    """Return the cross section of a chain [m²] or the thickness of a sheet [m]; 1 without a material, or if solid.
 
-    constants: dict[str, ArrayLike]
-    material: Material | None = None
-    section: float = 1.0
-    """Cross section of a chain [m²], thickness of a sheet [m]; 1 if it is solid."""
-
-
-def _stuff(
-    material: Material | None,
-    mass: ArrayLike | None,
-    stiffness: ArrayLike | None,
-    damping: ArrayLike | None,
-    **section: float | None,
-) -> _Stuff:
-    """Return what a lattice is made of; raise ValueError if that is given twice or in part."""
-    named = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    constants = {name: value for name, value in named.items() if value is not None}
+    Raises ValueError unless a lattice is of constants alone, or of a material with all of its sections.
+    """
+    given, why = sections, "without a material it must be left out"
+    if material is not None:
+        checks.instance("material", material, Material, "msdwarp.RUBBER")
+        given, why = constants, "with a material, which determines it, it must be left out"
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} is {value!r}; {why}")
     if material is None:
-        for name, value in section.items():
-            if value is not None:
-                raise ValueError(f"{name} is {value!r}; without a material it must be left out")
-        return _Stuff(constants)
-    checks.instance("material", material, Material, "msdwarp.RUBBER")
-    for name, value in constants.items():
-        raise ValueError(f"{name} is {value!r}; with a material, which determines it, it must be left out")
-    for name, value in section.items():
+        return 1.0
+    for name, value in sections.items():
         if value is None:
             raise ValueError(f"{name} is None; with a material it must be a number above 0")
-    return _Stuff({}, material, math.prod(checks.positive(name, value or 0.0) for name, value in section.items()))
+    return math.prod(checks.positive(name, value or 0.0) for name, value in sections.items())
 
 
 def _lattice(
@@ -61,14 +50,15 @@ def _lattice(
     diagonals: bool,
     dim: int,
     surface: Surface | None,
-    stuff: _Stuff,
+    material: Material | None,
+    section: float,
+    constants: Mapping[str, Any],
     mask: NDArray[np.bool_] | None = None,
     bending: float | str | None = None,
 ) -> System:
     """Return the lattice of `shape` points, or those where a mask is True, in a space of `dim` coordinates."""
     spacings = _spacings(spacing, len(shape))
-    material, constants = stuff.material, stuff.constants
-    rigidity = flexural_rigidity(bending, material, stuff.section, diagonals, dim)
+    rigidity = flexural_rigidity(bending, material, section, diagonals, dim)
     if (material is not None or rigidity) and len(set(spacings)) > 1:
         what, whose = ("bending", "the") if material is None else ("a material", "a Material's")
         raise ValueError(
@@ -100,12 +90,10 @@ def _lattice(
     lattice = System.trusted(
         position=position, connections=connections, rest_length=rest_length, surface=surface, directions=(slices,)
     )
-    if material is None and not rigidity:
-        return lattice.replace(**constants)
     mask = np.ones(shape, dtype=bool) if mask is None else mask
     if material is not None:
-        constants = _constants_of(material, stuff.section, mask, spacings[0], diagonals)
-    lattice = lattice.replace(**constants)
+        constants = _constants_of(material, section, mask, spacings[0], diagonals)
+    lattice = lattice.replace(**{name: value for name, value in constants.items() if value is not None})
     if not rigidity:
         return lattice
     return resisting_bending(lattice, mask, spacings[0], rigidity, diagonals=diagonals, solid=material is not None)
@@ -179,7 +167,9 @@ def chain(
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
     check_memory("count", count, count, dim, 2)
-    return _lattice((count,), spacing, False, dim, None, _stuff(material, mass, stiffness, damping, area=area))
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    section = _section(material, constants, {"area": area})
+    return _lattice((count,), spacing, False, dim, None, material, section, constants)
 
 
 def sheet(
@@ -221,8 +211,9 @@ def sheet(
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
     _check_shape(shape, 2, neighbours)
-    stuff = _stuff(material, mass, stiffness, damping, thickness=thickness)
-    return _lattice(shape, spacing, neighbours == 8, dim, grid_surface(shape), stuff, bending=bending)
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    section, surface = _section(material, constants, {"thickness": thickness}), grid_surface(shape)
+    return _lattice(shape, spacing, neighbours == 8, dim, surface, material, section, constants, bending=bending)
 
 
 def box(
@@ -254,8 +245,9 @@ def box(
     """
     checks.one_of("neighbours", neighbours, (6, 26))
     _check_shape(shape, 3, neighbours)
-    stuff = _stuff(material, mass, stiffness, damping)
-    return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), stuff)
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    section = _section(material, constants, {})
+    return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), material, section, constants)
 
 
 def lattice(
@@ -322,19 +314,19 @@ def lattice(
     checks.one_of("neighbours", neighbours, allowed)
     dim = 3 if dim is None else dim
     checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
-    section = {"thickness": thickness} if axes == 2 else {}
-    stuff = _stuff(material, mass, stiffness, damping, **section)
+    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    section = _section(material, constants, {"thickness": thickness} if axes == 2 else {})
     for name, value in {"thickness": thickness, "bending": bending}.items():
         if axes == 3 and value is not None:
             raise ValueError(f"{name} is {value!r}; for a solid body it must be left out")
     surface = grid_surface(points.shape, points) if surface is None else surface
-    return _lattice(points.shape, spacing, neighbours == allowed[0], dim, surface, stuff, points, bending)
+    kind = (dim, surface, material, section, constants)
+    return _lattice(points.shape, spacing, neighbours == allowed[0], *kind, points, bending)
 
 
 def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:
     """Check that connections join all the particles of a mask."""
-    joined = np.zeros(np.count_nonzero(mask), dtype=bool)
-    joined[connections] = True
+    joined = mask_of(connections, int(mask.sum()))
     if not joined.all():
         alone = np.argwhere(mask.T)[np.argmin(joined)][::-1].tolist()
         raise ValueError(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Material, System
+from ..bodies import Material, System, sides_of
 from ..runtime import in_turn, start_warp
 from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
@@ -153,17 +153,6 @@ def _closed(
     if volume < 0:
         triangles = triangles[:, ::-1]
     return points, triangles
-
-
-def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the edges of triangles, shape [any, 2], each side's edge, and whether it is walked forwards.
-
-    The sides of a triangle are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
-    """
-    start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
-    count = int(triangles.max()) + 1
-    key, edge = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_inverse=True)
-    return np.stack(np.divmod(key, count), axis=1), edge.reshape(triangles.shape), start < end
 
 
 def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:

@@ -111,7 +111,7 @@ def _cross(a: NDArray, b: NDArray) -> NDArray:
 
 def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points of a grid are inside a polygon, shape [nx, ny]."""
-    end = np.roll(corners, -1, axis=0)  # inside is what has an odd number of sides before it
+    end = np.roll(corners, -1, axis=0)  # inside points have an odd number of sides before them
     inside = np.empty((len(x), len(y)), dtype=bool)
     for j, height in enumerate(y):
         meets = (corners[:, 1] > height) != (end[:, 1] > height)

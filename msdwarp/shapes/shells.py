@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Surface, System
+from ..bodies import Surface, System, sides_of
 from .joining import join
-from .meshes import halved, read_mesh, sides_of
+from .meshes import halved, read_mesh
 
 
 def shell(

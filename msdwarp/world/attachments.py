@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import System, mask_of
 from .colliders import Collider
 from .loads import Load
 
@@ -149,9 +149,7 @@ class MouseSpring(Load):
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the particles that it holds, which may be none, shape [particle_count]."""
-        held = np.zeros(system.particle_count, dtype=bool)
-        held[self.on] = True
-        return held
+        return mask_of(self.on, system.particle_count)
 
     def check(self, system: System) -> None:
         """Raise ValueError if it names particles that this system does not have, or is of another space."""

@@ -69,7 +69,7 @@ class Collider:
             checks.positive(name, getattr(self, name))
 
     def __repr__(self) -> str:
-        # Where and how large it is, then what all colliders have; nothing that is as it is by default.
+        # Place and size first, then the fields of all colliders; defaults are left out.
         common = {one.name for one in fields(Collider)}
         texts = [
             f"{one.name}={_words(getattr(self, one.name))}"

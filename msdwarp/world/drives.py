@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import System, mask_of
 from .loads import Load
 from .motion import Motion, pose
 
@@ -76,9 +76,7 @@ class Driven(PrescribedMotion):
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the particles that it moves, shape [particle_count]."""
-        held = np.zeros(system.particle_count, dtype=bool)
-        held[self.held] = True
-        return held
+        return mask_of(self.held, system.particle_count)
 
     def bound(self, system: System) -> "Driven":
         """Return itself: it is bound already."""

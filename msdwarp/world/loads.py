@@ -152,7 +152,7 @@ def particles_in_words(on: Any) -> str:
 
 
 def named(function: Any) -> str:
-    """Return what a function is called, else its type."""
+    """Return the name of a function, else of its type."""
     return getattr(function, "__name__", None) or getattr(function, "key", None) or type(function).__name__
 
 
@@ -194,7 +194,7 @@ def check_loads(loads: Sequence[Load], system: System) -> None:
 
 
 def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load, Load] | None:
-    """Return what stands for each load that is replaced; None where more than values differs.
+    """Return the new load for each one that is replaced; None if more than values differs.
 
     A load keeps what is `constant`. A vector stays a vector, and a function of time one.
     """

@@ -115,5 +115,5 @@ def probes_by(every: str, probes: Mapping[str, Probe]) -> dict[str, Probe]:
 
 
 def probe_columns(probes: Mapping[str, Probe], dim: int) -> list[str]:
-    """Return what the numbers of several probes are called, side by side."""
+    """Return the column names of several probes, side by side."""
     return [f"{name}_{column}" for name, one in probes.items() for column in one.columns(dim)]

@@ -83,7 +83,7 @@ class Change:
             if not where.all():
                 fields[name] = np.array(old)
                 fields[name][where] = checks.broadcast(name, new, (int(where.sum()),))
-        if "rest_length" in fields and not joined.all():  # what has yielded elsewhere still has
+        if "rest_length" in fields and not joined.all():  # other connections keep their plastic deformation
             fields["original_length"] = np.where(joined, fields["rest_length"], system.original_length)
         pinned = system.pinned
         if "mass" in fields:

@@ -61,7 +61,7 @@ def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDAr
         for k, row in enumerate(rows):
             found[:, k] = row[: len(times)] if row.ndim else row
         return found
-    except Exception:  # whatever a function does with what it was not written for
+    except Exception:  # a function may do anything with arrays that it was not written for
         return None
 
 
@@ -74,7 +74,7 @@ def _same(found: NDArray, known: NDArray) -> bool:
 
 
 def _leaves(value: Any, count: int) -> Any:
-    """Yield the numbers in what a function gave, each as one or as an array over time."""
+    """Yield the numbers that a function returned, each as one or as an array over time."""
     if isinstance(value, tuple | list):
         for one in value:
             yield from _leaves(one, count)

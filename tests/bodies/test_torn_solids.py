@@ -5,7 +5,7 @@ import pytest
 
 from msdwarp import box, lattice, sheet
 from msdwarp.bodies import laid_bare
-from msdwarp.bodies.cells import cells_of, cells_parted_at
+from msdwarp.bodies.torn_surfaces import cells_of, cells_parted_at
 from msdwarp.pictures.dressing import torn
 
 

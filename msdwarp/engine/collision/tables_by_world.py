@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import TouchingSurfaces, contact_surfaces, mean_stiffness
+from ...bodies import TouchingSurfaces, contact_surfaces, spring_means
 from ..model.model import Model
 
 MOST_NUMBERED = 2**31 - 1
@@ -55,7 +55,7 @@ def surfaces_by_row(model: Model, surfaces: TouchingSurfaces) -> list[TouchingSu
     if len(rows["rest_length"]) > 1:
         of_lengths = [contact_surfaces(system.replace(rest_length=one)) for one in rows["rest_length"]]
     body = surfaces.body_of_particle
-    means = [mean_stiffness(system, body, one) for one in rows["stiffness"]]
+    means = [spring_means(system, body, one) for one in rows["stiffness"]]
     count = lcm(len(of_lengths), len(means))
     return [of_lengths[k % len(of_lengths)]._replace(stiffness=means[k % len(means)]) for k in range(count)]
 

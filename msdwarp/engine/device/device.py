@@ -19,10 +19,7 @@ PRECISIONS = {
 def find_device(name: str | None) -> Any:
     """Return the Warp device called `name`; by default the first CUDA device, else the CPU.
 
-    Raises
-    ------
-    ValueError
-        If there is no such device here; the message lists those there are.
+    Raises ValueError that lists the devices there are if this is none of them.
     """
     start_warp()
     if name is None:
@@ -35,15 +32,21 @@ def find_device(name: str | None) -> Any:
 
 
 def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:
-    """Upload numbers; what is one constant everywhere takes one number of memory (a stride-0 view)."""
+    """Upload numbers; a uniform array takes one number of memory (a stride-0 view)."""
     if is_uniform(values):
         return view_of(wp.full(1, scalar(values[0]), dtype=scalar, device=device), len(values), (0,))
     return wp.array(values, dtype=scalar, device=device)
 
 
-def view_of(array: Any, shape: Any, strides: Any = None, dtype: Any = None) -> wp.array:
-    """Return a view of an array's memory, with strides in bytes; Warp's own know fewer shapes."""
+def upload_fields(data: Any, device: Any, **values: Any) -> None:
+    """Upload arrays of numbers as fields of a kernel's struct, each of the type that its field has."""
+    for name, numbers in values.items():
+        setattr(data, name, wp.array(numbers, dtype=data._cls.vars[name].type.dtype, device=device))
+
+
+def view_of(array: Any, shape: Any, strides: Any = None, dtype: Any = None, offset: int = 0) -> wp.array:
+    """Return a view of an array's memory from `offset` [bytes] on, with strides in bytes."""
     how = {"dtype": dtype or array.dtype, "device": array.device, "capacity": array.capacity}
-    view = wp.array(ptr=array.ptr, shape=shape, strides=strides, **how)
+    view = wp.array(ptr=int(array.ptr or 0) + offset, shape=shape, strides=strides, **how)
     view._ref = array  # a view does not own its memory
     return view

@@ -1,4 +1,4 @@
-"""In frames: numbers that depend on time, as tables on a device that are filled anew for each frame."""
+"""Frame tables: numbers that depend on time, in tables on a device that are filled for each frame."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -7,36 +7,23 @@ from typing import Any
 import warp as wp
 from numpy.typing import NDArray
 
+from .device import view_of
+
 Tables = dict[str, NDArray]
 """Tables by name, of the device's precision; those of vectors and matrices have their coordinates behind."""
 _ALIGNED = 4
-"""Tables begin at multiples of so many numbers, as the device likes to read them."""
+"""Tables begin at multiples of this many numbers, so that the device reads them fast."""
 
 
 class InFrames:
-    """Tables on a device that say for each frame what the host knows of it: poses, forces, rest lengths.
+    """Tables on a device with numbers that the host computes for each frame: poses, forces, rest lengths.
 
     They lie in one piece of memory, there and on the host, so that a frame costs one copy. A frame can be prepared
     while the one before it runs.
 
-    Parameters
-    ----------
-    tables
-        Shape and Warp type of each table, by name; all of one type of numbers.
-    scalar
-        That type.
-    device
-        Where they are.
-    fill
-        `fill(time, tables)` writes into the host's tables what they hold in the frame that begins at `time` [s].
-        What it does not write stays as it was, at first 0.
-
-    Attributes
-    ----------
-    arrays
-        The tables on the device, by name.
-    tables
-        The tables on the host, by name, for what never changes.
+    `tables` has the shape and the Warp type of each table by name, all of the same `scalar`. `fill(time, tables)`
+    writes into the host's tables what they hold in the frame that begins at `time` [s]; what it does not write
+    stays as it was, at first 0. `arrays` are the tables on the device, `tables` those on the host.
     """
 
     def __init__(
@@ -61,9 +48,7 @@ class InFrames:
         for name, (first, whole) in places.items():
             shape, dtype = tables[name]
             self.tables[name] = numbers[first : first + math.prod(whole)].reshape(whole)
-            view = wp.array(ptr=int(self._there.ptr or 0) + first * size, dtype=dtype, shape=shape, device=device)
-            view._ref = self._there  # a view does not own its memory
-            self.arrays[name] = view
+            self.arrays[name] = view_of(self._there, shape, dtype=dtype, offset=first * size)
         self._fill = fill
         self._holds: float | None = None
         """When the frame begins that the host's tables are of; None where they are of none."""
@@ -71,7 +56,7 @@ class InFrames:
     def prepare(self, time: float) -> None:
         """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
 
-        What goes wrong is that frame's affair: it is raised when it begins, if it ever does.
+        An error is raised only when that frame begins.
         """
         try:
             self._fill_in(time)
@@ -81,18 +66,15 @@ class InFrames:
     def begin_frame(self, time: float) -> None:
         """Have the device's tables be those of the frame that begins at `time` [s]: filled now unless prepared.
 
-        Raises
-        ------
-        Exception
-            What `fill` raises; the device's tables then stay as they are.
+        If `fill` raises, the device's tables stay as they are.
         """
         if self._holds != time:
             self._fill_in(time)
-        self._holds = None  # what has been used is not used again, as functions need not repeat themselves
+        self._holds = None  # each frame is filled once: a function need not return the same again
         self._copy()
 
     def upload(self, fill: Callable[[Tables], None]) -> None:
-        """Have the device's tables be what `fill` makes of those that were there last, until a frame begins."""
+        """Let `fill` change the last tables, and upload them; they hold until a frame begins."""
         self._wait()
         self._holds = None
         fill(self.tables)

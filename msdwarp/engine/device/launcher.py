@@ -1,4 +1,4 @@
-"""Launcher: what has several threads of the CPU share a launch, as effects see it."""
+"""Launcher: divides a launch among threads of the CPU, as effects see it."""
 
 from collections.abc import Callable
 from typing import Protocol

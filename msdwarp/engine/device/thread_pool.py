@@ -106,7 +106,7 @@ def _awaited(frame: _Frame) -> BaseException | None:
 
 
 def _forget() -> None:
-    """Begin anew in a process that was forked, which has none of the threads."""
+    """Forget the threads in a forked process, which has none of them."""
     global _choosing
     _crew.clear()
     _choosing = threading.Lock()

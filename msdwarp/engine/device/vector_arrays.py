@@ -6,37 +6,31 @@ import warp as wp
 
 from ...kernels.basis import vector
 from ...kernels.records import record_length
+from .device import view_of
 
 ALIGNED = 64
-"""Arrays that lie together begin at multiples of so many numbers: at lines of a GPU's cache."""
+"""Arrays that lie together begin at multiples of this many numbers: at lines of a GPU's cache."""
 MOST_NUMBERS = 2**31 - 1
 """Numbers in an array of Warp's."""
 
 
-def in_records(count: int, dim: int, scalar: Any, device: Any, margin: int = 0) -> wp.array:
-    """Return zeros, `count` vectors; as many as `margin` says may be read before the first and after the last."""
-    return records_together(1, count, dim, scalar, device, margin)[0]
+def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
+    """Return zeros, `count` vectors."""
+    return records_together(1, count, dim, scalar, device)[0]
 
 
 def records_together(
     arrays: int, count: int, dim: int, scalar: Any, device: Any, margin: int = 0
 ) -> tuple[wp.array, ...]:
-    """Return so many such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
+    """Return several such arrays, in one piece of memory, `_ref`, where Warp has arrays that large.
+
+    `margin` vectors more may be read before the first and after the last of each.
+    """
     length, size = record_length(dim), wp.types.type_size_in_bytes(scalar)
     each = -(-(count + 2 * margin) * length // ALIGNED) * ALIGNED
     if arrays > 1 and arrays * each > MOST_NUMBERS:
-        return tuple(in_records(count, dim, scalar, device, margin) for _ in range(arrays))
+        return tuple(records_together(1, count, dim, scalar, device, margin)[0] for _ in range(arrays))
     storage = wp.zeros(arrays * each, dtype=scalar, device=device)
-    views = []
-    for k in range(arrays):
-        view = wp.array(
-            ptr=int(storage.ptr or 0) + (k * each + margin * length) * size,
-            dtype=vector(dim, scalar),
-            shape=count,
-            strides=(length * size,),
-            device=device,
-            capacity=storage.capacity,
-        )
-        view._ref = storage  # a view does not own its memory
-        views.append(view)
-    return tuple(views)
+    Vector, strides, step = vector(dim, scalar), (length * size,), each * size
+    begin = margin * length * size
+    return tuple(view_of(storage, count, strides, Vector, begin + k * step) for k in range(arrays))

@@ -1,1 +1,1 @@
-"""What is told of a state: energies, divergence, rates, sensors."""
+"""Measures of a state: energies, divergence, rates, sensors."""

@@ -1,4 +1,4 @@
-"""Watches a run: has it diverged? And keeps the state that it can go back to."""
+"""Detects divergence of a run, and keeps the state that it can go back to."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -27,7 +27,7 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # What starts in an obstacle drags along what it is connected to.
+        # A body that starts in an obstacle drags along all that is connected to it.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
@@ -36,11 +36,10 @@ class Baseline(NamedTuple):
 class DivergenceMonitor:
     """Looks at a state from the device, and costs one pass over the particles.
 
-    Energy can only go from the start's kinetic, elastic and gravitational energy to others or to heat: kinetic
-    and gravitational energy together may never exceed their sum, and the work of what acts from outside: loads,
-    drives, obstacles that move. They are taken to have a source in the
-    stepping if they do by `energy_limit` times the scale: kinetic and elastic energy at the start, and the
-    weight times the system's size.
+    The kinetic, elastic and gravitational energy of the start can only change form or turn to heat. So kinetic and
+    gravitational energy together may never exceed that sum plus the work of loads, drives and moving obstacles. If
+    they do so by `energy_limit` times the scale, the run has diverged. The scale is the kinetic and elastic energy
+    at the start plus the weight times the system's size.
     """
 
     def __init__(
@@ -50,11 +49,9 @@ class DivergenceMonitor:
         self.energy = 0.0
         """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
         self.told = list[float]()
-        """What was read last of what has been found."""
+        """The numbers that were read last."""
         self._sums = Sums(assembly, everything=False)
-        self._work, self._most_work = assembly.external_work, 0.0
-        # What loads have done is no sign of divergence.
-        self._shares = None if self._work is None else self._work.shares()
+        self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:
@@ -68,14 +65,12 @@ class DivergenceMonitor:
         """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
 
     def look(self, found: Found) -> None:
-        """Launch what finds out about the present state; it may be recorded."""
+        """Launch the sums over the present state; it may be recorded."""
         state = self._state
-        if self._work is not None and self._shares is not None:
-            self._work.launch(state.x, state.v, self._shares)
-        self._sums.launch(state.x, state.v, state.v, None, self._shares, found.state_out)
+        self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
-        """Wait for what was found about the state of the only world, and tell whether it has diverged."""
+        """Wait for the sums over the state of the only world, and tell whether it has diverged."""
         self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self.most
         if self._work is not None:
@@ -91,7 +86,7 @@ class DivergenceMonitor:
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
-        """Return the first particle that is not finite, else the fastest, of the state last told of."""
+        """Return the first particle that is not finite, else the fastest, of the state that was read last."""
         if self._first < self._model.particle_count:
             return self._first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
@@ -100,12 +95,8 @@ class DivergenceMonitor:
 class Backup:
     """The state at the start of a frame: all that substeps leave to the next, and other arrays.
 
-    Attributes
-    ----------
-    kept
-        Vectors of particles, in the order of `live`.
-    changing
-        What effects change, and the other arrays, each with room for what it was.
+    `kept` are vectors of particles, in the order of `live`. `changing` are the arrays that effects change, and the
+    others, each with room for what it was.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

@@ -61,7 +61,7 @@ def measure(
         energies, powers = effect.energies_and_powers(state.x, v)
         stored, power = stored + energies, power + powers
     there = wp.zeros((model.worlds, columns.COLUMNS), dtype=wp.float64, device=model.device)
-    Sums(assembly).launch(state.x, v, v, x_lost, None, there)
+    Sums(assembly, with_work=False).launch(state.x, v, v, x_lost, there)
     found = np.array(there.numpy())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
@@ -80,12 +80,14 @@ def measure(
 class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
-    Where `everything` is false, only what tells of divergence is found, by a pass over the particles.
+    Where `everything` is false, only the columns that show divergence are found, by a pass over the particles. The
+    work of loads is added up too, unless `with_work` is false.
     """
 
-    def __init__(self, assembly: Assembly, *, everything: bool = True) -> None:
+    def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:
         model, self._everything = assembly.model, everything
-        self._model = model
+        self._model, self._work = model, assembly.external_work if with_work else None
+        self._shares = None if self._work is None else self._work.shares()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
         # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
@@ -95,24 +97,18 @@ class Sums:
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
-    def launch(
-        self,
-        x: wp.array,
-        u: wp.array,
-        v: wp.array,
-        x_lost: wp.array | None,
-        work: wp.array | None,
-        found: wp.array,
-    ) -> None:
+    def launch(self, x: wp.array, u: wp.array, v: wp.array, x_lost: wp.array | None, found: wp.array) -> None:
         """Launch the sums for particles at x that move at v, at u as the method has it; it may be recorded.
 
-        `x_lost` is what x has lost by rounding, and `work` has shares of what loads have done [J].
+        `x_lost` is what x has lost by rounding.
         """
         model = self._model
+        if self._work is not None and self._shares is not None:
+            self._work.launch(x, u, self._shares)
         compensated = model.compensated and x_lost is not None
         how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
-        inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, work]
+        inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, self._shares]
         self._sweep.launch(partial(sum_up, *how, compensated, *self._what), inputs, found)
 
 

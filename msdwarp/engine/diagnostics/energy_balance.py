@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...kernels.reductions import columns
-from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
@@ -18,7 +17,7 @@ FEW = 32**3
 
 
 class EnergyBalance(NamedTuple):
-    """What a state holds, as far as growth can be told from it."""
+    """Energies of a state that show whether energy grows."""
 
     energy: float
     """Kinetic, elastic, gravitational and other stored energy, as the method conserves it, less work [J]."""
@@ -37,7 +36,7 @@ class EnergyBalance(NamedTuple):
 
 
 class EnergySums:
-    """Tells the balance of a state, of sums that can be recorded.
+    """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
     stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
@@ -51,37 +50,33 @@ class EnergySums:
         self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
         self._mass, self._work = mass(self._model), dynamics.assembly.external_work
         (self._v,) = state.empty_vectors(1) if lag else (state.v,)
-        self._shares = None if self._work is None else self._work.shares()
-        plain = Effect.energies_and_powers
-        self._storing = [one for one in dynamics.assembly.all if type(one).energies_and_powers is not plain]
+        self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
-        """Launch what finds the present balance, and what `DivergenceMonitor.look` finds; it may be recorded."""
+        """Launch the sums of the present balance and those of `DivergenceMonitor.look`; it may be recorded."""
         now = self._state.state_in
         if self._lag:
             kicked(self._dynamics, self._state, self._lag, self._v)
-        if self._work is not None and self._shares is not None:
-            self._work.launch(now.x, now.v, self._shares)
-        self._sums.launch(now.x, now.v, self._v, now.compensation.x, self._shares, found.state_out)
+        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
-    def balance(self, told: list[float]) -> EnergyBalance:
-        """Return the balance of the present state, of what was found."""
-        model, kinetic, elastic = self._model, told[columns.MEAN_KINETIC], told[columns.ELASTIC]
-        work = 0.0 if self._work is None else float(self._work.before[0]) + told[columns.WORK]
-        free, swing = kinetic + told[columns.POTENTIAL] - work, told[columns.SWING]
+    def balance(self, found: list[float]) -> EnergyBalance:
+        """Return the balance of the present state, from the numbers that were found."""
+        model, kinetic, elastic = self._model, found[columns.MEAN_KINETIC], found[columns.ELASTIC]
+        work = 0.0 if self._work is None else float(self._work.before[0]) + found[columns.WORK]
+        free, swing = kinetic + found[columns.POTENTIAL] - work, found[columns.SWING]
         now = self._state.x, self._state.v
         stored = sum(float(one.energies_and_powers(*now)[0][0]) for one in self._storing)
         energy = free + elastic + stored - swing
         together = 0.0
         if not model.pinned:
-            momentum = told[columns.MOMENTUM : columns.MOMENTUM + model.dim]
+            momentum = found[columns.MOMENTUM : columns.MOMENTUM + model.dim]
             together = 0.5 * sum(one * one for one in momentum) / self._mass
         inner = max(kinetic - together, 0.0) + elastic
-        return EnergyBalance(energy, swing, inner, kinetic, free, told[columns.STRAIN], work)
+        return EnergyBalance(energy, swing, inner, kinetic, free, found[columns.STRAIN], work)
 
 
 def is_told_by_frames(dynamics: Dynamics) -> bool:
-    """Tell whether frames had better find their balance themselves than have it found when it is asked for."""
+    """Tell whether it is faster to compute the balance in each frame than on request."""
     model = dynamics.model
     few = model.particle_count < FEW and not model.in_worlds
     return model.device.is_cuda and few and not dynamics.launches_before_forces
@@ -96,7 +91,7 @@ def mass(model: Model) -> Any:
 def weight(model: Model) -> Any:
     """Return the weight of all that is not pinned [N]."""
     falling = model.row_of("gravity")
-    if model.falling is not None:  # a scale of it is all that is asked for
+    if model.falling is not None:  # only its scale matters
         falling = model.falling.at(np.zeros(1), model.dim)
     return mass(model) * model.of_each(np.linalg.norm(falling, axis=1))
 

@@ -17,7 +17,7 @@ LEAST_THREADS, MOST_THREADS = 8, 2**20
 
 
 class WorldStatus(NamedTuple):
-    """What has become of each world, arrays of shape [worlds]."""
+    """The status of each world, arrays of shape [worlds]."""
 
     status: NDArray[np.int32]
     """0 while it runs, 1 where a number is no longer finite, 2 where energy has grown without a cause."""
@@ -28,7 +28,7 @@ class WorldStatus(NamedTuple):
 
 
 class FrozenWorlds:
-    """Judges each world where a frame ends, from the device alone, by what a `DivergenceMonitor` has found.
+    """Judges each world at the end of a frame, on the device alone, by the sums of a `DivergenceMonitor`.
 
     What has become of each stands in `frozen`, the launcher's own array (`Dynamics.frozen`).
     """
@@ -52,7 +52,7 @@ class FrozenWorlds:
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:
-        """Launch the judgement of what was found, and put what has diverged back to what was kept."""
+        """Launch the judgement of the sums, and restore the backup in worlds that have diverged."""
         device, worlds = self._model.device, self._model.worlds
         wp.launch(judge, worlds, [found.state_out, *self._limits], self._own, device=device)
         arrays = [*zip(backup.live(), backup.kept, strict=True)]
@@ -66,7 +66,7 @@ class FrozenWorlds:
                 wp.launch(put_back, (worlds, threads), inputs, [words], device=device)
 
     def found(self) -> WorldStatus:
-        """Return what has become of each world."""
+        """Return the status of each world."""
         status: Any
         status, frames, particle = (one.numpy() for one in (self._frozen, self._good_frames, self._particle))
         lost = particle < self._model.particle_count
@@ -77,7 +77,7 @@ class FrozenWorlds:
         )
 
     def tell_contact(self) -> None:
-        """Have contact between bodies know which worlds are frozen, of which lists need not hold."""
+        """Tell contact between bodies which worlds are frozen: their lists may be too short."""
         if self._contact is not None:
             self._contact.frozen = self._frozen.numpy() != RUNNING
 

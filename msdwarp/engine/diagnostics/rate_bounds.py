@@ -89,13 +89,12 @@ def _least_ratio(model: Model, world: int) -> float:
 
 def resists(assembly: Assembly) -> bool:
     """Return whether rates depend on how fast particles move: whether any effect resists their motion."""
-    return any(type(one).add_resistance is not Effect.add_resistance for one in assembly.all)
+    return any(one.overrides("add_resistance") for one in assembly.all)
 
 
 def acts_on_rates(effects: Sequence[Effect]) -> bool:
     """Tell whether any effect adds to the bounds."""
-    overridden = ("add_blocks", "add_resistance")
-    return any(getattr(type(one), name) is not getattr(Effect, name) for one in effects for name in overridden)
+    return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 
 def _blocks(model: Model) -> list[wp.array]:
@@ -106,7 +105,7 @@ def _blocks(model: Model) -> list[wp.array]:
 
 
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add what effects do, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
+    """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
 
     They are twice the largest eigenvalue of a block over its particle's mass.
     """
@@ -114,8 +113,14 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
     others = [one for one in assembly.all if one is not contact]
     for world in range(model.different if acts_on_rates(others) else 0):
         here = slice(world * model.stride, world * model.stride + model.particle_count)
-        x, v, *own = state.x[here], state.v[here], *(one[world] for one in blocks)
-        _add_effects(model, others, x, v, own, world)
+        parts: Any = (state.x[here], state.v[here], *(one[world] for one in blocks))
+        x, v, stiffness, damping = parts
+        resistance = np.zeros(model.particle_count)
+        for effect in others:
+            effect.add_blocks(x, stiffness, damping, world)
+            effect.add_resistance(x, v, resistance)
+        if resistance.any():
+            damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
     if contact is not None:  # of all worlds at once
         for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
             block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
@@ -123,14 +128,3 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
     inputs = [model.table("inverse_mass"), *blocks]
     wp.launch(largest_rate(model.dim, model.scalar), blocks[0].shape, inputs, [bounds], device=model.device)
     return bounds.numpy().astype(np.float64)
-
-
-def _add_effects(model: Model, effects: Sequence[Effect], x: Any, v: Any, blocks: list[Any], world: int) -> None:
-    """Add what effects hold particles of a world with, and how they resist their motion."""
-    for effect in effects:
-        effect.add_blocks(x, blocks[0], blocks[1], world)
-    if any(type(one).add_resistance is not Effect.add_resistance for one in effects):
-        total = np.zeros(model.particle_count)
-        for effect in effects:
-            effect.add_resistance(x, v, total)
-        blocks[1].assign(blocks[1].numpy() + total[:, None, None] * np.eye(model.dim))

@@ -18,11 +18,7 @@ class Found:
     """What is found about a state (`msdwarp.kernels.reductions.columns`).
 
     Of one world a device writes it where the host reads. Of the worlds of an ensemble it stays on the device.
-
-    Attributes
-    ----------
-    state_out
-        The array, as kernels write it, shape [worlds, COLUMNS].
+    Kernels write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
     def __init__(self, model: Model) -> None:
@@ -38,7 +34,7 @@ class Found:
             self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Have `wait` wait for what has been launched by now."""
+        """Have `wait` wait for all launches so far."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
@@ -54,9 +50,9 @@ class Found:
 
 
 class Sweep:
-    """Launches kernels that go over all worlds once, and add up in the same launch what their threads find.
+    """Launches kernels that go over all worlds once, and add up the results of their threads in the same launch.
 
-    There are up to `count` things of a kind to go over in a world, and so many numbers are `found`.
+    A world has up to `count` particles or connections to go over; `found` is how many numbers are summed.
     """
 
     def __init__(self, model: Model, count: int, found: int) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...bodies import mask_of
 from ...kernels.integrators import force_on_each
 from ...kernels.reductions import fold, mean_of_function, probes, sum_of_group, sum_strain
 from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
@@ -25,14 +26,9 @@ ROWS = 64
 
 
 class Sensors:
-    """Measures what probes ask for: a few sums, launched as often as they are read in a frame.
+    """Measures what probes ask for: a few sums, launched for each of the `readings` in a frame of some `seconds`.
 
-    Parameters
-    ----------
-    readings, seconds
-        How often they are read in a frame, and its length [s].
-    contact_forces
-        What sums the contact forces, where any probe asks for such.
+    `contact_forces` sums the contact forces, where any probe asks for such.
     """
 
     def __init__(
@@ -58,7 +54,7 @@ class Sensors:
         on_gpu = model.device.is_cuda
         shape = (readings, model.worlds, ROWS if on_gpu and not model.in_worlds else 1, first)
         self._rows = wp.zeros(shape, dtype=wp.float64, device=model.device)
-        # What the host reads: on a GPU pinned, as what the watch has found is.
+        # The copy that the host reads: on a GPU in pinned memory.
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
@@ -99,8 +95,7 @@ class _Sum:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
         self.width = probes.STRAIN_COLUMNS if self.what == STRAIN else model.dim
         if self.what == STRAIN:
-            chosen = np.zeros(model.connection_count, dtype=bool)
-            chosen[probe.connections(model.system)] = True
+            chosen = mask_of(probe.connections(model.system), model.connection_count)
             member = np.flatnonzero(model.ordered(chosen))
             self._constants = [*map(model.table, CONSTANTS), model.connections]
         else:
@@ -111,7 +106,7 @@ class _Sum:
         self._shares = _shares(model, len(member), self.width)
 
     def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
-        """Launch the sum over the group of what its particles have, or of the strains of its connections."""
+        """Launch the sum of `values` over the group's particles, or of the strains of its connections."""
         model, compensated, largest = self._model, self._model.compensated and lost is not None, -1
         kernel = sum_of_group(model.dim, values.dtype, compensated)
         if self.what == STRAIN:
@@ -121,7 +116,7 @@ class _Sum:
         _fold(self._shares, rows, self._first, largest)
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-        """Return what the probe tells in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
+        """Return the probe's values in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
         own = rows[..., self._first : self._first + self.width]
         result = total = own.sum(axis=2)
         if self.what == STRAIN:
@@ -157,20 +152,20 @@ class GroupMeans:
 
 
 def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return room for the sums over so many members by the threads of each world."""
+    """Return zeros for the sums over `count` members by the threads of each world."""
     most = max(MOST_THREADS // model.worlds, 1)
     threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
     return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)
 
 
 def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
-    """Launch the sum of what threads have found, into a few rows."""
+    """Launch the sum of the threads' shares into a few rows."""
     threads = (*rows.shape[:2], shares.shape[2])
     wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
 
 
 def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what each particle of a group counts, and the mass of those that are free [kg], by rows of masses."""
+    """Return the weight of each particle of a group, and the mass of the free ones [kg], by rows of masses."""
     free = np.where(np.isfinite(mass), mass, 0.0)
     total = free.sum(axis=1)
     if what in (FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE):
@@ -187,6 +182,6 @@ def sensors_of(
     seconds: float,
     contact_forces: ContactForces | None,
 ) -> Sensors | None:
-    """Return what measures for the probes that are read "frame" by frame, or every "substep"; None without any."""
+    """Return the sensors that are read every "frame" or every "substep"; None if there are none."""
     requested = probes_by(every, dynamics.assembly.probes)
     return Sensors(dynamics, state, requested, readings, seconds, contact_forces) if requested else None

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from ...kernels.loads import actuated_springs, add_tension
 from ...world import Actuator, Load
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 
 AHEAD = np.arange(600) / 60.0
-"""When the bound of the rates looks at what muscles will do [s]."""
+"""Times at which the bound of the rates evaluates the strains of muscles [s]."""
 
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
@@ -24,7 +25,7 @@ def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None
 
 
 class ActuatedSprings(StageTables):
-    """Rest lengths that are functions of time: what springs of those pull more than springs of their own."""
+    """Rest lengths that are functions of time, as the extra tension of their springs."""
 
     table = "strain"
 
@@ -51,13 +52,11 @@ class ActuatedSprings(StageTables):
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        data.first = wp.array(first, dtype=int, device=model.device)
-        data.other = wp.array(other[order], dtype=int, device=model.device)
-        data.column = wp.array(np.tile(self._column, 2)[order], dtype=int, device=model.device)
         each = np.tile(strength, (1, 2))[:, order]
         if len(each) > 1:
             self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))
-        data.strength = wp.array(each.ravel(), dtype=model.scalar, device=model.device)
+        column = np.tile(self._column, 2)[order]
+        upload_fields(data, model.device, first=first, other=other[order], column=column, strength=each.ravel())
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
@@ -65,7 +64,7 @@ class ActuatedSprings(StageTables):
         return self._model.row_of(name)[:, self._connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add what contracted muscles pull across their axes, at the largest contraction that is known."""
+        """Add the stiffness of contracted muscles across their axes, at the largest known contraction."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self._connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])

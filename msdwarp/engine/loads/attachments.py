@@ -1,4 +1,4 @@
-"""Attachments: particles held by springs to points of the world, or of what moves in it, on a device."""
+"""Attachments: particles held by springs to fixed or moving points, on a device."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.loads import attachments
 from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..device.frame_tables import Tables
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
@@ -56,12 +57,9 @@ class AttachmentSprings(FrameTables):
             for one, mask in zip(several, held, strict=True)
         )
         device = model.device
-        data.first = wp.zeros(model.particle_count + 1, dtype=int, device=device)
-        data.member, data.carrier = (wp.zeros(size, dtype=int, device=device) for _ in range(2))
-        data.point = wp.zeros(size, dtype=model.vector, device=device)
-        data.rest_length, data.stiffness, data.damping = (
-            wp.zeros(size, dtype=model.scalar, device=device) for _ in range(3)
-        )
+        numbers = ("member", "carrier", "rest_length", "stiffness", "damping")
+        room = {name: np.zeros(size) for name in numbers} | {"point": np.zeros((size, model.dim))}
+        upload_fields(data, device, first=np.zeros(model.particle_count + 1), **room)
         if self._moving:
             self.by_world = ("done",)
             self.done = data.done = wp.zeros((2 * model.worlds, size), dtype=wp.float64, device=device)
@@ -95,7 +93,7 @@ class AttachmentSprings(FrameTables):
             values[name] = numbers[order]
         self._member_count = len(member)
         for name, numbers in values.items():
-            if len(numbers):  # what is beyond is of nobody
+            if len(numbers):  # the rest of the array is unused
                 array = getattr(data, name)
                 source = wp.array(numbers, dtype=array.dtype, device="cpu")
                 wp.copy(array, source, count=len(numbers))
@@ -111,7 +109,7 @@ class AttachmentSprings(FrameTables):
             except ValueError:  # before any row was filled
                 self._named, self._hands = before
                 raise
-            if self.done is not None:  # rows are of others now: what was done counts in all
+            if self.done is not None:  # rows now belong to other springs: only the sum of their work counts
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()
                 self.done.assign(done)
@@ -158,7 +156,7 @@ class AttachmentSprings(FrameTables):
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of what each holds its particle with: the bound doubles it, as for springs with two ends."""
+        """Add half the stiffness and damping of each: the bound doubles them, as for springs with two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 

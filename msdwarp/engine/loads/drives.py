@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.basis import vector
 from ...kernels.loads import driven
 from ...world import Driven, Load, poses
+from ..device.device import upload_fields
 from ..device.frame_tables import Tables
 from ..model.model import Model
 from ..model.stage_tables import FrameTables
@@ -42,19 +43,14 @@ class Drives(FrameTables):
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
         self.piece = driven(model.dim, model.scalar, model.compensated)
         data = self.data = self.piece.Data()
-        self.held: NDArray = np.concatenate([one.held for _, one in drives])
+        held = np.concatenate([one.held for _, one in drives])
         entry = np.full(model.particle_count, -1)
-        entry[self.held] = np.arange(len(self.held))
-        self._drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
-        self._start = np.concatenate([one.start for _, one in drives])
-        for name, values, kind in (
-            ("entry", entry, int),
-            ("drive", self._drive, int),
-            ("start", self._start, self._wide),
-        ):
-            setattr(data, name, wp.array(values, dtype=kind, device=model.device))
+        entry[held] = np.arange(len(held))
+        drive = np.repeat(np.arange(len(drives)), [len(one.held) for _, one in drives])
+        start = np.concatenate([one.start for _, one in drives])
+        upload_fields(data, model.device, entry=entry, drive=drive, start=start)
         self.by_world = ("done",)
-        self.done = data.done = wp.zeros((2 * model.worlds, len(self.held)), dtype=wp.float64, device=model.device)
+        self.done = data.done = wp.zeros((2 * model.worlds, len(held)), dtype=wp.float64, device=model.device)
         self._reach = [float(np.linalg.norm(one.start - one.centre, axis=1).max()) for _, one in drives]
         self._longest = [_shortest_attached(model, one) for _, one in drives]
         self._furthest = float(np.finfo(model.dtype).max) / 4
@@ -86,26 +82,17 @@ class Drives(FrameTables):
             self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
 
     def place(self, state: State, time: float, fps: float) -> None:
-        """Put what is driven where it is at `time` [s], with the velocity that it has there."""
-        values, rates = np.empty((2, len(self.held), self._model.dim))
-        for k, (name, one) in enumerate(self._drives):
+        """Write the positions and velocities of driven particles at `time` [s]."""
+        model = self._model
+        held = np.zeros(model.particle_count, dtype=bool)
+        places, speeds = np.zeros((2, 1, model.particle_count, model.dim))
+        for name, one in self._drives:
             (turn, turning, _), (shift, speed, _) = self._around(name, one, time, fps)
-            mine = self._drive == k
-            values[mine] = one.start @ turn.T + shift
-            rates[mine] = one.start @ turning.T + speed
-        worlds, stride = self._model.worlds, self._model.stride
-        held = np.add.outer(stride * np.arange(worlds), self.held).ravel()
-        for name, own in (("x", values), ("v", rates)):
-            exact, array = np.tile(own, (worlds, 1)), getattr(state.state_in, name)
-            rounded, whole = exact.astype(self._model.dtype), array.numpy().copy()
-            whole[held] = rounded
-            array.assign(whole)
-            if self._model.compensated:
-                compensation = getattr(state.state_in.compensation, name)
-                off = compensation.numpy().copy()
-                off[held] = rounded - exact
-                for one in {compensation, getattr(state.state_out.compensation, name)}:
-                    one.assign(off)
+            held[one.held] = True
+            places[0, one.held] = one.start @ turn.T + shift
+            speeds[0, one.held] = one.start @ turning.T + speed
+        state.write("x", places, held)
+        state.write("v", speeds, held)
 
     def displaced(self) -> str | None:
         """Return words about a drive that does not begin where its particles are; None if all do."""
@@ -128,7 +115,7 @@ class Drives(FrameTables):
             turn, shift = self._poses(name, one, times)
             self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
             tables["turn"][:, k], tables["shift"][:, k] = turn[self._rows], shift[self._rows]
-            # Of differences, so that what stands still has none to the last bit.
+            # From differences, so that particles at rest have exactly no velocity.
             off = np.concatenate([(turn - turn[0]).reshape(len(turn), -1), shift - shift[0]], axis=1)
             rates = self._weights @ off
             tables["turning"][:, k] = rates[:, : dim * dim].reshape(-1, dim, dim)

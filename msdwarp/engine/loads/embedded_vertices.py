@@ -21,7 +21,7 @@ def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertic
 
 
 class EmbeddedVertices(Effect):
-    """Finds the vertices of a surface before forces are taken: loads read them as they would read particles."""
+    """Computes the vertices of a surface before forces are evaluated: loads read them like particles."""
 
     def __init__(self, model: Model) -> None:
         self._model, facets = model, facets_of(model.system)
@@ -36,6 +36,6 @@ class EmbeddedVertices(Effect):
             setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what finds the vertices of particles at x, which move at v."""
+        """Launch the computation of the vertices, for particles at x that move at v."""
         inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
         wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)

@@ -1,4 +1,4 @@
-"""Work: what loads have done on a system from outside."""
+"""Work of loads on a system."""
 
 from collections.abc import Mapping, Sequence
 
@@ -30,9 +30,9 @@ def _stored(effect: Effect) -> str:
 
 
 class Work(Effect):
-    """Keeps what loads have done on each particle of a model [J], float64, if any of it is `summed` so.
+    """Sums the work of loads on each particle of a model [J], in float64, if any of it is `summed` so.
 
-    To that it adds the work of steady forces, which is that of a potential, and of effects that sum it themselves.
+    It adds the work of steady forces, which have a potential, and of effects that sum their work themselves.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Work(Effect):
             self.before -= (forces * rows).sum(axis=(1, 2))[np.arange(model.worlds) % len(rows)]
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         # With one force a substep, half of it is taken with the velocity before it and half with that after it.
         lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
         self._remaining = lags * dt
@@ -78,7 +78,7 @@ class Work(Effect):
             setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
 
     def settle(self, x: wp.array, v: wp.array) -> None:
-        """Count what the last force still counts, before velocities change that are not its doing."""
+        """Add the pending work of the last force, before velocities are changed from outside."""
         done = self.totals(x, v)
         self._last.zero_()
         self.before += done - self.totals(x, v)
@@ -99,23 +99,23 @@ class Work(Effect):
             wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
 
     def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return what has been done so far in each world on particles that now are at x and move at v [J]."""
+        """Return the work so far in each world [J], for particles that now are at x and move at v."""
         shares = self.shares()
         self.launch(x, v, shares)
         return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)
 
     @property
     def changing(self) -> list[wp.array]:
-        """What has been done on each particle, and the force in the last substep."""
+        """The work on each particle, and the force in the last substep."""
         return [self._done, self._last, *self._others.values()]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return what has been done on each particle, and before."""
+        """Return the work on each particle, and the earlier work."""
         arrays = {"work.done": self._done, "work.last": self._last} | self._others
         return {name: array.numpy().copy() for name, array in arrays.items()} | {"work.before": self.before.copy()}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore the state that `checkpoint` returned."""
         self._done.assign(arrays["work.done"])
         self._last.assign(arrays["work.last"])
         for name, done in self._others.items():

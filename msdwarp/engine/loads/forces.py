@@ -3,17 +3,17 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.loads import function_force, steady_force, varying_force, weight_force
 from ...world import Falling, Force, Load
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
 
 Named = Sequence[tuple[str, Force]]
-"""Forces, and what they are called."""
+"""Forces, each with its name in messages."""
 
 
 def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
@@ -53,8 +53,7 @@ class Steady(Effect):
         self._model, self._forces, self._shares = model, forces, shares
         self.sums = self._of(forces)
         """The force on the particles of each combination [N], shape [combination_count, d]."""
-        self.data.value = wp.array(self.sums, dtype=model.vector, device=model.device)
-        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+        upload_fields(self.data, model.device, value=self.sums, combination=combination)
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the sums that these forces make."""
@@ -76,7 +75,7 @@ class Varying(StageTables):
         self.data = self.piece.Data()
         self._shares, combination = combinations(model, forces)
         self.members = combination > 0
-        self.data.combination = wp.array(combination, dtype=int, device=model.device)
+        upload_fields(self.data, model.device, combination=combination)
         self.set_up(model, len(self._shares), model.vector, varies=True)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...kernels.loads import gas_law, gas_pressure, given_pressure
 from ...world import EnclosedGas, Load, Pressure, volume
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables
@@ -39,7 +40,7 @@ class SurfacePressure(Effect):
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
         self.data = piece.Data()
         self.data.faces = faces.on(model, type(self.data.faces))
-        self.data.of = wp.array(faces.of, dtype=int, device=model.device)
+        upload_fields(self.data, model.device, of=faces.of)
         self.members = faces.members()
 
     def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -48,7 +49,7 @@ class SurfacePressure(Effect):
         ∂a/∂x_j is half the opposite edge (as a cross product): by Gershgorin a particle's row of the stiffness is
         at most p (|e_1| + |e_2| + |e_3|) / 6 of each of its triangles; blocks count half of that.
         """
-        faces, places = self._faces, self._faces.points(x)
+        faces, places = self._faces, self._faces.facets.points(x)
         edges = sum(
             np.linalg.norm(places[faces.corner[:, k]] - places[faces.corner[:, k - 1]], axis=1).astype(np.float64)
             for k in range(3)
@@ -87,7 +88,7 @@ class Gases(SurfacePressure):
         self.by_world = ("value",)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what finds the pressures for particles at x."""
+        """Launch the computation of the pressures for particles at x."""
         model, ends = self._model, self._faces.ends
         threads, stride = THREADS if model.device.is_cuda else 1, model.stride
         if self._vertices is not None:
@@ -107,7 +108,7 @@ class Gases(SurfacePressure):
         1 whose eigenvalue, over masses, is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks count half of it, over each mass.
         """
         model, faces = self._model, self._faces
-        places = faces.points(x.numpy())
+        places = faces.facets.points(x.numpy())
         masses = model.row_of("mass")
         inverse_mass = np.broadcast_to(
             (1.0 / masses[world % len(masses)]).astype(model.dtype), model.particle_count
@@ -119,7 +120,9 @@ class Gases(SurfacePressure):
             now = max(volume(corner, places), 1e-6 * gas.volume)
             inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
             over[k] = inside - gas.outside
-            gradient = faces.spread(faces.add_to_corners(area_vectors(corner, places) / 3, corner))
+            gradient = faces.facets.spread(
+                faces.add_to_corners(area_vectors(corner, places) / 3, corner), model.particle_count
+            )
             rate = gas.exponent * inside / now * float(((gradient**2).sum(axis=1) * inverse_mass).sum())
             mine = (gradient != 0).any(axis=1) & (inverse_mass > 0)
             each[mine] += 0.5 * rate / inverse_mass[mine]

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..model.model import Model
 
 
@@ -16,7 +16,8 @@ class Faces:
     """The triangles of a surface that several loads act on, one load's behind the other's."""
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
-        self._facets, self._count = parts[0], particle_count
+        self.facets, self._count = parts[0], particle_count
+        """Vertices, as mixtures of particles."""
         self.mixed: bool = parts[0].mixed
         """Whether vertices are mixtures of particles; else they are particles."""
         self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
@@ -30,25 +31,17 @@ class Faces:
 
     def members(self) -> NDArray[np.bool_]:
         """Return which particles carry any of them, shape [particle_count]."""
-        corners = np.zeros(len(self._facets.particle))
+        corners = np.zeros(len(self.facets.particle))
         corners[self.corner.ravel()] = 1.0
         return self.bound(corners) > 0
 
-    def points(self, x: NDArray) -> NDArray[np.float64]:
-        """Return where the vertices are, for particles at x [m]."""
-        return self._facets.points(x)
-
-    def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return forces on vertices, or gradients by their places, as those of the particles."""
-        return self._facets.spread(values, self._count)
-
     def bound(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return bounds of the row sums of particles, of those of vertices; see `Facets.bound`."""
-        return self._facets.bound(sums, self._count) if self.mixed else sums
+        return self.facets.bound(sums, self._count) if self.mixed else sums
 
     def add_to_corners(self, values: NDArray[np.float64], corner: NDArray[np.int32] | None = None) -> NDArray:
         """Return for each vertex the sum of numbers or vectors of the triangles around it."""
-        result = np.zeros((len(self._facets.particle), *values.shape[1:]))
+        result = np.zeros((len(self.facets.particle), *values.shape[1:]))
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
 
@@ -57,18 +50,15 @@ class Faces:
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
         if self.mixed:  # of every particle in a triangle its shares in the three corners together
-            entry = triangle[:, None] * np.int64(self._count) + self._facets.particle[particle]
-            weight = self._facets.weight[particle] / 3
+            entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
+            weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)
             share = np.bincount(number, weights=weight[weight != 0])
             triangle, particle = np.divmod(different, self._count)
         order, first = rows(particle, self._count)
         faces = Struct()
-        faces.corner = wp.array(self.corner, dtype=wp.vec3i, device=model.device)
-        faces.first = wp.array(first, dtype=int, device=model.device)
-        faces.number = wp.array(triangle[order], dtype=int, device=model.device)
-        if self.mixed:
-            faces.share = wp.array(share[order], dtype=model.scalar, device=model.device)
+        shares = {"share": share[order]} if self.mixed else {}
+        upload_fields(faces, model.device, corner=self.corner, first=first, number=triangle[order], **shares)
         return faces
 
 

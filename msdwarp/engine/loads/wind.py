@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from ...kernels.loads import wind_on_faces, wind_on_particles
 from ...world import Load, Wind
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import Faces, area_vectors
 
 Named = Sequence[tuple[str, Wind]]
-"""Winds, and what they are called."""
+"""Winds, each with its name in messages."""
 
 
 def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
@@ -81,17 +82,15 @@ class OnFaces(WindEffect):
     def __init__(self, model: Model, winds: Named) -> None:
         faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
         closed = bool(faces.closed.any())
-        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, closed=closed)
+        super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, any_closed=closed)
         self.data.faces = faces.on(model, type(self.data.faces))
-        self.data.wind = wp.array(faces.of, dtype=int, device=model.device)
-        if closed:
-            self.data.closed = wp.array(faces.closed, dtype=bool, device=model.device)
+        upload_fields(self.data, model.device, wind=faces.of, **({"closed": faces.closed} if closed else {}))
         self.members = faces.members()
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add a third of each triangle's to each of its corners."""
         faces = self._faces
-        area = np.linalg.norm(area_vectors(faces.corner, faces.points(x.numpy())), axis=1)
+        area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
 
 
@@ -108,8 +107,7 @@ class OnParticles(WindEffect):
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):
             self._area[mine], self._number[mine] = one.areas(model.system)[mine], k
-        self.data.wind = wp.array(self._number, dtype=int, device=model.device)
-        self.data.area = wp.array(self._area, dtype=model.scalar, device=model.device)
+        upload_fields(self.data, model.device, wind=self._number, area=self._area)
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add that of each particle."""

@@ -45,10 +45,9 @@ class Steps(NamedTuple):
 class Effect:
     """What acts in a scene beside springs, dampers and gravity.
 
-    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`, which finds out
-    whether a scene has it: a scene without it compiles, stores and launches nothing of it. The stepper,
-    checkpoints, the watch and the measures each call every effect; an effect overrides what concerns it and leaves
-    the rest.
+    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`. A scene without
+    it compiles, stores and launches nothing of it. The stepper, checkpoints, the divergence monitor and the
+    measures call every effect; an effect overrides the methods that concern it.
     """
 
     piece: ForceTerm | ColliderTerm | None
@@ -75,48 +74,48 @@ class Effect:
     """The substeps of the frames to come; known when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
-        """Take over what a run has left in the same effect of a model before a change."""
+        """Continue from the same effect of the model before a change."""
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Take what has threads of the CPU share what is launched in a frame; None where there is one thread."""
+        """Take the launcher that divides launches among threads of the CPU; None if there is one thread."""
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
 
     def begin_frame(self, time: float) -> None:
         """Prepare for the frame that begins at `time` [s]: on the host, before the frame's graph is launched."""
 
     def place(self, state: Any, time: float, fps: float) -> None:
-        """Set what the effect prescribes of a `State` at `time` [s], where one of `fps` frames a second begins."""
+        """Write the prescribed part of a `State` at `time` [s], where one of `fps` frames a second begins."""
 
     def prepare(self, time: float) -> None:
-        """Do on the host what can be done early for the frame that begins at `time` [s], while another is running.
+        """Prepare early, on the host, for the frame that begins at `time` [s], while another is running.
 
         That frame may never come, or be another one: nothing may change that the device or `begin_frame` sees,
         and nothing is raised.
         """
 
     def hold(self, time: float) -> None:
-        """Have all stages see what there is at `time` [s]: for what is launched between frames."""
+        """Have all stages see the values at `time` [s], for launches between frames."""
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take other values of the same loads: in place of each key what stands for it; then `hold` is called.
+        """Replace each load that is a key by its value, of the same kind; then `hold` is called.
 
         Nothing may be recorded of them but arrays. See `msdwarp.world.exchange`.
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Make room for what is near what, of particles at x that move at v: where a run goes on, not begins."""
+        """Make room for neighbours of particles at x that move at v, where a run continues."""
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what finds out what is near what, for particles at x that move at v.
+        """Launch the search for neighbours, for particles at x that move at v.
 
         It is launched before every few substeps, and between frames wherever forces are taken. `within` tells
         whether the last search was in the same frame.
         """
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what the forces on particles at x, which move at v, need before they are taken.
+        """Launch what forces need before they are evaluated, for particles at x that move at v.
 
         `compensation` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an
         effect does so, each stage is a launch of its own.
@@ -125,40 +124,44 @@ class Effect:
     @property
     def precedes(self) -> bool:
         """Whether it launches anything before forces are taken."""
-        return type(self).before_forces is not Effect.before_forces
+        return self.overrides("before_forces")
+
+    def overrides(self, *names: str) -> bool:
+        """Tell whether it has any of these methods of its own."""
+        return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
-        """Launch what sums the forces that `before_forces` has found, of which the method takes so much [s].
+        """Launch the sum of the forces that `before_forces` has found, which the method applies for `seconds`.
 
-        Together that is the length of a substep; what is only looked at is not summed.
+        Over the stages of a substep these add up to its length. Forces that are only measured are not summed.
         """
 
     def look(self) -> None:
-        """Launch what `is_void` reads, behind the substeps of a frame; it may be recorded."""
+        """Launch the kernels whose results `is_void` reads, after the substeps of a frame; it may be recorded."""
 
     def is_void(self) -> bool:
         """Tell whether the frame that was waited for must be repeated, now that there is room for it."""
         return False
 
     def warnings(self) -> str | None:
-        """Return words about what in the frame that was waited for may have gone wrong; None where nothing did."""
+        """Return a warning about the frame that was waited for; None if there is none."""
         return None
 
     def begin_substep(self, substep: int) -> bool:
-        """Prepare for what is launched in a substep of a frame, counted from 0; return whether `data` changed."""
+        """Prepare for the launches of a substep of a frame, counted from 0; return whether `data` changed."""
         return False
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays that substeps change: what going back to the start of a frame must bring back."""
+        """Arrays that substeps change, which going back to the start of a frame must restore."""
         return []
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return what substeps have changed, by name, in an order that is the same on any device."""
+        """Return the state that substeps have changed, by name, in an order that is the same on any device."""
         return {}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore the state that `checkpoint` returned."""
 
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that the run has changed, as they are now."""
@@ -179,5 +182,5 @@ class Effect:
         """
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what it stores [J], and what it turns to heat [W], of particles at x that move at v: by world."""
+        """Return the energy that it stores [J] and the power that it dissipates [W], by world."""
         return np.zeros(1), np.zeros(1)

@@ -28,12 +28,9 @@ MOST_TIES = 0.05
 
 
 def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the algorithm asked for, or the fastest one, and the system's lattice where that is a stencil.
+    """Return the requested algorithm, or the fastest one, and the system's lattice where that is a stencil.
 
-    Raises
-    ------
-    ValueError
-        If `force_algorithm` is none, or a stencil is asked for and the system is not cut from lattices.
+    Raises ValueError if `force_algorithm` is unknown, or is a stencil and the system is not cut from lattices.
     """
     checks.one_of("force_algorithm", force_algorithm, (AUTO, *FORCE_ALGORITHMS))
     if force_algorithm == AUTO:
@@ -91,7 +88,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
         return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
-    # Of what a stencil computes for missing neighbours nothing is used.
+    # Nothing that a stencil computes for missing neighbours is used.
     used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)

@@ -115,13 +115,10 @@ class _Part(NamedTuple):
 
 
 def find_lattice(system: System) -> Lattice:
-    """Return a system's lattices, by the directions that it names, each of which is checked.
+    """Return a system's lattices by its named directions, and check each direction.
 
-    Raises
-    ------
-    NotALattice
-        If no connection is in a direction, a direction's connections do not follow its step, or their constants
-        differ within a body.
+    Raises NotALattice if no connection is in a direction, a direction's connections do not follow its step, or
+    their constants differ within a body.
     """
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")

@@ -12,6 +12,7 @@ from ... import checks
 from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
+from ...kernels.springs import CONSTANTS as CONSTANTS
 from ...runtime import in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, find_device, scalar_array, view_of
@@ -20,8 +21,6 @@ from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algori
 
 Rows = Mapping[str, NDArray[np.float64]]
 """What differs between worlds, by name: world w has row w mod (number of rows)."""
-CONSTANTS = ("rest_length", "stiffness", "damping")
-"""The constants of connections."""
 LINE = 8
 """Particles in a line of the GPU's caches, with which each world begins."""
 MOST_RECORDS = 2**31 - 1
@@ -34,38 +33,19 @@ class Model:
     The vectors of many worlds lie one world after the other, `stride` particles apart. Constants that differ
     between worlds are `rows`; all else is as in one world. An `Assembly` has what else acts on the system.
 
-    Parameters
-    ----------
-    system
-        What is simulated; in many worlds, what all of them have.
-    gravity
-        Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, or a vector of
-        shape [d]; or a function of time [s] that returns one of these, whose weight is a load.
-    driven
-        The particles that prescribed motions move, shape [particle_count]; None for none.
-    device
-        A Warp device's name; by default the first CUDA device, else the CPU.
-    precision
-        "float32", "float32-compensated" (sums of positions and velocities keep what rounding takes away) or
-        "float64".
-    force_algorithm
-        How forces are summed: "scatter", "gather" or "stencil" (see `msdwarp.kernels.springs`); "auto" takes the
-        one that was fastest where it was measured (see `msdwarp.engine.model.force_algorithm`).
-    worlds
-        Number of worlds.
-    rows
-        What differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
-        [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
-        [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
+    `system` is what is simulated, in many worlds what all of them have. `gravity`, `device`, `precision` and
+    `force_algorithm` are those of `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`.
+    `driven` is the mask of the particles that prescribed motions move.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range, or the system is no lattice that a stencil can hold.
+    `rows` is what differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
+    [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
+    [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
+
+    Raises ValueError if an argument is out of its range, or the system is no lattice that a stencil can hold.
     """
 
     generation = 0
-    """Rises when what launches take becomes another array, number or kernel: what was recorded before is void."""
+    """Rises when an argument of launches or a kernel is replaced: graphs recorded before are then void."""
 
     @in_turn
     def __init__(
@@ -114,7 +94,7 @@ class Model:
         self.damper = system.damper.law if system.damping.any() else None
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
         """Which particles prescribed motions move, shape [particle_count]."""
-        # What is driven no force moves: as what is pinned, it has no end of mass.
+        # No force moves driven particles: like pinned ones they have infinite mass.
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
         if "mass" in self.rows and self.driven.any():
@@ -149,7 +129,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Take another gravity [m/s²], which who has read it must read again; ValueError if it is none."""
+        """Take another gravity [m/s²]: callers that cached it must reread it. Raises ValueError if it is none."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -173,11 +153,6 @@ class Model:
         return self.stride * record_length(self.dim) * wp.types.type_size_in_bytes(self.scalar)
 
     @property
-    def vectors_each(self) -> int:
-        """Vectors in an array of them: one for each particle of each world, and the margins between worlds."""
-        return self.worlds * self.stride
-
-    @property
     def different(self) -> int:
         """How many worlds differ in anything; the others are like these, in turn."""
         return lcm(*map(len, self.rows.values()))
@@ -198,7 +173,7 @@ class Model:
     def _check_masses(self) -> None:
         """Raise ValueError for a mass whose inverse this precision has not: as 0 it would pin the particle."""
         mass, numbers = self.system.mass, np.finfo(self.dtype)
-        # Inverses are kept to numbers of full accuracy: what is smaller some devices take for 0.
+        # Inverses must be normal numbers: some devices take smaller ones for 0.
         least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
         one = stored(mass)
         fits = np.isinf(one) | ((one >= least) & (one <= most))
@@ -212,20 +187,16 @@ class Model:
         checks.within(name, values, (lambda v: np.abs(v) <= most, f"at most {most:.2g} in {self.precision}"))
 
     def ordered(self, values: NDArray) -> NDArray:
-        """Return what connections have in the order that connections are in on the device."""
+        """Return values of connections in the order of the device."""
         return values if self.order is None or is_uniform(values) else values[self.order]
 
     def in_system_order(self, values: NDArray) -> NDArray:
-        """Return what connections have on the device in the order of the system's connections."""
+        """Return values of connections, in the device's order, in that of the system."""
         if self.order is None:
             return values
         result = np.empty_like(values)
         result[self.order] = values
         return result
-
-    def per_connection(self, name: str) -> wp.array:
-        """Upload an array that the system has for its connections, a number for each."""
-        return wp.array(self.ordered(np.array(getattr(self.system, name))), dtype=self.scalar, device=self.device)
 
     def vectors(self) -> wp.array:
         """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
@@ -236,14 +207,15 @@ class Model:
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
         """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
-        return records_together(count, self.vectors_each, self.dim, self.scalar, self.device, self.margin)
+        each = self.worlds * self.stride  # with the margins between worlds
+        return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
         """Return the numbers of the connections of one world after the other, in the device's order."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
-        """Upload numbers of shape [rows, count]; what is the same all along a row is stored once."""
+        """Upload numbers of shape [rows, count]; rows of equal numbers are stored once."""
         if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
@@ -255,25 +227,24 @@ class Model:
         It is `inverse_mass`, of shape [rows, particle_count]; a constant of connections, in the device's order, of
         shape [rows, connection_count]; or `gravity`, of shape [rows].
         """
-        if name not in self.tables:
-            self.tables[name] = self._uploaded_table(name)
-        return self.tables[name]
-
-    def _uploaded_table(self, name: str) -> wp.array:
+        if name in self.tables:
+            return self.tables[name]
         if name == "gravity":
-            return wp.array(self.row_of(name), dtype=self.vector, device=self.device)
-        if not self.in_worlds:
+            table = wp.array(self.row_of(name), dtype=self.vector, device=self.device)
+        elif not self.in_worlds:
             array = getattr(self, name)
-            return view_of(array, (1, len(array)), (0, array.strides[0]))
-        if name == "inverse_mass":
-            return self.upload_rows(1.0 / self.row_of("mass"))
-        rows = self.row_of("damping" if name == "steepest_damping" else name)
-        if name == "steepest_damping":
-            rows = self.system.damper.steepest * rows
-        return self.upload_rows(self.ordered(rows.T).T)
+            table = view_of(array, (1, len(array)), (0, array.strides[0]))
+        elif name == "inverse_mass":
+            table = self.upload_rows(1.0 / self.row_of("mass"))
+        else:
+            rows = self.row_of(name.removeprefix("steepest_"))
+            rows = self.system.damper.steepest * rows if name == "steepest_damping" else rows
+            table = self.upload_rows(self.ordered(rows.T).T)
+        self.tables[name] = table
+        return table
 
     def by_world(self, vectors: NDArray) -> NDArray:
-        """Return a view of shape [worlds, particle_count, d] of what arrays of `vectors` hold, on the host."""
+        """Return a view, of shape [worlds, particle_count, d], of an array of `vectors` on the host."""
         return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
 
     def of_each(self, rows: NDArray) -> Any:
@@ -292,7 +263,7 @@ class Model:
         return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload what connections have, 0 for broken ones; where any can break, a number for each."""
+        """Upload values of connections, 0 for broken ones; if any can break, a number for each."""
         if self.system.tears:
             values = np.where(self.system.broken, 0.0, values)
         return self._upload(self.ordered(values), name)

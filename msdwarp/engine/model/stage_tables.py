@@ -1,4 +1,4 @@
-"""Effects whose numbers are functions of time, as tables that are filled anew for each frame."""
+"""Effects whose numbers are functions of time, in tables that are filled for each frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,6 +16,8 @@ class FrameTables(Effect):
     """An effect that kernels read from tables of the present frame; it may have none."""
 
     _frames: InFrames | None = None
+    varies = True
+    """Whether frames have tables of their own; else they hold what `hold` has written."""
 
     def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
         """Make tables of these shapes and Warp types, which kernels find in `data` by their names."""
@@ -33,12 +35,12 @@ class FrameTables(Effect):
 
     def begin_frame(self, time: float) -> None:
         """Take the tables of the frame that begins at `time` [s]."""
-        if self._frames is not None:
+        if self._frames is not None and self.varies:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Fill the tables of the frame that begins at `time` [s], while another is running."""
-        if self._frames is not None:
+        if self._frames is not None and self.varies:
             self._frames.prepare(time)
 
 
@@ -51,14 +53,14 @@ class StageTables(FrameTables):
     table = "value"
     """What kernels call the table."""
     named: Sequence[tuple[str, Any]] = ()
-    """The loads that it is of, and what messages call what they give."""
+    """Its loads, each with the name in messages of its values."""
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
-        """Set up rows of so many numbers, or vectors, of a Warp type."""
+        """Set up rows of `width` numbers or vectors of a Warp type."""
         self._model, self._width, self._dtype, self.varies = model, width, dtype, varies
-        self.now = self.at(np.zeros(1))  # what a function gets wrong is said before anything runs
+        self.now = self.at(np.zeros(1))  # a function that fails does so before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows at these times, shape [time_count, width] or [time_count, width, d]."""
@@ -78,16 +80,6 @@ class StageTables(FrameTables):
         shape = (len(self.steps.times(0.0)), self._width)
         self.make_tables({self.table: (shape, self._dtype)}, self._model.scalar, self._model.device)
 
-    def begin_frame(self, time: float) -> None:
-        """Take the rows of the frame that begins at `time` [s]."""
-        if self.varies:
-            super().begin_frame(time)
-
-    def prepare(self, time: float) -> None:
-        """Compute the rows of the frame that begins at `time` [s], while another is running."""
-        if self.varies:
-            super().prepare(time)
-
     def hold(self, time: float) -> None:
         """Have all stages see the row at `time` [s]."""
         self.now = self.at(np.array([time]))
@@ -104,5 +96,5 @@ class StageTables(FrameTables):
 
 
 def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:
-    """Return loads, and what they are called, with what stands for them in place of some."""
+    """Return named loads, some of them replaced by others."""
     return [(name, others.get(one, one)) for name, one in named]

@@ -29,12 +29,7 @@ class Instant(NamedTuple):
 class State:
     """What moves, on a device, twice: the present instant, `state_in`, and the next one, `state_out`.
 
-    Parameters
-    ----------
-    model
-        The system it is the state of.
-    carried
-        Number of arrays that the integrator carries along (see `Integrator.method_state`).
+    `method_state` is the number of arrays that the integrator hands on (see `Integrator.method_state`).
     """
 
     def __init__(self, model: Model, method_state: int = 0) -> None:
@@ -59,24 +54,31 @@ class State:
         for name, field in (("x", "position"), ("v", "velocity")):
             exact = model.rows[field] if field in model.rows else getattr(system, field)[None]
             model.check_range(exact, field)
-            rounded = exact.astype(model.dtype)
-            getattr(state.state_in, name).assign(model.spread(rounded))
-            if model.compensated:  # what rounding takes from the start is not lost either
-                lost = model.spread((rounded - exact).astype(model.dtype))
-                for array in {
-                    getattr(instant.compensation, name) for instant in (state.state_in, state.state_out)
-                }:
-                    array.assign(lost)
+            state.write(name, exact)
         return state
+
+    def write(self, name: str, exact: NDArray[np.float64], chosen: NDArray[np.bool_] | None = None) -> None:
+        """Write positions "x" [m] or velocities "v" [m/s] of all particles, or of chosen ones.
+
+        `exact` has shape [rows, particle_count, d], world w taking row w mod rows, and `chosen` [particle_count].
+        """
+        model = self.model
+        rounded = exact.astype(model.dtype)
+        changes = [(getattr(self.state_in, name), rounded)]
+        if model.compensated:
+            lost = (rounded - exact).astype(model.dtype)
+            both = (self.state_in.compensation, self.state_out.compensation)
+            changes += [(array, lost) for array in {getattr(one, name) for one in both}]
+        for array, values in changes:
+            values = model.spread(values)
+            if chosen is not None:
+                mask = model.spread(np.broadcast_to(chosen[:, None], exact.shape))
+                values = np.where(mask, values, array.numpy())
+            array.assign(values)
 
     def throw(self, exact: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
         """Give chosen particles other velocities [m/s]; `exact` has shape [particle_count, d]."""
-        rounded = exact.astype(self.model.dtype)
-        changes = [(self.state_in.v, rounded)]
-        if self.model.compensated:
-            changes.append((self.state_in.compensation.v, (rounded - exact).astype(self.model.dtype)))
-        for array, values in changes:
-            array.assign(np.where(chosen[:, None], values, array.numpy()))
+        self.write("v", exact[None], chosen)
 
     @property
     def x(self) -> wp.array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...kernels.integrators import EACH, SHARED, UNIFORM
 from ..device.device import view_of
 from ..model.model import CONSTANTS, Model
-from .force_algorithms import CLASSES
+from .force_algorithms import CLASSES, records_of_three
 from .fracture import Fracture
 
 
@@ -25,7 +25,7 @@ class EnsembleForces(NamedTuple):
     force_algorithm: Any
     """As the forces of one world have it."""
     data: Any
-    """The struct that its kernels read: what worlds share."""
+    """The struct that its kernels read, which worlds share."""
     storage: str = ""
     """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)
@@ -144,11 +144,9 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
     """Upload a table of the constants of each kind for each row, in records."""
     values = classes.together()[:, kinds]
-    padded = np.zeros((*values.shape[:2], 4))
-    padded[..., :3] = values
-    records = wp.array(padded.ravel(), dtype=model.scalar, device=model.device)
-    size = 4 * wp.types.type_size_in_bytes(model.scalar)
-    return view_of(records, values.shape[:2], (size * len(kinds), size), wp.types.vector(3, model.scalar))
+    records: Any = records_of_three(model, values.reshape(-1, 3))
+    (size,) = records.strides
+    return view_of(records, values.shape[:2], (size * len(kinds), size))
 
 
 def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces:

@@ -1,10 +1,10 @@
 """Extra springs: those of lattices that lie in no direction, beside the stencil that the lattices take."""
 
 import numpy as np
-import warp as wp
 
 from ...kernels.springs import CONSTANTS, tie_force
 from ..device.csr import rows
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 
@@ -27,11 +27,10 @@ class ExtraSprings(Effect):
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
         data = self.data = self.piece.Data()
-        data.first = wp.array(first, dtype=int, device=model.device)
-        data.other = wp.array(other[order], dtype=int, device=model.device)
+        upload_fields(data, model.device, first=first, other=other[order])
         self.by_world = tuple(name for name in CONSTANTS if name in model.rows)
         for name in CONSTANTS:
             values = model.row_of(name)[:, number[order]]
             if name in model.rows:
                 values = np.tile(values, (model.worlds // len(values), 1))
-            setattr(data, name, wp.array(values.ravel(), dtype=model.scalar, device=model.device))
+            upload_fields(data, model.device, **{name: values.ravel()})

@@ -1,4 +1,4 @@
-"""The algorithms, as a model needs them: what their kernels read, on the device.
+"""The force algorithms of a model: the arrays that their kernels read, on the device.
 
 `data` is the struct that the functions of `force_algorithm` read; see `msdwarp.kernels.springs`.
 """
@@ -26,6 +26,7 @@ from ...kernels.springs import (
     stencil_rows,
     tables,
 )
+from ..device.device import upload_fields
 from ..device.vector_arrays import in_records
 from ..model.lattice import Lattice
 from ..model.model import Model
@@ -39,9 +40,10 @@ LANES = {
     ("gather", "many"): ((20_000, 8), (32_000, 4)),
     ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
 }
-"""Up to how many particles so many threads share one, by algorithm and number of neighbours; one thread beyond.
+"""Pairs (most particles, threads to a particle), by algorithm and number of neighbours; beyond them one thread.
 
-From measurements on an H200; what has one thread in between is advanced by one block or cluster for a whole frame.
+From measurements on an H200. Between them some sizes have one thread: one block or cluster advances such systems
+for a whole frame.
 """
 
 
@@ -170,7 +172,7 @@ def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
 
 
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
-    """Return (first, other, connection): where slices of the table begin, and what each slot names.
+    """Return (first, other, connection): where slices of the table begin, and each slot's particle and spring.
 
     The slots of a particle are in the order of its springs, whatever the device; slots that pad name no
     spring (−1), and the particle itself.
@@ -216,14 +218,13 @@ class Stencil:
         kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
         self.force_algorithm = stencil(*kinds, fracture and fracture.breaking)
         data = self.data = self.force_algorithm.Forces()
-        data.mask = wp.array(lattice.mask, dtype=wp.uint32, device=device)
+        upload_fields(data, device, mask=lattice.mask)
         if fracture is not None:
             numbers = lattice.numbers(model.system)
-            fracture.data.number = wp.array(numbers.ravel(), dtype=int, device=device)
+            upload_fields(fracture.data, device, number=numbers.ravel())
             if lattice.uniform:
                 offset, own = lattice.neighbours()
-                fracture.data.offset = wp.array(offset, dtype=int, device=device)
-                fracture.data.own = wp.array(own, dtype=model.scalar, device=device)
+                upload_fields(fracture.data, device, offset=offset, own=own)
             fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
@@ -235,13 +236,10 @@ class Stencil:
         shift = lattice.shift
         if shift.ndim == 1:
             shift = np.repeat(shift[:, None], model.particle_count, axis=1)
-        data.shift = wp.array(shift, dtype=int, device=device)
-        data.kind = wp.array(lattice.kind, dtype=int, device=device)
-        for name in CONSTANTS:
-            setattr(data, name, wp.array(lattice.constants[name], dtype=model.scalar, device=device))
+        upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill in what lanes read, with a mask whose bits are in the order in which they take neighbours."""
+        """Fill in the struct that lanes read, with mask bits in the order in which they take neighbours."""
         constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
         constants[: len(own)] = own
@@ -250,7 +248,7 @@ class Stencil:
         for k, bit in enumerate(bits):
             mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
         self.data = self.force_algorithm.Forces()
-        self.data.mask = wp.array(mask, dtype=wp.uint32, device=model.device)
+        upload_fields(self.data, model.device, mask=mask)
         self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
         self.data.constants = records_of_three(model, constants)
 

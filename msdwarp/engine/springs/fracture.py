@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import System, stored, uniform
+from ...bodies import break_stretch
 from ...kernels.springs import NO_SUBSTEP, breaking
-from ..device.device import scalar_array
+from ..device.device import scalar_array, upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 
@@ -20,8 +20,8 @@ JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
 class Fracture(Effect):
     """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
-    The algorithms look for what is too long, since they know how long everything is. Each has an array
-    that says who is joined with whom, from which it strikes out what breaks.
+    The algorithms look for springs that are too long, since they compute all lengths. Each has an array of who is
+    joined with whom, and removes broken springs from it.
     """
 
     piece = None
@@ -31,59 +31,49 @@ class Fracture(Effect):
         self.breaking = breaking(model.scalar)
         """What the algorithms are composed with."""
         system, device = model.system, model.device
-        broken_at = model.of_each_world(_rounded(system.broken_at)[None])
-        self.broken_at = wp.array(broken_at, dtype=wp.float32, device=device)
+        # Rounded so that what is broken stays so.
+        rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
+        broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
+        self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
         """When springs broke [s], in the device's order, world after world; inf where they are whole."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
-        data.least = model.scalar(least_ratio(system) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps)))
-        for name, values in (("strain", system.break_strain), ("stretch", break_stretch(system))):
+        stretches = [break_stretch(system.break_force, stiffness) for stiffness in model.row_of("stiffness")]
+        least = min(_least_ratio(model, rest, one) for rest in model.row_of("rest_length") for one in stretches)
+        data.least = model.scalar(least**2 * (1 - 16 * float(np.finfo(model.dtype).eps)))
+        for name, values in (("strain", system.break_strain), ("stretch", stretches[0])):
             setattr(data, name, scalar_array(model.ordered(values), model.scalar, device))
         data.broken_at, data.steepest = self.broken_at, model.steepest_damping
         data.stiffness, data.damping = model.stiffness, model.damping
         if model.in_worlds:
-            self._have_worlds()
+            self._give_each_world_its_own()
+        if "stiffness" in model.rows:
+            self.by_world = (*self.by_world, "stretch")
+            upload_fields(data, device, stretch=model.of_each_world(np.array(stretches)))
         # What energies and bounds are summed of.
         self._summed = [data.stiffness, data.damping]
         if data.steepest is not data.damping:
             self._summed.append(data.steepest)
         self._joined: list[wp.array] = []
         self.joined_field = JOINED[model.force_algorithm]
-        """What the algorithm calls the array from which it strikes out what breaks."""
+        """Name of the algorithm's array from which broken springs are removed."""
         self._strike_out: Callable[[], None] = lambda: None
 
-    def _have_worlds(self) -> None:
-        """Upload what differs between worlds, and what breaking changes in each."""
-        model, data = self._model, self.data
-        whole = ~model.system.broken
+    def _give_each_world_its_own(self) -> None:
+        """Upload, for each world, the constants that breaking changes."""
+        model, data, whole = self._model, self.data, ~self._model.system.broken
         self.by_world = ("broken_at", "stiffness", "damping", "steepest")
-        slope = model.system.damper.steepest
-        for name, rows in (
-            ("stiffness", model.row_of("stiffness")),
-            ("damping", model.row_of("damping")),
-            ("steepest", slope * model.row_of("damping")),
-        ):
-            values = model.of_each_world(np.where(whole, rows, 0.0))
-            array = wp.array(values, dtype=model.scalar, device=model.device)
-            setattr(data, name, array)
-            table = "steepest_damping" if name == "steepest" else name
-            model.tables[table] = array.reshape((model.worlds, model.connection_count))
-        systems = [
-            model.system.replace(rest_length=length, stiffness=stiffness)
-            for length in model.row_of("rest_length")
-            for stiffness in model.row_of("stiffness")
-        ]
-        least = min(map(least_ratio, systems)) ** 2 * (1 - 16 * float(np.finfo(model.dtype).eps))
-        data.least = model.scalar(least)
-        if "stiffness" in model.rows:
-            self.by_world = (*self.by_world, "stretch")
-            rows = [break_stretch(model.system.replace(stiffness=one)) for one in model.row_of("stiffness")]
-            stretch = model.of_each_world(np.array(rows))
-            data.stretch = wp.array(stretch, dtype=model.scalar, device=model.device)
+        rows = {name: model.row_of(name) for name in ("stiffness", "damping")}
+        rows["steepest_damping"] = model.system.damper.steepest * rows["damping"]
+        for name, values in rows.items():
+            each = model.of_each_world(np.where(whole, values, 0.0))
+            array = wp.array(each, dtype=model.scalar, device=model.device)
+            setattr(data, name.removesuffix("_damping"), array)
+            model.tables[name] = array.reshape((model.worlds, model.connection_count))
 
     def repeat_for_worlds(self, forces: Any) -> None:
-        """Have an algorithm's struct hold, for each world, what breaking strikes out."""
+        """Give each world its own copy of the array from which broken springs are removed."""
         one = getattr(forces, self.joined_field)
         each = np.tile(one.numpy(), (self._model.worlds, *[1] * (one.numpy().ndim - 1)))
         joined = wp.array(each, dtype=one.dtype, device=one.device)
@@ -91,7 +81,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Have an algorithm strike out what is broken already of the array that says who is joined."""
+        """Keep an algorithm's array of who is joined, and remove the springs that are broken already."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
@@ -102,7 +92,7 @@ class Fracture(Effect):
         return np.isfinite(self.broken_at.numpy()[: self._model.connection_count])
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         self.data.h, self.data.substep = dt, NO_SUBSTEP
 
     def begin_frame(self, time: float) -> None:
@@ -110,13 +100,13 @@ class Fracture(Effect):
         self.data.start.assign(np.array([time]))
 
     def begin_substep(self, substep: int) -> bool:
-        """Let what is launched next begin a substep."""
+        """Make the next launch begin a substep."""
         self.data.substep = substep
         return True
 
     @property
     def changing(self) -> list[wp.array]:
-        """What is broken, and what follows from it."""
+        """When springs broke, and the arrays that follow from it."""
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
@@ -124,7 +114,7 @@ class Fracture(Effect):
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave, of a run in which as much is broken or more."""
+        """Restore the state that `checkpoint` returned; the same springs or more are broken in it."""
         self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
         broken = self.broken
         for constants in self._summed:
@@ -136,27 +126,13 @@ class Fracture(Effect):
         return self.checkpoint()
 
 
-def _rounded(broken_at: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return when springs broke as the device has it: what is broken stays so."""
-    return np.where(np.isfinite(broken_at), np.minimum(broken_at, np.finfo(np.float32).max), np.inf).astype(
-        np.float32
-    )
-
-
-def break_stretch(system: System) -> NDArray[np.float64]:
-    """Return by how much longer than at rest a spring exerts its break force [m], shape [connection_count]."""
-    force, stiffness = system.break_force, system.stiffness
-    if np.isinf(stored(force)).all():
-        return uniform(np.inf, len(force))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.where(stiffness > 0, force / stiffness, np.inf)
-
-
-def least_ratio(system: System) -> float:
+def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
     """Return a length over the rest length up to which no spring breaks, however far it yields."""
-    whole = ~system.broken
+    system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf
-    most = np.maximum(system.rest_length, system.original_length * (1 + system.largest_plastic_strain))
-    rest = most if system.yields else system.rest_length
-    return 1 + float(np.minimum(system.break_strain, break_stretch(system) / rest)[whole].min())
+    rest = rest_length
+    if system.yields:
+        original = rest_length if "rest_length" in model.rows else system.original_length
+        rest = np.maximum(rest_length, original * (1 + system.largest_plastic_strain))
+    return 1 + float(np.minimum(system.break_strain, stretch / rest)[whole].min())

@@ -1,16 +1,18 @@
-"""Plasticity: springs that give way for good; their rest lengths become state."""
+"""Plasticity: springs that deform permanently; their rest lengths become state."""
 
 from collections.abc import Mapping
 
+import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.springs import yielding
+from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
-"""What the system says of each spring that may yield."""
+"""Fields of the system that describe how springs yield."""
 
 
 class Plasticity(Effect):
@@ -21,8 +23,8 @@ class Plasticity(Effect):
         self.piece = yielding(model.dim, model.scalar, model.compensated)
         self.data = self.piece.Data()
         self.data.connections = model.connections
-        for name in STORED:
-            setattr(self.data, name, model.per_connection(name))
+        values = {name: model.ordered(np.array(getattr(model.system, name))) for name in STORED}
+        upload_fields(self.data, model.device, **values)
         self.rest_length = model.rest_length
         """The present rest lengths [m], in the device's order, of one world's springs after the other's."""
         if model.in_worlds:
@@ -36,7 +38,7 @@ class Plasticity(Effect):
         self.data.rest_length = self.rest_length
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Prepare for frames of so many substeps of `dt` seconds."""
+        """Prepare for frames of this many substeps of `dt` seconds."""
         self.data.h = dt
 
     @property
@@ -49,7 +51,7 @@ class Plasticity(Effect):
         return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore the state that `checkpoint` returned."""
         self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:

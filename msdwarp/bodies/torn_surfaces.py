@@ -1,4 +1,4 @@
-"""The cells of lattice solids, and the faces that tearing lays bare between them."""
+"""Surfaces of bodies that tear: which triangles part, and the faces that are laid bare inside lattice solids."""
 
 import itertools
 from typing import NamedTuple
@@ -6,13 +6,63 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .surface_splitting import connection_between
+from .selection import mask_of
 from .system import System
 
 _CORNERS = list(itertools.product((0, 1), repeat=3))
 """Steps along z, y and x from a cell's first corner: corner 1 is next along x, 2 along y, 4 along z."""
 _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)])
 """Corners of a cell's six faces, counter-clockwise seen from outside."""
+
+
+class Edges:
+    """The connections along the edges of the triangles of a system's surface.
+
+    A vertex that is a mixture of particles lies on no connection, so that such a surface parts nowhere.
+    """
+
+    def __init__(self, system: System) -> None:
+        surface = system.surface
+        self._of: NDArray[np.int64] = np.full((0 if surface is None else len(surface.triangles), 3), -1)
+        if surface is None or surface.weights is not None or not system.connection_count:
+            return
+        corners = surface.particle[surface.triangles]
+        self._of = connection_between(system, np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1))
+
+    def parted_at(self, broken_at: NDArray) -> NDArray:
+        """Return when each triangle parted, inf where none has, shape [triangle_count].
+
+        A triangle parts when its corners are no longer joined: as the second of its three edges breaks, or the
+        first where one of them has no connection. `broken_at` is as in `System`.
+        """
+        absent = self._of < 0
+        times = np.sort(np.where(absent, -np.inf, np.append(broken_at, np.inf)[self._of]), axis=1)
+        missing = absent.sum(axis=1)
+        parted = np.take_along_axis(times, np.clip(missing, 1, 2)[:, None], axis=1)[:, 0]
+        return np.where(missing == 3, np.inf, parted)
+
+
+def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
+    """Return which connection joins each pair of particles, -1 where none does.
+
+    The system has one connection at least. The shape of `pairs` is [..., 2], that of the result [...].
+    """
+    n = system.particle_count
+    joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
+    order = np.argsort(joined, kind="stable")
+    wanted = np.sort(np.asarray(pairs, dtype=np.int64), axis=-1) @ (n, 1)
+    found = order[np.minimum(np.searchsorted(joined, wanted, sorter=order), len(joined) - 1)]
+    return np.where(joined[found] == wanted, found, -1)
+
+
+def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:
+    """Return which connections are broken in a frame at `time` [s]: those that broke before, or at the start.
+
+    One that breaks at the frame's time does so in the following substep. Times are compared as float32, as devices
+    and files have them.
+    """
+    when = np.asarray(broken_at, dtype=np.float32)
+    return (when < np.float32(time)) | (when <= 0)
 
 
 class Bare(NamedTuple):
@@ -70,7 +120,7 @@ def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.floa
 
 
 def laid_bare(system: System) -> Bare:
-    """Return what is seen of lattice solids that tear at the times `broken_at` of a system.
+    """Return the visible parts of lattice solids that tear at the times `broken_at` of a system.
 
     When a cell parts (see `cells_parted_at`), its triangles of the surface disappear, and the faces that it shares
     with other cells are laid bare.
@@ -105,9 +155,7 @@ def laid_bare(system: System) -> Bare:
 
 def _at_broken(system: System) -> NDArray[np.bool_]:
     """Return which particles have a connection that has broken, shape [particle_count]."""
-    found = np.zeros(system.particle_count, dtype=bool)
-    found[system.connections[np.isfinite(system.broken_at)]] = True
-    return found
+    return mask_of(system.connections[system.broken], system.particle_count)
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
