@@ -177,7 +177,7 @@ def plot(
     start_warp(verbose)
     with at_once():
         from .. import checks
-        from ..studies import RESULTS, plot_history, plot_sweep, write_history
+        from ..studies import RESULTS, plot_sweep, write_history
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
         print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
@@ -191,8 +191,7 @@ def plot(
         target = out or trajectory.path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
-        write = write_history if target.suffix == ".csv" else plot_history
-        print(f"wrote {write(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
+        print(f"wrote {write_history(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
 
 
 def resume(

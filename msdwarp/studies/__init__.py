@@ -5,7 +5,7 @@ from .fit import fit as fit
 from .fit_result import FitResult as FitResult
 from .frames import particle_energies as particle_energies, system_in as system_in
 from .grid import check_size as check_size, plain as plain, points as points, values_of as values_of
-from .history import plot_history as plot_history, write_history as write_history
+from .history import write_history as write_history
 from .measured import TrackedPoints as TrackedPoints
 from .sweep import complete as complete, sweep as sweep
 from .sweep_ensembles import ENSEMBLE as ENSEMBLE, in_words as in_words
