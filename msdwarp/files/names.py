@@ -32,10 +32,8 @@ GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
-    """Store an array with a checksum, compressed if `compress` and it is large.
-
-    HDF5's own checksums need chunks, which a text or a single number cannot have.
-    """
+    """Store an array with a checksum, compressed if `compress` and it is large."""
+    # HDF5's own checksums need chunks, which a text or a single number cannot have.
     item = group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
     item.attrs[_SUM] = np.uint32(_sum(values))
 
@@ -93,10 +91,8 @@ def same(there: NDArray, values: Any) -> bool:
 
 
 def store_text(group: Any, name: str, text: str) -> None:
-    """Store a text as one of fixed length.
-
-    HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
-    """
+    """Store a text as one of fixed length."""
+    # HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
     store(group, name, np.array(np.bytes_(text.encode())))
 
 

@@ -1,6 +1,6 @@
 """Probe readings in the file of a trajectory: a table by frame, one by substep, and where in them each frame ends.
 
-They are in the group `msdwarp`, which VTK does not read. See `msdwarp.files.vtkhdf`.
+They are in the group `msdwarp`, which VTK does not read.
 """
 
 import json
@@ -25,7 +25,7 @@ _CHUNK = 1 << 14
 
 
 class ReadingTables:
-    """The tables of a file that grows by frames, of which so many are foreseen."""
+    """The tables of a file that grows by frames; `foreseen` frames are expected."""
 
     def __init__(self, columns: Columns, foreseen: int = 1) -> None:
         for name, (every, _) in columns.items():
@@ -124,7 +124,6 @@ class ReadingTables:
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:
         """Return the time series of each probe up to the last frame; raise ValueError if they are damaged."""
         read: dict[str, NDArray] = {}
-        done: dict[str, int] = dict.fromkeys(EVERY, 1)
         for every, table in self._tables.items():
             end = self._end(frame_count, every)
             if not 0 <= end <= len(table):
@@ -134,9 +133,9 @@ class ReadingTables:
             read[every] = table[:end]
             if not np.isfinite(read[every][:, 0]).all() or (np.diff(read[every][:, 0]) <= 0).any():
                 raise ValueError(f"the times of its readings by {every} do not rise")
-        series = {}
+        series, first = {}, dict.fromkeys(EVERY, 1)
         for name, (every, names) in self.columns.items():
-            first = done[every]
-            done[every] += len(names)
-            series[name] = Series(read[every][:, 0].copy(), read[every][:, first : done[every]].copy())
+            columns = slice(first[every], first[every] + len(names))
+            series[name] = Series(read[every][:, 0].copy(), read[every][:, columns].copy())
+            first[every] = columns.stop
         return series

@@ -20,7 +20,7 @@ from .stored_system import read_system
 from .validation import too_large, unsound
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
-"""What reading a damaged file may raise."""
+"""Errors that reading a damaged file may raise."""
 
 
 class FrameArray:
@@ -143,7 +143,7 @@ class Trajectory:
             self._check_size(root, name, len(self) * rows * math.prod(width))
 
     def _check_size(self, root: Any, name: str, count: int) -> None:
-        """Raise ValueError if so many numbers cannot be in the file, which may still be growing."""
+        """Raise ValueError if `count` numbers cannot be in the file, which may still be growing."""
         if wrong := too_large(root[name], count, self.path.stat().st_size):
             raise ValueError(f"{name} {wrong}")
 

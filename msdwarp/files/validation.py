@@ -98,7 +98,7 @@ def _wrong(item: Any, path: str) -> str | None:
 
 
 def too_large(item: Any, count: int, stored: int) -> str | None:
-    """Return that so many numbers of an array cannot be in so many bytes of a file; None if they can."""
+    """Return a message if `count` numbers of an array cannot be in `stored` bytes of a file; None if they can."""
     size = count * item.dtype.itemsize
     most = stored * (_MOST_SQUEEZED if item.compression else 1)
     return f"should hold {size} bytes, and {stored} are there" if size > most else None

@@ -4,7 +4,8 @@ import atexit
 import os
 import queue
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -165,14 +166,12 @@ class TrajectoryWriter:
         could not be written.
         """
         frame = Frame(*frame)
-        vectors = {"position": frame.position, "velocity": frame.velocity}
-        if contact_force is not None:
-            vectors["contact_force"] = contact_force
-        for name, values in vectors.items():
-            _check_shape(name, values, self._system.position.shape)
-        for name, given in (("strain", strain), ("broken_at", broken_at)):
-            if given is not None:
-                _check_shape(name, given, self._system.rest_length.shape)
+        vectors = {"position": frame.position, "velocity": frame.velocity, "contact_force": contact_force}
+        of_connections = {"strain": strain, "broken_at": broken_at}
+        for given, one in ((vectors, self._system.position), (of_connections, self._system.rest_length)):
+            for name, values in given.items():
+                if np.shape(values) != one.shape and (values is not None or name in Frame._fields):
+                    raise ValueError(f"{name} has shape {np.shape(values)}; it must be {one.shape}")
         if self._contact_forces and contact_force is None:
             raise ValueError("contact_force is None; the file is laid out for contact forces in each frame")
         kept = self.wants_next()
@@ -234,23 +233,23 @@ class TrajectoryWriter:
         """Write what is queued; after an error, only release it."""
         while (queued := self._queue.get()) is not None:
             pending, record = queued
-            if self._error is None:
-                self._attempt(partial(self._append, pending, record))
+            with self._error_kept():
+                if pending is not None and self._error is None:
+                    arrived = (*pending.arrived(), pending.substeps, pending.broken_at(), pending.contact_force())
+                    record = Record(*arrived, rows=record.rows)
+                if self._error is None:
+                    self._file.append(record)
             if pending is not None:
                 pending.release()
             self._queue.task_done()
-        self._attempt(self._file.close)
+        with self._error_kept():
+            self._file.close()
 
-    def _append(self, pending: _Pending | None, record: Record) -> None:
-        """Write a record, with the pending frame if there is one."""
-        if pending is not None:
-            arrived = (*pending.arrived(), pending.substeps, pending.broken_at(), pending.contact_force())
-            record = Record(*arrived, rows=record.rows)
-        self._file.append(record)
-
-    def _attempt(self, action: Callable[[], None]) -> None:
+    @contextmanager
+    def _error_kept(self) -> Iterator[None]:
+        """Keep the first error, for `write` or `close` to raise."""
         try:
-            action()
+            yield
         except Exception as error:
             self._error = self._error or self._explained(error)
 
@@ -267,13 +266,8 @@ class TrajectoryWriter:
         return explained
 
 
-def _check_shape(name: str, values: NDArray, shape: tuple[int, ...]) -> None:
-    if np.shape(values) != shape:
-        raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
-
-
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return how many frames a file has; raise ValueError unless so many are of this system, with these probes."""
+    """Return how many frames a file has: `kept` at least, of this system and these probes, or raise ValueError."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(
