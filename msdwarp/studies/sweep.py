@@ -38,9 +38,9 @@ from .sweep_points import (
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
-"""How often a point is begun whose worker is lost."""
+"""How often a point is tried whose worker is lost."""
 _PAUSE = 0.05
-"""Seconds between two looks at what is under way."""
+"""Seconds between two checks of the futures."""
 
 Report = Callable[[int, int], None]
 """Called with how many of the points that were to be simulated are, and how many there are."""
@@ -194,7 +194,7 @@ def complete(
     """Simulate the planned points that are not in the folder yet, and write the results of all.
 
     Return the results, how many points were worlds of ensembles, and why others, by number, were not. Without a
-    `device` the processes share the GPUs. Other arguments and the errors raised are those of `sweep`.
+    `device` the processes share the GPUs. Other arguments and errors are those of `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -216,12 +216,14 @@ def complete(
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
-        for point in left.values():  # what a power cut has left of a run
+        for point in left.values():  # a power cut may have left a part of a run
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
-        worlds = _in_ensembles(left, runs, refused, fixed_only=jobs != ENSEMBLE) if together else ()
+        tasks = {k: point.task for k, point in left.items()}
+        worlds = as_worlds(tasks, refused, fixed_only=jobs != ENSEMBLE) if together else ()
+        of_worlds = ((k, carry_out(ends, left.pop(k), runs, False, spent=seconds)) for k, ends, seconds in worlds)
         try:
-            for done, (k, row) in enumerate(chain(worlds, _alone(left, runs, keeps_files, executor)), 1):
+            for done, (k, row) in enumerate(chain(of_worlds, _alone(left, runs, keeps_files, executor)), 1):
                 rows[k] = row
                 if report is not None:
                     report(done, count)
@@ -231,15 +233,6 @@ def complete(
             results = dataset(grid, planned, rows)
             write_results(results, folder)
     return results, count - len(left), refused
-
-
-def _in_ensembles(
-    left: dict[int, Point], runs: Path, refused: dict[int, str], *, fixed_only: bool
-) -> Iterator[tuple[int, Row]]:
-    """Yield (number, row) of points that can be worlds of ensembles, and take these out of those left."""
-    tasks = {k: point.task for k, point in left.items()}
-    for k, simulate, seconds in as_worlds(tasks, refused, fixed_only=fixed_only):
-        yield k, carry_out(simulate, left.pop(k), runs, False, spent=seconds)
 
 
 def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:

@@ -31,7 +31,6 @@ MOST_WORLDS, MOST_ON_CPU = 4096, 64
 MOST_NUMBERS = 1 << 23
 """Particles and springs of all worlds at most: some hundred megabytes of what differs."""
 
-
 Numbered = tuple[int, Asked]
 """The number of a point, and what is to be simulated there."""
 World = tuple[int, Simulate, float]
@@ -39,7 +38,7 @@ World = tuple[int, Simulate, float]
 
 
 def as_worlds(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
-    """Simulate points in ensembles, by their tasks, yield the worlds, and note in `refused` why others are none.
+    """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are none.
 
     A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
     "auto" takes the substeps of the world that needs most, and adds none; `fixed_only` leaves such points out.
@@ -78,10 +77,7 @@ def in_words(done: int, refused: Mapping[int, str]) -> str:
 
 
 def _digest_of_shared(asked: Asked) -> bytes:
-    """Return a digest of all that worlds of an ensemble share; raise ValueError if that has no bytes.
-
-    Different digests of equal scenes only cost time.
-    """
+    """Return a digest of what worlds of an ensemble share; raise ValueError if it cannot be pickled."""
     scene, system = asked.scene, asked.scene.system
     own = (*OF_SYSTEM, *(() if system.yields else ONLY_OF_YIELDING))
     shared = {one.name: getattr(system, one.name) for one in fields(System) if one.name not in own}
@@ -118,7 +114,7 @@ def _together(several: list[Numbered], refused: dict[int, str]) -> Iterator[Worl
 
 
 def _is_refused_alone(asked: Asked) -> bool:
-    """Tell whether no ensemble takes the scene, whatever the numbers of its worlds."""
+    """Return whether an ensemble refuses the scene whatever the parameters of its worlds."""
     try:
         _ensemble([asked])
     except UnstableStep:
@@ -148,12 +144,9 @@ def _ensemble(several: list[Asked]) -> Ensemble:
 
 
 def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
-
-    With probes each world takes the last frame as a simulation, which reads them all.
-    """
+    """Advance an ensemble to the end, and yield the worlds that do not diverge."""
     began, first = time.perf_counter(), several[0][1]
-    left = 1 if first.scene.probes else 0
+    left = 1 if first.scene.probes else 0  # each world takes this frame as a simulation, which reads the probes
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
     reached = ensemble.checkpoints()
@@ -165,15 +158,12 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
     running = ensemble.status == "running"
     seconds = (time.perf_counter() - began) / len(several)
 
-    def alone(world: int, asked: Asked) -> Simulation:
+    def numbers_of(world: int, asked: Asked, *_: Any) -> dict[str, float]:
         simulation = Simulation.from_scene(asked.scene, **(asked.options | how))
         simulation.restore(*reached[world])
         if left:
             simulation.step(left)
-        return simulation
-
-    def numbers_of(world: int, asked: Asked, *_: Any) -> dict[str, float]:
-        return final_numbers(alone(world, asked), asked.scene, asked.observe)
+        return final_numbers(simulation, asked.scene, asked.observe)
 
     for world, (number, asked) in enumerate(several):
         if running[world]:

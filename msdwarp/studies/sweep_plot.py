@@ -9,17 +9,9 @@ from numpy.typing import NDArray
 from .. import checks
 from .plots import BLUE, RED, add_grid, new_figure, output_path
 from .sweep_points import DONE, WORDS, read_results
+from .table import COLUMNS
 
 _USUAL = ("kinetic_J", "elastic_J", "gravitational_J", "largest_strain")
-_NOT_DRAWN = (
-    "time_s",
-    "seconds",
-    "substeps",
-    "total_J",
-    "dissipated_W",
-    "momentum_kg_m_s",
-    "angular_momentum_kg_m2_s",
-)
 _MOST_PANELS = 6
 
 
@@ -40,7 +32,7 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
         checks.one_of("show", show, names)
         names = [show]
     else:
-        own = [name for name in names if name not in (*_USUAL, *_NOT_DRAWN)]
+        own = [name for name in names if name not in ("time_s", "seconds", "substeps", *COLUMNS)]
         names = [*own, *(name for name in _USUAL if name in names)][:_MOST_PANELS]
     names = [name for name in names if np.isfinite(found[name].values).any()]
     if not names:

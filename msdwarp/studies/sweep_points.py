@@ -79,7 +79,7 @@ def stored_row(folder: Path) -> Row | None:
 
 
 def remove_unfinished(runs: Path) -> None:
-    """Remove what lost workers have left."""
+    """Remove the folders of workers that were lost."""
     for folder in runs.glob(f"{_UNFINISHED}*"):
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -138,10 +138,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
 def final_numbers(
     simulation: Simulation, scene: Scene, observe: Observe = MappingProxyType({})
 ) -> dict[str, float]:
-    """Return what is kept of the end of a run: energies, strain, last values of probes, observed quantities.
-
-    Names and units are those of the log of energies and of the table of probes.
-    """
+    """Return energies, strain, the last values of probes and observed quantities, named as in their tables."""
     measures = simulation.measure()
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
@@ -160,7 +157,6 @@ def final_numbers(
 
 
 RESULTS, TABLE = "results.nc", "results.csv"
-NEEDS_XARRAY = "results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'"
 WORDS = ("status", "message", "run")
 """Results that are texts."""
 
@@ -171,7 +167,7 @@ def import_xarray() -> Any:
         import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
         import xarray  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise ValueError(NEEDS_XARRAY) from error
+        raise ValueError("results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'") from error
     return xarray
 
 
