@@ -64,13 +64,8 @@ class Pictures:
         """Whether anything is to be drawn."""
         return self.overlay is not None or not self.frames == self.video == "none"
 
-    @property
-    def of_contact(self) -> bool:
-        """Whether contact forces are to be shown."""
-        return self.arrows or self.colour == "contact"
-
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
-        """Return whether a folder has all pictures of so many frames."""
+        """Return whether a folder has all pictures of a run of `frame_count` frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
@@ -83,7 +78,7 @@ class Pictures:
         return {name: angle for name, angle in angles.items() if angle is not None}
 
     def check(self, frame_count: int) -> None:
-        """Raise ValueError unless so many frames can be drawn."""
+        """Raise ValueError unless `frame_count` frames can be drawn."""
         from .. import checks
         from ..pictures import check_formats, no_opengl
         from ..world import Look
@@ -185,7 +180,7 @@ class Options(SimulationOptions):
     @property
     def sums_contact(self) -> bool:
         """Whether contact forces are to be kept or shown."""
-        return self.contact_forces or self.pictures.of_contact
+        return self.contact_forces or self.pictures.arrows or self.pictures.colour == "contact"
 
     @property
     def logs_in_folder(self) -> bool:

@@ -23,16 +23,7 @@ from .draw import draw
 from .options import Options
 from .process import progress_on, status_on, stop_requests
 from .provenance import source_of
-from .results import (
-    PROBES,
-    PROBES_BY_SUBSTEP,
-    RESTART,
-    check_names,
-    overlay_path,
-    own_folder,
-    remove_results,
-    wanted_folder,
-)
+from .results import PROBES, PROBES_BY_SUBSTEP, RESTART, check_names, overlay_path, own_folder, wanted_folder
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
@@ -49,8 +40,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     SimulationDiverged or Interrupted ends it early, the frames until then are kept.
     """
     talk = Console(stderr=True, quiet=options.quiet)
-    options = replace(options, duration=scene.duration if options.duration is None else options.duration)
-    last = last_frame(options)
+    duration = scene.duration if options.duration is None else options.duration
+    options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
@@ -72,8 +63,6 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
             if folder != tentative:  # another run has taken that one meanwhile
                 log = _log(options, folder, origin.name)
-            if options.force:
-                remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
     return simulation
 
@@ -90,12 +79,6 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
             f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
         )
     return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is empty, or forced
-
-
-def last_frame(options: Options) -> int:
-    """Return the number of the last frame, counted from 0."""
-    assert options.duration is not None
-    return frame_count(options.duration, options.fps)
 
 
 def method_of(options: Options) -> dict[str, Any]:

@@ -15,13 +15,13 @@ from ..bodies import Frame
 from ..disk import TRAJECTORY, alone_in
 from ..files import Trajectory, probe, read_restart
 from ..live import FIRST_FRAME, Handling, read_deeds, within_reach
-from ..simulation import Simulation
+from ..simulation import Simulation, frame_count
 from ..studies import EnergyLog
 from ..world import Scene
 from .options import Options, Pictures
 from .provenance import built_again, digest, restored_options
 from .results import RESTART, own_folder, pictures_in
-from .run import Run, about, last_frame, simulation_by
+from .run import Run, about, simulation_by
 from .script_signatures import UNTRUSTED, Script
 
 
@@ -53,7 +53,8 @@ def resume_run(
             made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
         device = device or made_by["device"]
         options = restored_options(made_by["options"], device=device, quiet=quiet, force=force)
-        last, behind = last_frame(options), checks.count("frame_index", checkpoint["frame_index"], 0) + 1
+        last = frame_count(options.duration or 0.0, options.fps)
+        behind = checks.count("frame_index", checkpoint["frame_index"], 0) + 1
         simulation = simulation_by(scene, options)
         simulation.restore(arrays, checkpoint)
         _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)

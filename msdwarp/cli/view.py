@@ -34,7 +34,12 @@ def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
 
     Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
-    shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
+
+    def from_shelf(name: str) -> Source:
+        other = find_scene(name)
+        return _running(other, other.scene(), options)
+
+    shelf = {name: partial(from_shelf, name) for name in SHELF}
     return _view(_running(origin, scene, options), options, scenes=shelf)
 
 
@@ -64,11 +69,6 @@ def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
 
     source.rebuild = rebuilt
     return source
-
-
-def _from_shelf(name: str, options: ViewOptions) -> Source:
-    origin = find_scene(name)
-    return _running(origin, origin.scene(), options)
 
 
 def _like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:

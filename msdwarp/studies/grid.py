@@ -10,6 +10,7 @@ import pickle
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -190,10 +191,8 @@ def as_json(value: Any) -> Any:
     """Return a value as JSON has it; what JSON cannot hold as its text."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    try:
+    with suppress(ValueError):
         return plain("it", value)
-    except ValueError:
-        pass
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
