@@ -58,13 +58,13 @@ def draw(
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
         renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
-        _end_if(requests)
+        _raise_if_stopped(requests)
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
         if not pictures.frames == pictures.video == "none":
 
             def images() -> Iterator[NDArray]:
                 for k in progress.track(shown, count, description="drawing"):
-                    _end_if(requests)
+                    _raise_if_stopped(requests)
                     force = None if forces is None else forces[k]
                     yield renderer.image(positions[k], times[k], values and values(k), force)
 
@@ -80,7 +80,7 @@ def draw(
             chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
-            _end_if(requests)
+            _raise_if_stopped(requests)
             Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
             drawn.append(f"an overlay of {len(chosen)} poses")
             results.append(str(path))
@@ -88,7 +88,7 @@ def draw(
         return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
 
 
-def _end_if(requests: list[int]) -> None:
+def _raise_if_stopped(requests: list[int]) -> None:
     if requests:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
@@ -136,25 +136,25 @@ def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, f
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
-        sizes = _sizes(forces[k])
+        sizes = _lengths(forces[k])
         if sizes.any():
             large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
     return forces, _rounded_up(float(np.median(large)) if large else 0.0)
 
 
-def _sizes(vectors: NDArray) -> NDArray[np.float64]:
+def _lengths(vectors: NDArray) -> NDArray[np.float64]:
     return np.linalg.norm(vectors.astype(np.float64), axis=1)
 
 
 _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
-    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _sizes(trajectory.velocities[k])),
+    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _lengths(trajectory.velocities[k])),
     "energy": (
         "energy of a particle and half its connections [J]",
         lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
     ),
     "contact": (
         "contact force on a particle [N]",
-        lambda scene, trajectory, k: _sizes(trajectory.contact_forces[k]),
+        lambda scene, trajectory, k: _lengths(trajectory.contact_forces[k]),
     ),
 }
 """Quantities of particles that colours can show, by name: the label, and the values in a frame."""

@@ -222,7 +222,7 @@ class ViewOptions(SimulationOptions):
     verbose: Verbose = False
 
     @property
-    def of_run(self) -> Options:
+    def run_options(self) -> Options:
         """The options of a run with the same simulation."""
         return Options(**{one.name: getattr(self, one.name) for one in fields(SimulationOptions)})
 
@@ -276,7 +276,7 @@ class FitOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Undrawn(Pictures):
+class NoPictures(Pictures):
     """What to draw of each point: nothing by default."""
 
     frames: FrameFormat = "none"
@@ -289,7 +289,7 @@ class SweepOptions(Options):
 
     out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
     """Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep."""
-    pictures: Pictures = field(default_factory=Undrawn)
+    pictures: Pictures = field(default_factory=NoPictures)
     jobs: int | Literal["auto", "ensemble"] = "auto"
     """Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
     points that differ only in numbers such as stiffness are simulated together in one process (with --keep
@@ -297,10 +297,10 @@ class SweepOptions(Options):
     keep: Literal["run", "summary"] = "run"
     """What to keep of each point: the whole run, as `msdwarp run` does, or only a summary."""
 
-    def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
+    def run_options(self, folder: Path, keeps_files: bool) -> Options:
         """Return the options of the run of a point in a folder."""
         options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
         options = replace(options, out=folder, quiet=True, force=False)
         if not keeps_files:
-            options = replace(options, trajectory="none", pictures=Undrawn(), restart=0.0, log=None)
+            options = replace(options, trajectory="none", pictures=NoPictures(), restart=0.0, log=None)
         return options

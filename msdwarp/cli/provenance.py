@@ -59,7 +59,7 @@ def parameters_of(origin: Origin) -> dict[str, Any]:
     return as_json({**parameters, **origin.parameters})
 
 
-def built_again(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
+def rebuild_scene(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
     """Return the scene that a file's attributes name, built again; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))

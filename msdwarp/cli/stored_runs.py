@@ -19,7 +19,7 @@ from ..simulation import Simulation, frame_count
 from ..studies import EnergyLog
 from ..world import Scene
 from .options import Options, Pictures
-from .provenance import built_again, digest, restored_options
+from .provenance import digest, rebuild_scene, restored_options
 from .results import RESTART, own_folder, pictures_in
 from .run import Run, about, simulation_by
 from .script_signatures import UNTRUSTED, Script
@@ -46,7 +46,7 @@ def resume_run(
             probe(folder / name)
         arrays, attributes = read_restart(folder / RESTART)
         made_by, checkpoint = _parts(folder / RESTART, attributes)
-        origin, scene = built_again(made_by, script)
+        origin, scene = rebuild_scene(made_by, script)
         if digest(scene) != made_by["digest"]:
             raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
         if duration is not None:
@@ -105,7 +105,7 @@ def rerun(
     """
     with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
-        origin, scene = built_again(attributes, script)
+        origin, scene = rebuild_scene(attributes, script)
         device = device or checks.member("the file", attributes, "device")
         stored = checks.member("the file", attributes, "options")
         options = restored_options(stored, log=None, restart=0.0, quiet=True, device=device)

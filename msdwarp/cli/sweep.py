@@ -29,7 +29,7 @@ _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 """Flags that do not affect what is simulated."""
 
 
-class Words(NamedTuple):
+class CommandTask(NamedTuple):
     """A point as a worker receives it: its command line."""
 
     place: str
@@ -43,7 +43,7 @@ class Words(NamedTuple):
             raise ValueError(f"{self.place} has changed since the sweep began")
         return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
 
-    def asked(self) -> studies.Asked:
+    def setup(self) -> studies.Setup:
         """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
         origin, options = self.chosen()
         scene = origin.scene()
@@ -51,7 +51,7 @@ class Words(NamedTuple):
         options.check(frame_count(duration, options.fps))
         if options.tolerance is not None:
             raise ValueError("its method and substeps are chosen by a tolerance")
-        return studies.Asked(scene, duration, method_of(options))
+        return studies.Setup(scene, duration, method_of(options))
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Run the scene in a folder, and return its final numbers."""
@@ -59,7 +59,7 @@ class Words(NamedTuple):
             origin, options = self.chosen()
             start_warp(options.verbose)
             scene = origin.scene()
-            return studies.final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
+            return studies.final_numbers(run_scene(origin, scene, options.run_options(folder, keeps_files)), scene)
         except Interrupted as error:
             if parent_process() is not None:  # a worker that was ended: the sweep handles it
                 os._exit(error.code)
@@ -108,7 +108,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             "options": {name: value for name, value in changed.items() if value != usual[name]},
         }
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(studies.Point(identity, Words(origin.place, origin.script, words)))
+        planned.append(studies.Point(identity, CommandTask(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
@@ -131,7 +131,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
         if worlds or options.jobs == studies.ENSEMBLE:
-            print(studies.in_words(worlds, refused))
+            print(studies.ensemble_summary(worlds, refused))
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for message in sorted(wrong)[:3]:
             print(f"  {message}")
@@ -172,7 +172,7 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
         raise ValueError(f"{name} is not a parameter that can be swept")
-    return studies.plain(name, as_json(held[name]))
+    return studies.as_scalar(name, as_json(held[name]))
 
 
 def _whole(value: Any) -> Any:

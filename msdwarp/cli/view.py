@@ -53,10 +53,10 @@ def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: Vi
 
 
 def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
-    of_run = options.of_run
+    run_options = options.run_options
     handled = within_reach(scene)
-    simulation = simulation_by(handled, of_run)
-    made_by = about(origin, scene, simulation, of_run)
+    simulation = simulation_by(handled, run_options)
+    made_by = about(origin, scene, simulation, run_options)
     source = Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
 
     def rebuilt(**parameters: Any) -> Running:

@@ -54,7 +54,7 @@ class GrowingFile:
         try:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
-            self._layout.go_on_behind(kept, until)
+            self._layout.continue_after(kept, until)
             self._layout.truncate(found)  # a killed writer may have begun another
         except BaseException:
             self.close()

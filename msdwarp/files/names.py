@@ -72,7 +72,7 @@ class Growing(NamedTuple):
         return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
 
-def restored(item: Any) -> Any:
+def load(item: Any) -> Any:
     """Return what `store` has stored; raise ValueError if its checksum, which early files lack, does not match."""
     values = item[()]
     if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):

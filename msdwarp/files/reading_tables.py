@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Series
-from .names import OWN, READINGS, Growing, restored, same, store_text
+from .names import OWN, READINGS, Growing, load, same, store_text
 from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
@@ -52,7 +52,7 @@ class ReadingTables:
         """Return a file's tables, None if it has none; raise ValueError if they are damaged."""
         if READINGS not in file[OWN]:
             return None
-        columns = json.loads(restored(file[OWN][READINGS]["description"]))
+        columns = json.loads(load(file[OWN][READINGS]["description"]))
         for name, (_, names) in checks.mapping("readings", columns).items():
             if not all(isinstance(one, str) for one in names):
                 raise ValueError(f"the columns of readings[{name!r}] are {names!r}; they must be names")
@@ -103,7 +103,7 @@ class ReadingTables:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
-    def go_on_behind(self, k: int, kept_until: float, until: float) -> None:
+    def continue_after(self, k: int, kept_until: float, until: float) -> None:
         """Continue at the end of a frame, `until` [s]; the first k kept frames end at `kept_until` [s]."""
         for every, table in self._tables.items():
             end = self._end(k, every)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from ..disk import TRAJECTORY
-from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, load
 from .reading_tables import ReadingTables
 from .stored_system import read_system
-from .validation import too_large, unsound
+from .validation import structure_fault, too_large
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 """Errors that reading a damaged file may raise."""
@@ -103,11 +103,11 @@ class Trajectory:
             opened.callback(self.close)
             own, root = self._file[OWN], self._file[ROOT]
             self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
-            self._points, self._lines = (int(restored(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
+            self._points, self._lines = (int(load(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
             checks.one_of("dim", self._dim, AXES)
             if not 0 < self._particles <= self._points:
                 raise ValueError(f"it has {self._particles} particles among {self._points} points")
-            self._cells = sum(int(restored(root[kind][COUNT])[0]) for kind in KINDS)
+            self._cells = sum(int(load(root[kind][COUNT])[0]) for kind in KINDS)
             whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
             self._check_size(root, "Steps/Values", min(whole, int(root["Steps"].attrs["NSteps"])))
             self.times: NDArray[np.float64] = _times(root)[:whole]
@@ -115,7 +115,7 @@ class Trajectory:
             self._check_sizes(root)
             self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
-            self.attributes: dict[str, Any] = json.loads(restored(own["attributes"]))
+            self.attributes: dict[str, Any] = json.loads(load(own["attributes"]))
             """What made the run."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
@@ -186,8 +186,8 @@ class Trajectory:
         if "scene" not in own:
             return None
         with self._damage_named("its scene cannot be read: "):
-            described, names = json.loads(restored(own["scene/description"]))
-            return described, {name: restored(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
+            described, names = json.loads(load(own["scene/description"]))
+            return described, {name: load(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
 
     @property
     def positions(self) -> FrameArray:
@@ -301,7 +301,7 @@ def _opened(path: Path) -> Any:
             file = opened.enter_context(h5py.File(path, "r", locking=False))
             if wrong := fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")
-            if found := unsound(file):
+            if found := structure_fault(file):
                 raise ValueError(f"{path} cannot be read: {found}")
             opened.pop_all()
             return file

@@ -1,8 +1,8 @@
-"""Checks of an HDF5 file before anything in it is believed.
+"""Checks of an HDF5 file before its contents are used.
 
-`unsound` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs this file
-and h5py alone, and which can be ended: where a disk has lost a part of a file, or someone has made it so, HDF5 may
-read it for ever, heed no signal, and take all memory.
+`structure_fault` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs
+only this file and h5py, and which can be ended: HDF5 may read a damaged or malicious file for ever, ignore signals,
+and take all memory.
 """
 
 import math
@@ -46,7 +46,7 @@ def probe(path: str | Path) -> None:
         raise ValueError(f"{path} is damaged: reading its structures does not end, or crashes HDF5")
 
 
-def unsound(file: Any) -> str | None:
+def structure_fault(file: Any) -> str | None:
     """Return why an open file is not to be read: links out of it, foreign filters, sizes that it does not have."""
     import h5py
     from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
@@ -126,7 +126,7 @@ def main(path: str) -> None:
 
     _limit()
     with h5py.File(path, "r", locking=False) as file:
-        print(unsound(file) or "", end="")
+        print(structure_fault(file) or "", end="")
 
 
 if __name__ == "__main__":

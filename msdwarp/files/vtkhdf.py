@@ -160,10 +160,10 @@ class Layout:
             self._known = self._broken_at[: self._system.connection_count]
         self._readings = ReadingTables.of(file)
 
-    def go_on_behind(self, k: int, until: float) -> None:
+    def continue_after(self, k: int, until: float) -> None:
         """Continue after the first k frames, and after the readings up to `until` [s]."""
         if self._readings is not None:
-            self._readings.go_on_behind(k, float(self._times[k - 1]), until)
+            self._readings.continue_after(k, float(self._times[k - 1]), until)
 
     def truncate(self, k: int) -> None:
         """Cut the file to its first k frames; the next ones are written over the others."""

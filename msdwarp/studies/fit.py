@@ -13,8 +13,8 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
-from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values
 from .fit_result import FitResult
+from .fit_warnings import noise_warnings, time_warnings, value_warnings
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
@@ -176,8 +176,8 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, precision, loss)
     theta = _starts(problem, starts, seed)
-    for doubt in doubts_of_times(channels, worlds.substeps):
-        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
+    for message in time_warnings(channels, worlds.substeps):
+        warnings.warn(message, checks.FitWarning, stacklevel=2)
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
@@ -197,9 +197,9 @@ def fit(
             break
         worlds.refine(times)
         report(f"again, with {worlds.substeps} substeps a frame")
-    found, doubts = _result(problem, best, linear, jumps, of_step, end, converged)
-    for doubt in doubts:
-        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
+    found, messages = _result(problem, best, linear, jumps, of_step, end, converged)
+    for message in messages:
+        warnings.warn(message, checks.FitWarning, stacklevel=2)
     return found
 
 
@@ -285,7 +285,7 @@ def _result(
     parts = np.abs(directions[hidden])
     unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
     of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
-    doubts = doubts_of_values(problem, theta, unseen, converged)
+    messages = value_warnings(problem, theta, unseen, converged)
     step = np.zeros(rows)
     if of_step is not None:
         moved, enough, step = of_step
@@ -295,7 +295,7 @@ def _result(
         if off:
             which = " and ".join(f"{name} by {100 * by:.2g} %" for name, by in off)
             most = f"{worlds.substeps} a frame are the most that are tried"
-            doubts.append(f"shorter steps would change {which}: {most}")
+            messages.append(f"shorter steps would change {which}: {most}")
     covariance = (of_theta + jumps) * np.outer(values, values)
     for name in unseen:
         covariance[names.index(name), names.index(name)] = np.inf
@@ -305,7 +305,7 @@ def _result(
         left = np.where(later[:, None], simulated[0] - one.values, np.nan)
         residuals[one.name] = one.time[later], left[later]
         own = one.noise * max(np.sqrt(np.mean(step[done : done + counted] ** 2)), problem.floor(end))
-        doubts += doubts_of_noise(one, left, p, own, robust=problem.loss != "linear")
+        messages += noise_warnings(one, left, p, own, robust=problem.loss != "linear")
         done += counted
     found = FitResult(
         values=dict(zip(names, map(float, values), strict=True)),
@@ -322,4 +322,4 @@ def _result(
         unseen=tuple(unseen),
         converged=converged,
     )
-    return found, doubts
+    return found, messages

@@ -91,7 +91,7 @@ def checked_grid(grid: object) -> dict[str, list[Any]]:
             texts = values_of(label, given)
             values: list[Any] = [given] if texts is None else list(map(_number_or_text, texts))
         elif isinstance(given, Iterable):
-            values = [plain(f"{label}[{k}]", value) for k, value in enumerate(given)]
+            values = [as_scalar(f"{label}[{k}]", value) for k, value in enumerate(given)]
         else:
             raise ValueError(
                 f"{label} is {checks.repr_short(given)}; it must be a sequence of values, or {_FORMS}"
@@ -119,7 +119,7 @@ def points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
         yield dict(zip(grid, values, strict=True))
 
 
-def plain(name: str, value: Any) -> Any:
+def as_scalar(name: str, value: Any) -> Any:
     """Return a value as JSON has it, 2.0 as 2; raise ValueError if it is no number, text, truth value or None."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -132,10 +132,10 @@ def plain(name: str, value: Any) -> Any:
 
 
 def _number_or_text(text: str) -> Any:
-    return plain("it", float(text)) if re.fullmatch(_NUMBER, text) else text
+    return as_scalar("it", float(text)) if re.fullmatch(_NUMBER, text) else text
 
 
-def found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
+def find_build(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
     """Return what builds a scene, and its name."""
     if isinstance(scene, str):
         try:
@@ -192,7 +192,7 @@ def as_json(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     with suppress(ValueError):
-        return plain("it", value)
+        return as_scalar("it", value)
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):

@@ -17,21 +17,21 @@ from ..files import TrajectoryWriter
 from ..integrators import METHODS
 from ..simulation import Readback, Simulation, frame_count
 from ..world import Scene
-from .grid import OPTIONS, as_json, check_names, check_travels, checked_grid, found, points, source
-from .sweep_ensembles import ENSEMBLE, as_worlds, in_words
+from .grid import OPTIONS, as_json, check_names, check_travels, checked_grid, find_build, points, source
+from .sweep_ensembles import ENSEMBLE, ensemble_summary, run_in_ensembles
 from .sweep_points import (
     LOST,
     MISSING,
     RESULTS,
     RUNS,
-    Asked,
     Point,
     Row,
-    carry_out,
+    Setup,
     dataset,
     final_numbers,
     import_xarray,
     remove_unfinished,
+    run_point,
     stored_row,
     write_results,
 )
@@ -108,7 +108,7 @@ def sweep(
         If the folder cannot be written to, or contains something else.
     """
     import_xarray()
-    build, name = found(scene)
+    build, name = find_build(scene)
     values = checked_grid(grid)
     fixed = dict(checks.mapping("parameters", parameters or {}))
     watched = dict(checks.mapping("observe", observe or {}))
@@ -138,7 +138,7 @@ def sweep(
         report=report,
     )
     if refused and jobs == ENSEMBLE:
-        warnings.warn(in_words(worlds, refused), stacklevel=2)
+        warnings.warn(ensemble_summary(worlds, refused), stacklevel=2)
     return results
 
 
@@ -150,7 +150,7 @@ class FunctionTask(NamedTuple):
     options: dict[str, Any]
     observe: dict[str, Callable[[Simulation], float]]
 
-    def asked(self) -> Asked:
+    def setup(self) -> Setup:
         """Build the scene, and return what is to be simulated."""
         scene = self.build(**self.parameters)
         checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
@@ -159,11 +159,11 @@ class FunctionTask(NamedTuple):
         if isinstance(integrator, str):
             checks.one_of("integrator", integrator, METHODS)
             integrator = METHODS[integrator]
-        return Asked(scene, duration, options | {"integrator": integrator}, self.observe)
+        return Setup(scene, duration, options | {"integrator": integrator}, self.observe)
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Simulate the scene to its end, with its trajectory if files are kept; return the final numbers."""
-        scene, duration, options, observe = self.asked()
+        scene, duration, options, observe = self.setup()
         simulation = Simulation.from_scene(scene, **options)
         frames = frame_count(duration, simulation.fps)
         if not keeps_files:
@@ -220,8 +220,8 @@ def complete(
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
         tasks = {k: point.task for k, point in left.items()}
-        worlds = as_worlds(tasks, refused, fixed_only=jobs != ENSEMBLE) if together else ()
-        of_worlds = ((k, carry_out(ends, left.pop(k), runs, False, spent=seconds)) for k, ends, seconds in worlds)
+        worlds = run_in_ensembles(tasks, refused, fixed_only=jobs != ENSEMBLE) if together else ()
+        of_worlds = ((k, run_point(ends, left.pop(k), runs, False, spent=seconds)) for k, ends, seconds in worlds)
         try:
             for done, (k, row) in enumerate(chain(of_worlds, _alone(left, runs, keeps_files, executor)), 1):
                 rows[k] = row
@@ -239,16 +239,16 @@ def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: A
     """Yield (number, row) of points as they are done, each a run of its own."""
     if executor is None:
         for k, point in left.items():
-            yield k, carry_out(point.task.simulate, point, runs, keeps_files)
+            yield k, run_point(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
         """Return the tries, (number, attempt), by future; submitit gets all at once, as one job array of Slurm."""
         calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
-            futures = executor.map_array(carry_out, *zip(*calls, strict=True))
+            futures = executor.map_array(run_point, *zip(*calls, strict=True))
         else:
-            futures = [executor.submit(carry_out, *call) for call in calls]
+            futures = [executor.submit(run_point, *call) for call in calls]
         return dict(zip(futures, tries, strict=True))
 
     waiting: dict[Any, tuple[int, int]] = {}

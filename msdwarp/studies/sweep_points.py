@@ -32,7 +32,7 @@ Observe = Mapping[str, Callable[[Simulation], float]]
 """Functions by name that a simulation is given at its end."""
 
 
-class Asked(NamedTuple):
+class Setup(NamedTuple):
     """What is to be simulated at a point."""
 
     scene: Scene
@@ -47,7 +47,7 @@ class Asked(NamedTuple):
 class Task(Protocol):
     """What a worker process is given to simulate a point; it can be pickled."""
 
-    def asked(self) -> Asked:
+    def setup(self) -> Setup:
         """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
         ...
 
@@ -84,7 +84,7 @@ def remove_unfinished(runs: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def carry_out(
+def run_point(
     simulate: Simulate, point: Point, runs: Path, keeps_files: bool, attempt: int = 1, spent: float = 0.0
 ) -> Row:
     """Simulate a point and return its row; its folder appears whole, or not at all. Workers call this.

@@ -21,7 +21,7 @@ OUTRIGHT = 1000
 """Stable substeps of a frame above which the times measured are probably in another unit."""
 
 
-def doubts_of_noise(
+def noise_warnings(
     channel: Channel, left: NDArray[np.float64], parameters: int, step: float, *, robust: bool
 ) -> list[str]:
     """Return how residuals, shape [rows, width], differ from independent noise of the given size.
@@ -34,7 +34,7 @@ def doubts_of_noise(
     size = float(np.sqrt((seen**2).sum() / freedom))
     if not len(seen) or size <= BY_STEP * step:
         return []
-    doubts = []
+    messages = []
     if channel.noise_given:
         ratio = (float(np.median(np.abs(seen))) / 0.6745 if robust else size) / channel.noise
         # χ² of n degrees of freedom is n, with a standard deviation of sqrt(2 n).
@@ -42,15 +42,15 @@ def doubts_of_noise(
         if not by_chance and not 1 / OTHER < ratio < OTHER:
             noise = f"the noise told, {channel.noise:.3g} {channel.unit}".rstrip()
             differs = ": the scene differs from what was measured" if ratio > 1 else ""
-            doubts.append(f"residuals of {channel.name} are {ratio:.2g} times {noise}{differs}")
+            messages.append(f"residuals of {channel.name} are {ratio:.2g} times {noise}{differs}")
     correlation, independent = _in_time(channel, left)
     if correlation > max(ALIKE, SURE / np.sqrt(independent)):
-        doubts.append(
+        messages.append(
             f"residuals of {channel.name} are alike at neighbouring times (correlation {correlation:.2f}): they "
             "are no noise. The scene differs from what was measured, perhaps in its start, in when it starts, or "
             "in a unit; values may be off by far more than their standard deviations"
         )
-    return doubts
+    return messages
 
 
 def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]:
@@ -69,7 +69,7 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
     return float((table[:-1] * table[1:]).sum()) / squares, squares**2 / float((crossed**2).sum()) * len(times)
 
 
-def doubts_of_times(channels: Sequence[Channel], substeps: int) -> list[str]:
+def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
     """Return what is doubtful about the times measured, before anything is simulated."""
     if substeps <= OUTRIGHT:
         return []
@@ -80,20 +80,18 @@ def doubts_of_times(channels: Sequence[Channel], substeps: int) -> list[str]:
     ]
 
 
-def doubts_of_values(
-    problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool
-) -> list[str]:
+def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool) -> list[str]:
     """Return what is doubtful about the values found."""
-    doubts = []
+    messages = []
     if len(unseen) == 1:
-        doubts.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
+        messages.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
     elif unseen:
-        doubts.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
+        messages.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
     for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):
         if one.name not in unseen and min(at - low, high - at) < CLOSE * 1e-2:
-            doubts.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
+            messages.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
     if problem.worlds.diverged:
-        doubts.append("the scene diverges with the values found")
+        messages.append("the scene diverges with the values found")
     if not converged:
-        doubts.append("the search has not come to an end")
-    return doubts
+        messages.append("the search has not come to an end")
+    return messages
